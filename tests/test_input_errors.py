@@ -33,7 +33,6 @@ from railslip_ctrl import (
     linearize,
     load_law,
     load_vehicle,
-    nonlinear_plant,
     operating_point,
     published_law,
     stabilizing_pi,
@@ -82,18 +81,11 @@ def refusal(call: Callable[[], object]) -> str:
 
 
 WHEEL = {"radius": 0.4, "inertia": 60.0}
-NO_TEXT = "is text without a unit; write the unit too, or give the number of N*m/(m/s) without quotes"
 RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
-    (Wheel, {**WHEEL, "radius": -1.0}, "Wheel: radius: -1 is not allowed; give a value > 0 (m)"),
     (Wheel, {**WHEEL, "radius": math.nan}, "Wheel: radius: nan is not allowed; give a finite number in m"),
-    (
-        *(Wheel, {**WHEEL, "radius": "2 kg"}),
-        "Wheel: radius: '2 kg' has the wrong dimension; it must be convertible to 'm'",
-    ),
     (Actuator, {"dead_time": 0.1}, "Actuator: lag: missing; give it (s): time constant of the first-order lag"),
     (Actuator, {"dead_time": 0.1, "lag": 0.6, "delay": 0.1}, "Actuator: delay: unknown key; allowed: dead_time, lag"),
     (PIGains, {"kp": True, "ki": 1.0}, "PIGains: kp: True is not a number in N*m/(m/s)"),
-    (PIGains, {"kp": "190", "ki": 1.0}, f"PIGains: kp: '190' {NO_TEXT}"),
     (
         *(law_class("table"), {"slip": (0.1, 0.2), "mu": (0.1, "0.2")}),
         "LookupTable: mu: '0.2' is text; give the number without quotes",
@@ -106,7 +98,6 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
         *(Vehicle, {**VEHICLE, "wheel": {**WHEEL, "radius": -1.0}}),
         "Vehicle: wheel.radius: -1 is not allowed; give a value > 0 (m)",
     ),
-    (Vehicle, {**VEHICLE, "wheel": 3}, "Vehicle: wheel: 3 is not allowed; give a table of keys"),
     (
         *(lambda **keys: Vehicle.model_validate(keys), {**VEHICLE, "mass_loaded": 3000.0}),
         "Vehicle: mass_loaded: 3000 is not allowed; give a value >= mass = 3517 (kg)",
@@ -205,26 +196,21 @@ CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], 
     ),
     (linearize, ((27, 0.1),), {}, "point: (27, 0.1) is not allowed; give an OperatingPoint"),
     (linearize, (POINT,), {"speed_state": 1}, "speed_state: 1 is not allowed; give True or False"),
-    (nonlinear_plant, (LAW, PARK2008), {"reference_slip": 2}, f"reference_slip: 2 {FINITE} >= 0 and < 1"),
     (PIController, (PI.gains,), {"lead": -1, "lead_filter": 0.1}, f"lead: -1 s {FINITE} >= 0"),
     (DeadTimeLoop, (True,), {}, f"loop: bool {LINEAR}"),
     (DeadTimeLoop, (LAG, math.nan), {}, f"dead time: nan s {FINITE} >= 0"),
     (LOOP.sensitivity, ("a",), {}, "omega: 'a' is not allowed; give a number or an array of numbers"),
-    (LOOP.phase, (np.array([1.0, -1.0]),), {}, f"omega: -1 rad/s {FINITE} > 0"),
     (LOOP.scaled, (math.inf,), {}, f"gain factor: inf {FINITE}"),
     (pade, (0.1, 1.5), {}, "order: 1.5 is not allowed; give an integer"),
-    (LOOP.pade, (0,), {}, f"Pade order: 0 {FINITE} >= 1 and <= 100"),
     (tune_pi, (LAG, 0.5), {"ms_max": 1}, f"ms_max: 1 {FINITE} > 1"),
     (tune_pi, (LAG,), {"minimise_ms": True, "ki_min": math.nan}, f"ki_min: nan {FINITE} > 0"),
     (
         *(Specification, (), {"crossover": (1, "a")}),
         "crossover: (1, 'a') is not allowed; give a number in place of 'a' or None",
     ),
-    (REGION.ki_intervals, (math.inf,), {}, f"kp: inf {FINITE}"),
     (margin_grid, (REGION, [1.0], [0.0, math.nan]), {}, f"ki: nan {FINITE}"),
     (actuated_plant, (Thing(), PARK2008.actuator), {}, "plant: <a thing> is not allowed; give a LinearPlant"),
     (assess, (PLANT, PI, PARK2008.actuator), {"poles": 0}, f"poles: 0 {FINITE} >= 1 and <= 1000"),
-    (published_law, ("bristle", "dry"), {"wheel_load": 0}, f"wheel load: 0 N {FINITE} > 0"),
     (built_in_scenario, (None,), {}, "name: None is not allowed; give text"),
     (derive, (), {"law": 3}, "law: 3 is not allowed; give text or None"),
 ]

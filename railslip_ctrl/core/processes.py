@@ -15,13 +15,10 @@ from .errors import InputError
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-_IMPORTING = 87
-"""Exit status of a process that could not import the script, as that starts processes itself."""
-
+_IMPORTING = 87  # exit status of a process that could not import the script, as that starts processes itself
 _ENDING = 5.0  # s
 
-Submit: TypeAlias = "Callable[..., Future[Any]]"
-"""Takes a function and its arguments."""
+Submit: TypeAlias = "Callable[..., Future[Any]]"  #: takes a function and its arguments
 
 
 def cpu_count() -> int:
