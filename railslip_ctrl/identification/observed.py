@@ -14,7 +14,6 @@ import itertools
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .logs import Lines, Rows
-from .observer import FilterObserver, Form, KalmanObserver, TorqueObserver
+from .observer import FilterObserver, Form, KalmanObserver, ObserverState, TorqueObserver
 
 Floats = NDArray[np.float64]
 
@@ -35,9 +34,9 @@ Floats = NDArray[np.float64]
 class Channels:
     """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
 
-    def __init__(self, observer: TorqueObserver[Any]) -> None:
+    def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
-        self._states: list[Any] | None = None
+        self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
         """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
@@ -58,7 +57,7 @@ class Readhesion:
     the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
     """
 
-    def __init__(self, low_pass: TorqueObserver[Any]) -> None:
+    def __init__(self, low_pass: TorqueObserver) -> None:
         self._once, self._twice = Channels(low_pass), Channels(low_pass)
         self._falls_back = False
 
@@ -291,8 +290,8 @@ class AdhesionStream:
         self.recorder = Recorder()
         self.wheel_column = ""
         self._tau = time_constant
-        self._observer: TorqueObserver[Any] | None = None
-        self._state: Any = None
+        self._observer: TorqueObserver | None = None
+        self._state: ObserverState | None = None
         self._channels: Channels | None = None
         self._readhesion: Readhesion | None = None
         self._last = self._settled = -math.inf

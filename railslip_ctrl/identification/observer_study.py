@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,14 +194,14 @@ class TradeOff:
     at_best: ObserverErrors
 
 
-def estimated(observer: TorqueObserver[Any], trial: BrakeTrial) -> Floats:
+def estimated(observer: TorqueObserver, trial: BrakeTrial) -> Floats:
     """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
     speed = np.diff(trial.angle) / np.diff(trial.time)
     return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
 
 
 def observer_errors(
-    observer: TorqueObserver[Any], trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+    observer: TorqueObserver, trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
     """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
     braked = trial.time[1:] >= trial.brake_time
@@ -217,7 +216,7 @@ def observer_errors(
 
 
 def trade_off(
-    make: Callable[[float], TorqueObserver[Any]],
+    make: Callable[[float], TorqueObserver],
     settings: ArrayLike,
     trial: BrakeTrial,
     encoder: Encoder,
