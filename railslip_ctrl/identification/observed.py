@@ -40,7 +40,8 @@ class Channels:
 
     def run(self, time: Floats, channels: Floats) -> Floats:
         """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
-        still, before = np.zeros(len(time)), self._states or [None] * len(channels)
+        still = np.zeros(len(time))
+        before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
         self._states = [each.state for each in found]
         return np.stack([each.adhesion_torque for each in found])

@@ -186,7 +186,7 @@ class NoiseGains:
 class SampledForm:
     """x[k] = F x[k-1] + P u[k-1] + Q u[k], Ta_hat = C x + D u, with u = (Tb, omega), at a constant `interval`, s.
 
-    F is (n, n), P and Q (n, 2), C (n), D (2).
+    `F` is (n by n), `P` and `Q` (n by 2), `C` (n), `D` (2).
     """
 
     F: Floats
@@ -223,7 +223,7 @@ def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -
 
 @dataclass(frozen=True)
 class ObserverState:
-    """After a sample: its `time` (s), brake torque (N*m) and speed (rad/s), and the observer's state `x`, SI."""
+    """After a sample: its `time`, s, the `sample`, 1-D, of torque (N*m) and speed (rad/s), and the state `x`, 1-D."""
 
     time: float
     sample: Floats
