@@ -25,6 +25,7 @@ from railslip_ctrl.model.vehicle import Rail, Vehicle
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
 from .log_checks import (
     HIGHEST_MU,
+    OTHER_DECELERATION,
     ColumnStep,
     Finding,
     FreeRolling,
@@ -32,13 +33,12 @@ from .log_checks import (
     Rolling,
     WheelSpeeds,
     column_steps,
-    deceleration_findings,
+    deceleration_differs,
     deceleration_ratio,
     load_findings,
     mu_findings,
     rolling_fault,
     rolling_findings,
-    step_findings,
     survey_findings,
     time_fault,
     unit_hint,
@@ -499,15 +499,21 @@ class _Gathered:
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
         free = [*rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
         ratio = deceleration_ratio(record, self._vehicle)
+        differs = deceleration_differs(ratio) and not free  # else the cause is told
+        other = (Finding("deceleration", OTHER_DECELERATION.format(ratio)),) if differs else ()
         findings = (
             *self._left_out(broken, stamps),
             *survey_findings(survey),
             *free,
-            *step_findings(steps),
+            *(
+                Finding("steps", f"column {step}: what is finer is known from means alone")
+                for step in steps
+                if step.matters
+            ),
             *load_findings(record, self._vehicle.wheel_load),
             *self._speeds.findings(radius),
             *mu_findings(bins.mean, self._factors),
-            *(() if free else deceleration_findings(ratio)),  # else the cause is told
+            *other,
         )
         return AdhesionCurve(
             name=self._name,
