@@ -159,7 +159,7 @@ class PredictionErrors:
 
     def errors(self, values: Floats) -> Errors:
         """The predictions' errors."""
-        return self._bristle_errors(values) if self.model.name in DYNAMIC else self._static_errors(values)
+        return self._bristles(values)[0] if self.model.name in DYNAMIC else self._static_errors(values)
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
         slip = np.minimum(np.abs(sigma) / v, _LARGEST_SLIP)
@@ -205,9 +205,6 @@ class PredictionErrors:
             decay = decay * np.exp(-q)
             v, torque, dv = v + dv, torque + dtorque, dv + bend
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
-
-    def _bristle_errors(self, values: Floats) -> Errors:
-        return self._bristles(values)[0]
 
     def followed(self, values: Floats) -> Floats:
         """mu over slip as the bristles had it in the runs, means in cells of the slip's root: (2, cells)."""
