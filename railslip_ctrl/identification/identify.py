@@ -617,7 +617,10 @@ def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSl
     speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
     peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
     seen = float(curve.cells.slip.max())
-    return tuple(peak.without_reference() if peak.slip > seen else peak for peak in peaks)
+    return tuple(
+        replace(peak, reference=math.nan, reference_coefficient=math.nan) if peak.slip > seen else peak
+        for peak in peaks
+    )
 
 
 def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
