@@ -137,6 +137,7 @@ def test_a_written_log_is_the_log_that_is_read(tmp_path):
         assert columns[name] == pytest.approx(written, rel=1e-9, abs=1e-6), name
     curve = read_curve(path, PARK2008, Options())
     assert (curve.survey.gap_count, curve.broken_lines) == (1, 0)
+    assert curve.survey.gaps[0][1] == pytest.approx(30.0)  # between tests, to run up again
 
 
 @pytest.mark.parametrize(
