@@ -124,7 +124,7 @@ LEFT_OUT = " or ".join([
 EQUIVALENT = {
     r"(rest_state|force|jacobian)\(.*=> .*\(1\.0\).*, p\)": "these do not depend on Tb, Td, Tr, nor the first on z",
     r"last = 3 .*=> last = \(4\)": "there are three",
-    r"found = next\(x for squares, x in tried if": "along the motion searches from starts 10 000 apart end in one place",
+    r"found = next\(x for squares, x in tried": "searches along the motion from starts 10 000 apart end in one place",
     r"reshape\(-1, .*=> .*reshape\(-\(2\), ": "any negative size is the unknown one",
     r"_DEPTH = 42": "as good to 4e-14",
     r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
