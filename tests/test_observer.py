@@ -23,7 +23,7 @@ from railslip_ctrl.identification.observer import (
     linear_recursion,
     observer_responses,
 )
-from railslip_ctrl.identification.observer_study import BrakeCourse, brake_trial, estimated, observer_errors
+from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, estimated, observer_errors
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
