@@ -21,6 +21,8 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BEAM = published_law("beam", Rail.DRY)
 
+pytestmark = pytest.mark.usefixtures("without_lag_search")
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
