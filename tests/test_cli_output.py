@@ -19,7 +19,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
-from railslip_ctrl.report.document import WIDTH, columns, render, table
+from railslip_ctrl.report.document import WIDTH
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import derive
 
@@ -60,19 +60,6 @@ def test_a_report_fits_the_terminal_and_says_the_same(railslip):
     assert max(map(len, narrow.splitlines())) <= 80
     assert set(NUMBER.findall(narrow)) == set(NUMBER.findall(piped))  # no number is broken in two
     assert "\x1b" not in narrow
-
-
-def test_a_table_too_wide_goes_on_below_with_its_first_column():
-    names = ("case", *(f"quantity_{i}" for i in range(8)))
-    rows = [("dry", *(f"{i}.2345" for i in range(8))), ("wet", *(f"{i}.6789" for i in range(8)))]
-    with columns(60):
-        text = render([table(names, rows)])
-    lines = text.splitlines()
-    assert max(map(len, lines)) <= 60
-    assert sum(line.split()[:1] == ["case"] for line in lines) == 2
-    assert re.findall(r"quantity_\d", text) == list(names[1:])
-    assert re.findall(r"\d\.2345", text) == list(rows[0][1:])
-    assert render([table(names, rows)]).count("case") == 1
 
 
 # --- the numbers of an adhesion law in the derived law ----------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import tomllib
 from pathlib import Path
 
 import control as ct
@@ -204,32 +203,7 @@ def test_margins_refuses_in_one_line(railslip, tmp_path, monkeypatch, words, tol
     assert told in err
 
 
-def test_margins_of_a_discrete_controller_are_sampled_ones(railslip, tmp_path):
-    path = tmp_path / "discrete.py"
-    path.write_text("import control as ct\nCONTROLLER = ct.tf([190.0], [1.0], 0.05)\n")
-    (found,) = json.loads(railslip("margins", *CASE, "--controller", path, "--json")[1])["cases"]
-    assert found["controller"]["structure"] == "discrete transfer function of order 0"
-    assert found["stable"]
-    assert "sampled" not in found
-
-
 # --- the other commands ----------------------------------------------------------------------------------------------
-
-
-def test_a_tuned_controller_goes_on_as_a_file(railslip, tmp_path):
-    path = tmp_path / "tuned.toml"
-    words = ("--structure", "pi-lead", "--ms-max", "1.8", "--json")
-    status, out, _ = railslip("tune", *CASE, *words, "--out", path)
-    tuned = json.loads(out)
-    assert status == 0
-    written = tomllib.loads(path.read_text("utf-8"))
-    assert (written["kind"], written["reference"]["dry"]) == ("pi-lead", 0.132)
-    (found,) = json.loads(railslip("margins", *CASE, "--controller", path, "--json")[1])["cases"]
-    assert found["ms"] == pytest.approx(1.8, rel=1e-3)
-    assert str(found["controller"]["kp_si"]) in json.dumps(tuned)
-    status, _, _ = railslip("simulate", "--scenario", "park2008-si", "--controller", path, "--no-noise", "--json")
-    assert status == 0
-    assert "give FILE.toml" in railslip("tune", *CASE, *words, "--out", tmp_path / "tuned.json")[2]
 
 
 def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_path):

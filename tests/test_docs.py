@@ -14,7 +14,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -27,8 +26,6 @@ from project import ROOT
 
 import railslip_ctrl
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.curves import BINS
-from railslip_ctrl.identification.observed import MOST_ROWS
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force
@@ -124,12 +121,6 @@ def assert_gains_of_the_tutorial_are_those_found(printed: str) -> None:
     assert typed_controller.initial_torque == pytest.approx(friction * car.wheel_load * car.wheel.radius, abs=50.0)
 
 
-def test_sizes_that_pages_name_are_those_of_the_package():
-    log = TEXTS[DOCS / "howto" / "log.md"]
-    assert f"at most {MOST_ROWS // 1000} {MOST_ROWS % 1000:03} rows" in log
-    assert f"bins of {1 / BINS:g} up to slip 1" in log
-
-
 def test_pages_need_no_copy_of_the_repository(tmp_path):
     """A page's folder is empty before it, and it shows in full, or links, what it takes from the repository."""
     assert not list(pages.prepare(tmp_path / "page").iterdir())
@@ -209,14 +200,6 @@ def test_what_pages_type_of_the_designs_is_what_the_package_has(tmp_path):
     typed, design = load_controller(tmp_path / "gains.toml"), recommended_pi_lead(car)
     assert (typed.design, typed.torque_low, typed.torque_high) == (design.design, design.torque_low, design.torque_high)
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
-
-
-def test_a_page_that_changes_finds_nothing_of_its_former_self(tmp_path):
-    text = "```{file} a.toml\nx = 1\n```\n"
-    folder = pages.renewed(tmp_path / "page", text)
-    (folder / "result").write_text("of x = 1")
-    assert (pages.renewed(folder, text + "A word more.\n") / "result").is_file()
-    assert not (pages.renewed(folder, text.replace("1", "2")) / "result").exists()
 
 
 def test_a_failing_command_stops_the_build(tmp_path):
@@ -463,12 +446,6 @@ def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, railslip):
     assert "wet rail" in out
 
 
-def test_make_targets_of_contributing_exist():
-    makefile = (ROOT / "Makefile").read_text("utf-8")
-    for target in re.findall(r"^make (\w+)", CONTRIBUTING, flags=re.M):
-        assert re.search(rf"^{target}:", makefile, flags=re.M), target
-
-
 def test_citation():
     """Keys of the Citation File Format 1.2.0 that must be there, and what must agree with the package."""
     content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
@@ -481,14 +458,3 @@ def test_citation():
     for author in paper["authors"]:
         assert author["family-names"] in SOURCES["Park2008"]
     assert paper["title"] in " ".join(SOURCES["Park2008"].split())
-
-
-def test_metadata_of_the_package():
-    """Classifiers that the index knows, and no address but one that exists for the project."""
-    from trove_classifiers import classifiers
-
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    assert set(project["classifiers"]) <= classifiers
-    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert project["urls"] == {"Paper": f"https://doi.org/{content['references'][0]['doi']}"}
-    assert (project["license"], project["keywords"]) == (content["license"], content["keywords"])

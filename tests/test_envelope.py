@@ -562,20 +562,6 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
     assert json.loads(railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")[1]) == narrow
 
 
-def test_the_text_says_verdict_worst_and_map_and_nominal_says_so(railslip):
-    arguments = ("margins", "--kp", "229.4", "--ki", "5", "--lead", "0.6", "--speed", "20", "--speed", "60")
-    status, out, _ = railslip(*arguments, "--envelope", "default")
-    assert status == 0
-    assert "Verdict: fragile: unstable at curve, dry, empty, 20 km/h, slip +25 %" in out
-    assert "Usable from  60 km/h" in out
-    assert "432, of them 16 operating points" not in out
-    assert "knife's edge" in out
-    status, out, _ = railslip(*arguments, "--envelope", "default", "--nominal")
-    assert status == 0
-    assert "Verdict: robust at the operating points: Ms 1.57 at curve, dry, empty, 20 km/h" in out
-    assert "with tolerances" not in out
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -703,22 +689,3 @@ def test_the_slips_held_are_those_of_every_law():
         envelope = Envelope(speeds=60, **axes)
         found = held_slips(envelope, envelope.points(nominal=True))
         assert (found and (found.dry, found.wet)) == held
-
-
-def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):
-    file = tmp_path / "best.toml"
-    case = ("--vehicle", coach, "--envelope", "default", "--adhesion", "curve", "--speed", "60", "--speed", "100")
-    _, out, told = railslip(
-        "tune", *case, "--structure", "pi-lead", "--ms-max", "2", "--slip", "0.1", "--out", file, "--json"
-    )
-    tuned = json.loads(out)
-    assert f"below {load_controller(file).cut_out_speed * 3.6:g} km/h" in told
-    _, out, _ = railslip("margins", *case, "--controller", file, "--json")  # with the slip of its file
-    judged = json.loads(out)
-    for key in ("verdict", "worst", "worst_with_tolerances"):
-        assert judged[key] == tuned[key]
-    mine = tmp_path / "mine.py"
-    mine.write_text("import control as ct\nCONTROLLER = ct.tf([440.0, 1124, 60], [0.04, 1, 0])  # FAST\n")
-    _, out, _ = railslip("margins", *case, "--controller", mine, "--json")
-    expected = judge(FAST, Envelope(load_vehicle(coach), laws="curve", speeds=(60, 100))).worst.ms
-    assert json.loads(out)["worst"]["ms"] == pytest.approx(expected, rel=1e-9)

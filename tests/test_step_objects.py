@@ -180,16 +180,6 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
     assert again.fingerprint == campaign.fingerprint
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
-def test_a_dask_cluster_runs_them(tmp_path, campaign):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
-        far = execute(campaign, tmp_path / "far", scheduler=cluster.scheduler_address, part_runs=4)
-    near = execute(campaign, tmp_path / "near", workers=1)
-    assert far.row(5) == near.row(5)
-
-
 # --- what goes wrong -------------------------------------------------------------------------------------------------
 
 

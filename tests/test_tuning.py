@@ -126,7 +126,6 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
         (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 holds all plants; the largest"),
         (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
         (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
-        (FAMILY, DEAD_TIMES, {"ms_max": 1.1}, r"least worst Ms 1\.27\d"),
         # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
         pytest.param(
             1 / (S - 0.5),
@@ -136,8 +135,6 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
             marks=pytest.mark.long,
         ),
         (1 / S, 0.0, {"ms_max": 2.0}, "no largest value"),
-        (1 / (S + 1), 0.0, {"ms_max": 2.0}, "no largest value"),
-        (1 / S, 0.0, {"phase_min_deg": 60}, "no largest value"),
         (SLOW_AND_FAST, 2.4, {"ms_max": 3.0, "names": ("dry", "icy")}, r"icy: no kp.*no PI can: add a lead"),
         (
             SLOW_AND_FAST,
