@@ -135,7 +135,7 @@ def plant():
     return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_path, seed):
     """PI, lead and a random second-order part: against the loop engine, and by NumPy on a fine grid."""
     rng = np.random.default_rng(seed)

@@ -77,7 +77,7 @@ def prepare(name: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.long] * (name in ("report", "reproduce", "tune", "verify")))
+        pytest.param(name, marks=[pytest.mark.long] * (name in ("identify", "report", "reproduce", "tune", "verify")))
         for name in EXAMPLES
         if name != IN_A_PIPE
     ],

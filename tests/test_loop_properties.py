@@ -1,17 +1,18 @@
 """The loop engine against decisions it does not share any code with.
 
-The numbers of examples are five times those that noticed each of six faults put into the engine: a wrong branch of the
-phase, sign, side of a root, imaginary part, crossing or delay margin.
+The numbers of examples are twice those that noticed each of six faults put into the engine: a wrong branch of the
+phase, sign, side of a root, imaginary part, crossing or delay margin. More where new ones are drawn.
 """
 
 from __future__ import annotations
+
+import os
 
 import control as ct
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from property_examples import examples
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
@@ -19,6 +20,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response
 
 S = ct.tf("s")
+MORE = 5 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 1
 
 
 def rounded(low, high):
@@ -64,7 +66,7 @@ def delay_operator_eigenvalues(loop: DeadTimeLoop, points: int) -> np.ndarray:
     return np.linalg.eigvals(generator)
 
 
-@settings(max_examples=examples(250), suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=100 * MORE, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 def test_exact_root_count_equals_the_discretised_delay_operator(loop):
     fine, finer = (delay_operator_eigenvalues(loop, n) for n in (16, 22))
@@ -77,7 +79,7 @@ def test_exact_root_count_equals_the_discretised_delay_operator(loop):
     assert loop.is_stable() == bool(rightmost.real < 0)
 
 
-@settings(max_examples=examples(100))
+@settings(max_examples=40 * MORE)
 @given(random_loops())
 def test_root_count_equals_the_winding_of_a_densely_sampled_contour(loop):
     system = loop.system
@@ -98,7 +100,7 @@ def test_root_count_equals_the_winding_of_a_densely_sampled_contour(loop):
     assert loop.unstable_closed_loop_poles == round(-steps.sum() / np.pi)
 
 
-@settings(max_examples=examples(100))
+@settings(max_examples=40 * MORE)
 @given(random_loops())
 def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
     system = loop.system
@@ -117,7 +119,7 @@ def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
     assert np.sort(found[found > 1e-4]) == pytest.approx(np.sort(on_axis), rel=1e-6)
 
 
-@settings(max_examples=examples(80))
+@settings(max_examples=32 * MORE)
 @given(random_loops())
 def test_each_margin_is_where_stability_is_lost(loop):
     assume(loop.is_stable())
@@ -137,7 +139,7 @@ def test_each_margin_is_where_stability_is_lost(loop):
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
 
 
-@settings(max_examples=examples(80))
+@settings(max_examples=32 * MORE)
 @given(random_loops())
 def test_peaks_are_suprema_and_attained(loop):
     assume(loop.is_stable())
@@ -155,7 +157,7 @@ def test_peaks_are_suprema_and_attained(loop):
             assert abs(response(np.array([frequency]))[0]) == pytest.approx(peak, rel=1e-9)
 
 
-@settings(max_examples=examples(40))
+@settings(max_examples=16 * MORE)
 @given(random_loops(max_factors=2))
 def test_closed_loop_poles_solve_the_quasi_polynomial_and_are_rightmost(loop):
     assume(loop.dead_time > 1e-3)
