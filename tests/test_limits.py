@@ -226,7 +226,7 @@ def delayed(loop):
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(random_loops())
 def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assume(not loop.root_count.marginal)
@@ -235,7 +235,7 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assert delayed(loop).root_count.right == loop.root_count.right
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
 @example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))

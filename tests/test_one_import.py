@@ -21,17 +21,6 @@ def best():
     return rs.tune(rs.Envelope(speeds=(60, 100), laws="curve", reference={"dry": 0.1, "wet": 0.07}))
 
 
-def test_a_tuned_controller_runs_as_its_file_does(best, tmp_path):
-    stop = rs.stop(rail="wet", speed_kmh=100)
-    best.save(tmp_path / "best.toml")
-    read = rs.load_controller(tmp_path / "best.toml")
-    assert (read.reference.wet, read.name) == (0.07, "best")
-    runs = [rs.simulate(stop, one, seed=7) for one in (best, read)]
-    assert runs[0].braking_distance == runs[1].braking_distance
-    assert (runs[0].signals.slip == runs[1].signals.slip).all()
-    assert rs.judge(read, best.judgement.envelope).ms == pytest.approx(best.judgement.ms, rel=1e-12)
-
-
 def test_a_tuned_controller_of_laws_that_hold_different_slips_has_no_file():
     law, slips = rs.published_law("curve", "dry"), [ReferenceSlip(dry=dry, wet=0.07) for dry in (0.08, 0.1)]
     laws = [law.model_copy(update={"reference": held}) for held in slips]
@@ -53,16 +42,6 @@ def test_a_run_tells_what_became_of_it(best):
     assert f"locked {100 * locked.locked_fraction:.2g} %" in str(locked)
     with pytest.raises(InputError, match="record_every"):
         locked.plot()
-
-
-def test_a_campaign_is_a_call_away(best, tmp_path):
-    found = rs.campaign(rs.stop(rail="wet"), [MINE, best], runs=4, folder=tmp_path / "kept")
-    again = rs.campaign(rs.stop(rail="wet"), [MINE, best], runs=4)  # by now it is the room of that name, too
-    assert found.table() == again.table()
-    rows = {line.split()[0]: line.split() for line in found.table().splitlines() if "4 of 4" in line}
-    assert set(rows) == {"transfer-function-of-order-2", "pi-lead"}
-    median = found.controllers["pi-lead"].measures["braking_distance_m"].quantiles[0.5].value
-    assert float(rows["pi-lead"][4]) == pytest.approx(median, rel=1e-3)
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)

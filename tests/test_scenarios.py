@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,
@@ -302,13 +301,6 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
             else:
                 with pytest.raises(ValueError, match=name):
                     record(**{**given, name: value})
-
-
-def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():
-    schedule = GainSchedule((ScheduleEntry(Rail.DRY, 100.0, PIGains(kp=1210, ki=1220), 2.0),), 0.6, 0.06, 5.0, 2.0)
-    scenario = built_in_scenario("park2008").with_changes(events=())
-    run = simulate(scenario, ScheduledControl(schedule, recommended_pi_lead().reference, torque_high=9000.0), seed=1)
-    assert run.stopped
 
 
 def test_events_hold_in_the_order_of_time_not_of_the_file():

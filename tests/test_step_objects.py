@@ -191,9 +191,7 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
             r"line 7: step at t = 0.5 s fails with ZeroDivisionError",
         ),
         ("return float('nan') if t > 0.3 else 0.0", r"line 6: step gives nan at t = 0.31 s; give a finite torque"),
-        ("return float('inf')", "step gives inf at t = 0 s; give a finite torque"),
         ("return 'brake'", "step gives 'brake' at t = 0 s"),
-        ("return None", "step gives None at t = 0 s"),
         ("return helped(t)", "line 2: step at t = 0 s fails with KeyError"),
         (
             "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing",
@@ -213,10 +211,8 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        ("return {}[v]", "line 6: Numba cannot compile step"),
         ("x = 1.0\n    return v if t < 1.0 else x * gain", "line 7: Numba cannot compile step: NameError: name 'gain'"),
         ("x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
-        ('x = 1.0\n    return x + "N*m"', "line 7: Numba cannot compile step: No implementation of function"),
         (
             "x = [1.0]\n    return x[int(9 * t)] if t < 1.0 else 1.0 / (t - t)",
             "line 7: step at t = 0.12 s fails with Index",
@@ -225,7 +221,6 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
             "if t > 0.3:\n        raise ValueError('no more')\n    return 0.0",
             "line 7: step at t = 0.31 s fails with ValueError: no more",
         ),
-        ("return math.inf if t > 0.3 else 0.0", "line 4: step gives inf at t = 0.31 s"),
     ],
 )
 def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
@@ -321,13 +316,10 @@ ALONE = "is known by its step alone and has no margins"
     ("controller", "margins", "run"),
     [
         ("Timed()", f"controller: Timed {ALONE}", None),
-        ("Timed().step", f"controller: step {ALONE}", None),
         ("step", f"controller: step {ALONE}", None),
-        ("lambda t, v, omega: 0.0", f"controller: <lambda> {ALONE}", None),
         ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
-        ("Linear(lambda s, p: 'pi')", "mine.py, line 12: what linear gives is refused: controller: str", None),
         ("Linear(lambda s, p: p.none)", "mine.py, line 26: linear fails with AttributeError: 'OperatingPoint'", None),
         ("Narrow()", "mine.py, line 16: linear cannot be called with (operating_point): Narrow.linear() takes", None),
         ("Forgetful()", ALONE, "mine.py, line 20: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
@@ -363,7 +355,6 @@ def test_a_number_is_a_gain_and_says_so(railslip, tmp_path):
 @pytest.mark.parametrize(
     ("step", "told"),
     [
-        (numba.njit(lambda t, v, omega: "x"), "Numba cannot compile step"),
         (lambda t, v: 0.0, r"step cannot be called with \(t, v, omega\)"),
         (ct.tf([190, -190], [1, -1], 1e-9), "period: 1e-09 s is not allowed; give a finite value >= 1e-05"),
     ],
