@@ -61,7 +61,7 @@ def named(path: Path) -> str:
 # --- what the pages run --------------------------------------------------------------------------------------------
 
 RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text]
-LONG = ("tutorial", "howto/campaign")
+LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce")
 
 
 @pytest.mark.parametrize(
