@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 import sympy as sp
 import yaml
-from PIL import Image
 from project import ROOT
 
 import railslip_ctrl
@@ -352,26 +351,6 @@ def test_every_public_module_has_its_page():
     }
     hidden = {name for name in files if set(name.split(".")) & set(generate.HIDDEN)}
     assert listed == files - hidden
-
-
-def test_gallery_pages_show_what_a_script_made(tmp_path):
-    gallery = documentation("gallery")
-    gallery.write_gallery(tmp_path, run=False)
-    for script in gallery.scripts(tmp_path):
-        assert len(script.arguments()) == len(re.findall("[A-Z]{4,}", script.usage))  # each that a script can take
-    names = {path.stem for folder in ("designs", "analysis") for path in (ROOT / folder).glob("*.py")}
-    assert {path.stem for path in tmp_path.glob("*.md")} == names | {"index"}
-    folder = tmp_path / "pi_dry"
-    Image.new("RGB", (800, 600), "white").save(folder / "a.png")
-    (folder / "printed.txt").write_text("forty-two")
-    gallery.write_gallery(tmp_path, run=False)
-    page = (tmp_path / "pi_dry.md").read_text("utf-8")
-    assert "(pi_dry/a.png)" in page
-    with Image.open(folder / "thumbnail" / "first.png") as small:
-        assert small.size == gallery.THUMBNAIL
-    assert "(pi_dry/thumbnail/first.png)](pi_dry.md)" in (tmp_path / "index.md").read_text("utf-8")
-    assert "forty-two" in page
-    assert "Shape a PI for dry rail, step by step." in page
 
 
 # --- what stands beside the package --------------------------------------------------------------------------------
