@@ -212,9 +212,25 @@ _ANCHORS = {f"source-{key.lower()}" for key in SOURCES}
 
 
 @cache
+def stated() -> dict[str, list]:
+    """The equations of the source by group; it and the two below take half a second each."""
+    return equations.groups(derive())
+
+
+@cache
+def numbered() -> dict:
+    return {one.number: one for group in stated().values() for one in group}
+
+
+@cache
+def wrong_in_print():
+    return errata(derive())
+
+
+@cache
 def generated() -> set[str]:
     """The generated pages that the written ones may name; in a function, as collecting tests need not derive."""
-    names = (*equations.groups(derive()), "derivation", "errata", "nomenclature", "laws", "sources", "commands")
+    names = (*stated(), "derivation", "errata", "nomenclature", "laws", "sources", "commands")
     return {"_generated/gallery/index.md"} | {f"_generated/equations/{name}.md" for name in names}
 
 
@@ -245,7 +261,7 @@ def test_every_page_is_in_a_table_of_contents(page):
 
 def test_objects_named_in_pages_and_equations_exist():
     names = {name for text in TEXTS.values() for name in re.findall(r"\{py:\w+\}`([\w.]+)`", text)}
-    names |= {one.home for group in equations.groups(derive()).values() for one in group if one.home}
+    names |= {one.home for one in numbered().values() if one.home}
     assert len(names) > 20
     for name in names:
         try:
@@ -273,27 +289,25 @@ def test_spelling():
 
 
 def test_every_equation_of_the_source_stands_once():
-    found = [one.number for group in equations.groups(derive()).values() for one in group]
+    found = [one.number for group in stated().values() for one in group]
     assert found == list(range(1, 50))
     theory = "\n".join(text for path, text in TEXTS.items() if path.parent.name == "theory")
-    for name in equations.groups(derive()):
+    for name in stated():
         assert theory.count(f"_generated/equations/{name}.md") == 1
 
 
 def test_errata_are_with_their_equations():
-    rows = errata(derive())
+    rows = wrong_in_print()
     assert equations.numbers_in("(22)-(24)") == {22, 23, 24}
     assert equations.numbers_in("F_r in (4) and (35)") == {4, 35}
-    wrong = {one.number for group in equations.groups(derive()).values() for one in group
-             if any(not row.agrees for row in one.errata(rows))}  # fmt: skip
+    wrong = {one.number for one in numbered().values() if any(not row.agrees for row in one.errata(rows))}
     # the table of errata of the project's specification, section 9
     assert {6, 10, 22, 23, 24, 27, 44, 47, 48, 49, 38, 39, 4, 35, 40} <= wrong
 
 
 def test_an_equation_shows_as_printed_only_what_is_printed_there():
     """The formula of one equation does not stand as that of another that a row of the errata names beside it."""
-    rows = errata(derive())
-    found = {one.number: one for group in equations.groups(derive()).values() for one in group}
+    rows, found = wrong_in_print(), numbered()
     for row in rows:
         at = [number for number, one in found.items() if one.prints(row)]
         assert len(at) <= 1, row.where
