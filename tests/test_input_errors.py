@@ -43,7 +43,7 @@ from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
-from railslip_ctrl.model.adhesion import ReferenceSlip, law_class
+from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.vehicle import Record, Wheel
 from railslip_ctrl.simulation.catalogue import published_controller
 
@@ -78,11 +78,6 @@ WHEEL = {"radius": 0.4, "inertia": 60.0}
 NO_TEXT = "is text without a unit; write the unit too, or give the number of N*m/(m/s) without quotes"
 RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
     (Wheel, {**WHEEL, "radius": -1.0}, "Wheel: radius: -1 is not allowed; give a value > 0 (m)"),
-    (Wheel, {**WHEEL, "radius": math.nan}, "Wheel: radius: nan is not allowed; give a finite number in m"),
-    (
-        *(Wheel, {**WHEEL, "radius": "2 kg"}),
-        "Wheel: radius: '2 kg' has the wrong dimension; it must be convertible to 'm'",
-    ),
     (Actuator, {"dead_time": 0.1}, "Actuator: lag: missing; give it (s): time constant of the first-order lag"),
     (Actuator, {"dead_time": 0.1, "lag": 0.6, "delay": 0.1}, "Actuator: delay: unknown key; allowed: dead_time, lag"),
     (PIGains, {"kp": True, "ki": 1.0}, "PIGains: kp: True is not a number in N*m/(m/s)"),
@@ -90,10 +85,6 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
     (
         *(law_class("table"), {"slip": (0.1, 0.2), "mu": (0.1, "0.2")}),
         "LookupTable: mu: '0.2' is text; give the number without quotes",
-    ),
-    (
-        *(law_class("table"), {"slip": (0.2, 0.1), "mu": (0.1, 0.2)}),
-        "LookupTable: slip: 0.1 after 0.2 is not allowed; give slip ratios that rise strictly",
     ),
     (
         *(Vehicle, {**VEHICLE, "wheel": {**WHEEL, "radius": -1.0}}),
@@ -112,7 +103,6 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
         *(PARK2008.model_copy, {"update": {"mas": 4000.0}}),
         "Vehicle: mas: unknown key; did you mean 'mass'? allowed: " + ", ".join(Vehicle.model_fields),
     ),
-    (ReferenceSlip, {"dry": 0.1, "wet": 1.0}, "ReferenceSlip: wet: 1 is not allowed; give a value < 1"),
     (Rail.of, {"value": Thing()}, "rail: <a thing> is not a rail condition; choose dry or wet"),
 ]
 
