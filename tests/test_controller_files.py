@@ -109,6 +109,15 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
         ("kind = 3", "kind: 3 is not one"),
+        ("kp = 1.0", "kind: missing; choose one of pi"),
+        ('kind = "pid"', "kind: 'pid' is not one; did you mean 'pi'"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6', "led: unknown key; did you mean 'lead'"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6', "lead filter: 0 s"),
+        ('kind = "pi"\nkp = "1 kg"\nki = 1.0', "kp: '1 kg' has the wrong dimension"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9', "period: 1e-09 is not allowed"),
+        ('kind = "asmc"\nK = 1.0\nD = 1.0\nrho = 1.0\nadhesion = "curve"', "is not a TOML file"),
+        ('kind = "slide-protection"\nfill_slip = 0.5', "0 < fill_slip < dump_slip < 1"),
+        ('kind = "torque-profile"\ntimes = [0]\ntorques = []', "1 times and 0 torques"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_hi = 1.0', "period, reference, torque_min, torque_max, anti_windup"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_min = 1"),
         (
@@ -123,6 +132,7 @@ def test_a_file_that_is_wrong_is_told(tmp_path, text, told):
     with pytest.raises(InputError, match=r"c\.toml: ") as caught:
         load_controller(path)
     assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 # --- margins ---------------------------------------------------------------------------------------------------------

@@ -261,24 +261,6 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
     assert profile == TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("kp = 1.0\n", "kind: missing; choose one of pi"),
-        ('kind = "pid"\n', "kind: 'pid' is not one; did you mean 'pi'"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6\n', "led: unknown key; did you mean 'lead'"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6\n', "lead filter: 0 s .* is not proper"),
-        ('kind = "pi"\nkp = "1 kg"\nki = 1.0\n', "kp: '1 kg' has the wrong dimension"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9\n', "period: 1e-09 is not allowed"),
-        ('kind = "asmc"\nK = 1.0\nD = 1.0\nrho = 1.0\nadhesion = "curve"\n', "is not a TOML file"),
-        ('kind = "slide-protection"\nfill_slip = 0.5\n', "0 < fill_slip < dump_slip < 1"),
-        ('kind = "torque-profile"\ntimes = [0]\ntorques = []\n', "1 times and 0 torques"),
-    ],
-)
-def test_controller_files_are_refused_in_one_line(controller_of, text, words):
-    assert "controller.toml" in refusal(controller_of, text, words)
-
-
 ANY_SIGN = {"kp", "ki", "torque_low", "torque_high", "initial_torque", "cut_out_torque", "torque_min", "torque_max"}
 
 
