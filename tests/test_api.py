@@ -9,6 +9,7 @@ import inspect
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +142,7 @@ def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> 
                 assert key not in one or f"{sign} {one[key]:g}" in said, f"{name}.{field}: no bound in {said!r}"
 
 
+@cache
 def methods(thing: type) -> list[ast.FunctionDef]:
     """Those in a class's own text."""
     (node,) = ast.parse(inspect.getsource(thing)).body
