@@ -326,6 +326,7 @@ def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
     if not child:
         try:
             resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            resource.setrlimit(resource.RLIMIT_DATA, (4 << 30, 4 << 30))  # a fault may ask for all the memory there is
             signal.alarm(20 * limit)
             for stream in (1, 2):
                 os.dup2(os.open("output", os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)

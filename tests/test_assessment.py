@@ -75,17 +75,6 @@ def test_published_md_gains_only_just_stable_as_published_and_unstable_in_si(col
             assert "times this loop gain would stabilise it" in a.verdict_line
 
 
-def test_loop_equals_python_control_series_connection():
-    p = plant()
-    loop = wheel_slip_loop(p, PIController(PIGains(kp=190.0, ki=5.0), lead=0.6, lead_filter=0.06), PARK2008.actuator)
-    s = ct.tf("s")
-    expected = (190 + 5 / s) * (0.6 * s + 1) / (0.06 * s + 1) / (0.6 * s + 1) * ct.tf(p.to_control()[0, 0])
-    omega = np.geomspace(1e-2, 1e2, 40)
-    assert loop(1j * omega) == pytest.approx(
-        expected(1j * omega) * np.exp(-0.15j * omega), rel=1e-9
-    )  # python-control goes through polynomials
-
-
 def test_common_pi_are_a_minimum_and_inside_their_range():
     plants = [plant(rail) for rail in Rail]
     design = common_pi(plants, PARK2008.actuator)

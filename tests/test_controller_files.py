@@ -98,6 +98,11 @@ def test_what_has_no_file_is_told(tmp_path):
         LinearControl(NOTCHED, HELD, period=None).save(tmp_path / "c.toml")
     with pytest.raises(InputError, match="cannot be written"):
         CONTROLS["pi"].save(tmp_path / "none" / "c.toml")
+    curve, slips = published_law("curve", "dry"), [ReferenceSlip(dry=dry, wet=0.07) for dry in (0.08, 0.1)]
+    design = rs.tune(rs.Envelope(laws=[curve.model_copy(update={"reference": slip}) for slip in slips], speeds=100))
+    with pytest.raises(InputError, match="different slips"):
+        design.save(tmp_path / "c.toml")
+    assert rs.simulate(rs.stop(), design).controller.reference.dry == 0.132  # the law's of the run
 
 
 @pytest.mark.parametrize(

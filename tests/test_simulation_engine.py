@@ -10,6 +10,7 @@ import pytest
 from braking_runs import NO_ADHESION, NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, Rail, Resistance
 from railslip_ctrl.simulation import (
@@ -59,6 +60,13 @@ def test_the_energy_balance_closes(case: str) -> None:
     assert abs(run.energies.error) < BALANCE
     assert run.locked_fraction > 0.5 if "locks" in case else run.locked_fraction < 0.1
     assert (run.energies.booked > 1e4) == (case != "SI, the wheel locks")  # which stops before 25 s
+
+
+def test_a_run_tells_its_lock_and_is_not_drawn_without_its_record() -> None:
+    run = simulate(*BALANCED["SI, the wheel locks"], seed=3, record_every=None)
+    assert f"locked {100 * run.locked_fraction:.2g} %" in str(run)
+    with pytest.raises(InputError, match="record_every"):
+        run.plot()
 
 
 # --- order -----------------------------------------------------------------------------------------------------------
