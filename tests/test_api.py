@@ -119,18 +119,6 @@ def test_every_argument_and_field_is_documented_and_every_number_has_its_unit_an
     assert not unsaid(text, asked, general=text.partition("\n\n")[0] if inspect.isclass(thing) else "")
 
 
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name.startswith("railslip_ctrl.")])
-def test_what_the_top_offers_says_of_every_argument_what_it_is_and_what_comes_back(name: str) -> None:
-    """A type alone is no description; what comes back is named by its type and described too."""
-    function, text = FUNCTIONS[name], documentation(FUNCTIONS[name])
-    mute = [a for a in inspect.signature(function).parameters if "\n    " not in entry(text, a)]
-    assert not mute, f"{name}: {', '.join(mute)} listed without a word"
-    returned = re.search(r"^Returns\n-+\n(\S.*)((?:\n {4}.*)+)", text, flags=re.M)
-    assert returned, f"{name}: no Returns section, or a type alone"
-    assert returned[1].endswith(str(function.__annotations__["return"])), f"{name} returns {returned[1]!r}"
-    assert UNIT.search(returned[2]), f"{name}: no unit in what it returns: {returned[2]!r}"
-
-
 @pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if issubclass(thing, Record)])
 def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> None:
     """Unit and bounds, by the checker's own text of what it refuses."""

@@ -465,15 +465,6 @@ def test_outline_is_the_set():
     assert list(strip.ki_high) == [region.ki_limit(kp) for kp in strip.kp]
 
 
-def test_outline_of_a_set_that_begins_within_the_columns():
-    region = stabilizing_pi(UNSTABLE, 0.15)
-    (strip,) = outline(region, kp=np.linspace(0, 30, 7))
-    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1, 23.3988133859), rel=1e-9)
-    assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
-    (column,) = outline(region, kp=[2.0])
-    assert column.ki_high == [region.ki_limit(2.0)]
-
-
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
     region = stabilizing_pi(1 / ((S - 1) * (0.5 * S + 1)))  # Routh: 0 < ki < kp - 1
     with pytest.raises(InputError, match="without bound, kp from 1 to inf; give the columns kp to draw, or kp_limit"):
