@@ -201,14 +201,6 @@ def test_schedule_interpolates_holds_its_ends_and_round_trips(schedule):
     assert GainSchedule.from_json(schedule.to_json()) == schedule
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{}", "[]", '{"entries": 3}', '{"lead_s":0,"lead_filter_s":0,"lowest_speed_kmh":1,"entries":[]}']
-)
-def test_schedule_refuses_what_it_did_not_write(text):
-    with pytest.raises(InputError, match="gain schedule"):
-        GainSchedule.from_json(text)
-
-
 def test_schedule_checks_speed_and_rail(schedule):
     with pytest.raises(InputError, match="speed"):
         schedule.controller(0.0, Rail.DRY)
@@ -252,19 +244,18 @@ def test_lowest_speed_of_a_given_controller():
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("old", "new"),
     [
-        ('"speed_kmh": 40.0', '"speed_kmh": NaN'),
-        ('"speed_kmh": 40.0', '"speed_kmh": 100.0'),
-        ('"lead_s": 0.6', '"lead_s": -3'),
-        ('"kp_si": 3', '"kp_si": "3'),
-        ('"lowest_speed_kmh": ', '"lowest_speed_kmh": -1'),
+        *(('"speed_kmh": 40.0', f'"speed_kmh": {speed}') for speed in ("NaN", "100.0")),
+        *(('"lead_s": 0.6', '"lead_s": -3'), ('"kp_si": 3', '"kp_si": "3')),
+        ('"lowest_speed_kmh": ', '"lowest_speed_kmh": -'),
+        *((None, text) for text in ("", "{}", "[]", '{"entries": 3}')),
     ],
 )
-def test_schedule_refuses_nonsense_in_one_line(schedule, change):
+def test_schedule_refuses_what_it_did_not_write_in_one_line(schedule, old, new):
     text = schedule.to_json()
-    assert change[0] in text
+    assert old is None or old in text
     with pytest.raises(InputError, match=r"gain schedule|lead") as caught:
-        GainSchedule.from_json(text.replace(*change))
+        GainSchedule.from_json(text.replace(old, new) if old else new)
     assert "\n" not in str(caught.value)
     assert "http" not in str(caught.value)

@@ -255,7 +255,6 @@ def test_two_phase_crossovers_side_by_side_hold_the_gains_that_stabilise():
 
     loop = delayed(brentq(lambda d: np.angle(-delayed(d).response(grid)).max() - 1e-4, 0.2, 0.35))
     limits = loop.stabilizing_gain_range
-    assert limits is not None
     low, high = limits
     assert low < high < 1.1 * low
     within = [loop.scaled(edge * (1 + move)).is_stable() for edge in limits for move in (-1e-7, 1e-7)]
