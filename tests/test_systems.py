@@ -14,7 +14,7 @@ from scipy import signal
 from railslip_ctrl import DeadTimeLoop, InputError, stabilizing_pi, tune_pi
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits
-from railslip_ctrl.design.tuning import first_order_model, simc_pi
+from railslip_ctrl.design.tuning import first_order_model, pi_for_crossover, simc_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -41,6 +41,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "actuator": lambda x: closed_loop_response(2.0, LAG, 0.1, time=TIMES, actuator=x, reference=1.0).output,
     "plants": lambda x: tune_pi([x], 0.1, ms_max=1.6).kp,
     "compensator": lambda x: tune_pi(LAG, 0.1, ms_max=1.6, compensator=x).kp,
+    "plant of pi_for_crossover": lambda x: pi_for_crossover(x, 0.1, 2.0, 60.0),
     "loop of stabilizing_pi": lambda x: stabilizing_pi(x, 0.1).kp_range,
     "plant of fundamental_limits": lambda x: fundamental_limits(x, 0.1).ms_bound,
     "plant of first_order_model": lambda x: first_order_model(x, 0.3).time_constant,

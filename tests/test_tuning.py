@@ -19,6 +19,7 @@ from railslip_ctrl.design.specification import Specification, family_margins, is
 from railslip_ctrl.design.tuning import (
     Kind,
     first_order_model,
+    pi_for_crossover,
     pi_transfer_function,
     rotstein_lewin,
     simc_pi,
@@ -97,6 +98,26 @@ def test_crossover_bounds_are_kept():
         assert design.ki < free.ki
 
 
+@pytest.mark.parametrize(("crossover", "margin"), [(0.7, 8.0), (1.0, 9.0)])
+def test_crossover_and_phase_margin_as_an_equality(crossover, margin):
+    plant = twelve_points()[4]
+    kp, ki = pi_for_crossover(plant, 0.15, crossover, margin)
+    loop = DeadTimeLoop(pi_transfer_function(kp, ki) * plant, 0.15)
+    at = loop(1j * crossover)
+    assert abs(at) == pytest.approx(1.0, abs=1e-12)
+    assert math.degrees(np.angle(-at)) == pytest.approx(margin, abs=1e-9)
+    assert loop.margins().phase_deg == pytest.approx(margin, abs=1e-9)
+
+
+def test_an_equality_design_of_a_plant_with_a_mode():
+    mode = 1 / S + 0.1 * S / (S**2 + 0.1 * S + 25)  # |P| is 1 once more at 5 rad/s
+    kp, ki = pi_for_crossover(mode, 0.03, 1.5, 80.0)
+    at = (kp + ki / 1.5j) * mode(1.5j) * np.exp(-0.03 * 1.5j)
+    assert at == pytest.approx(-np.exp(1j * np.radians(80.0)), abs=1e-12)
+    with pytest.raises(InfeasibleDesignError, match=r"another gain crossover leaves only 71\.9"):
+        pi_for_crossover(mode, 0.06, 3.0, 75.0)
+
+
 SLOW_AND_FAST = [1 / (S - 0.2), 1 / (S - 5)]
 FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
 
@@ -160,6 +181,13 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
         (lambda: tune_pi(SLOW_AND_FAST, 0.1, ms_max=3.0, names=("dry",)), "names: 1 for 2 plants"),
         (lambda: tune_pi([], 0.1, ms_max=2.0), "none is given"),
         (lambda: tune_pi(SLOW_AND_FAST, [0.1, 0.2, 0.3], ms_max=2.0), "3 values for 2 plants"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 0.0, 30.0), "crossover"),
+        (lambda: pi_for_crossover(1 / S, 0.1, float("nan"), 30.0), "crossover"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 0.0), "phase margin"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 180.0), "phase margin"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.7, 60.0), "needs ki"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.05, 5.0), "does not stabilise|needs ki"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 2.5, 1.0), "ki"),
         (lambda: tuned_at_100("pdf"), "choose one of"),
         (lambda: tuned_at_100("pi", lead=0.6), "does not go with"),
         (lambda: tuned_at_100("pid", lead=0.6), "searches"),

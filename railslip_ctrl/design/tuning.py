@@ -23,7 +23,7 @@ from .controllers import PIController, actuated_plant, pi_transfer_function
 from .specification import Specification, Worst, family_margins, worst_of
 from .tuning_search import Family, largest_ki, least_ms
 
-__all__ = ["PIDesign", "Specification", "pi_transfer_function", "tune_pi"]
+__all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_function", "tune_pi"]
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,41 @@ def _tuned(family: Family, specification: Specification, ki_min: float | None) -
     worst = worst_of(family_margins(loops))
     assert worst is not None  # only stable gains are returned
     return PIDesign(kp, ki, worst, tuple(loop.margins() for loop in loops), specification)
+
+
+@checked
+def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
+    """(kp, ki) with |L(j crossover)| = 1 and arg L = -180 deg + phase margin there, exactly.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        That PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another crossover.
+    """
+    number("crossover", crossover, "rad/s", gt=0)
+    number("phase margin", phase_margin_deg, "deg", gt=0, lt=180)
+    system = Rational.from_control(plant, "plant")
+    at = DeadTimeLoop(system, dead_time)(1j * crossover)
+    wanted = -np.exp(1j * math.radians(phase_margin_deg)) / at
+    kp, ki = float(wanted.real), float(-wanted.imag * crossover)
+    asked = f"crossover {crossover:g} rad/s with phase margin {phase_margin_deg:g} deg"
+    if ki < 0:
+        raise InfeasibleDesignError(
+            f"{asked} needs ki = {ki:.4g} < 0: the plant's own phase there leaves {phase_margin_deg:g} deg only to a "
+            "lead; ask for a smaller phase margin or another crossover, or add a lead"
+        )
+    loop = DeadTimeLoop(pi_transfer_function(kp, ki) * system, dead_time)
+    if not loop.is_stable():
+        raise InfeasibleDesignError(
+            f"{asked} gives kp = {kp:.4g}, ki = {ki:.4g}, which does not stabilise the plant "
+            f"({loop.unstable_closed_loop_poles:g} unstable poles); choose another crossover"
+        )
+    smallest = loop.margins().phase_deg
+    if smallest < phase_margin_deg * (1 - 1e-9):
+        raise InfeasibleDesignError(
+            f"{asked} is met, but another gain crossover leaves only {smallest:.4g} deg; choose another crossover"
+        )
+    return kp, ki
 
 
 def _systems(plants: Any, compensator: Any) -> list[Rational]:
