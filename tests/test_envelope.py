@@ -423,11 +423,6 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert [c.rank for c in selection.choices] == sorted(c.rank for c in selection.choices)
     assert len(selection.choices) == 6
     assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
-    told = [
-        ("; adhesion " in one.words, one.reference_factor < 1) for one in selection.choices if one.design is not None
-    ]
-    assert told
-    assert all(says == less for says, less in told)  # what less slip costs
 
 
 @pytest.mark.parametrize(
@@ -494,6 +489,7 @@ def test_a_smaller_slip_tells_what_it_costs(selection):
     assert own.adhesion_share == 1.0
     assert 0.6 < less.adhesion_share < 1.0
     assert f"adhesion {100 * (less.adhesion_share - 1):+.2g} %" in less.words
+    assert "; adhesion " not in own.words
 
 
 def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():

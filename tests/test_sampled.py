@@ -44,7 +44,7 @@ from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.simulation import LinearControl
 
 S = ct.tf("s")
-PI_LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
+LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
 SYSTEM = (229.0 + 5.0 / S) * (0.6 * S + 1) / (0.06 * S + 1)
 NUM, DEN = SYSTEM.num[0][0], SYSTEM.den[0][0]
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
@@ -66,14 +66,14 @@ class Mute:
 
 
 KINDS = {
-    "PI-lead": PI_LEAD,
+    "PI-lead": LEAD,
     "tf": SYSTEM,
     "ss": ct.tf2ss(SYSTEM),
     "zpk": ct.zpk(SYSTEM.zeros(), SYSTEM.poles(), NUM[0] / DEN[0]),
     "scipy lti": scipy.signal.lti(NUM, DEN),
     "scipy ss": scipy.signal.lti(NUM, DEN).to_ss(),
     "scipy zpk": scipy.signal.lti(NUM, DEN).to_zpk(),
-    "Rational": PI_LEAD.transfer_function,
+    "Rational": LEAD.transfer_function,
     "linear": Described(),
     "run": LinearControl(SYSTEM, REFERENCE, period=0.01),
 }
@@ -87,7 +87,7 @@ def plant():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_controller_in_every_form_is_one_controller(plant, kind):
-    expected = assess(plant, PI_LEAD, PARK2008.actuator).margins
+    expected = assess(plant, LEAD, PARK2008.actuator).margins
     found = assess(plant, KINDS[kind], PARK2008.actuator)
     # zeros and poles of polynomials and pencils are good to some 1e-13
     assert (found.margins.ms, found.margins.delay_s) == pytest.approx((expected.ms, expected.delay_s), rel=1e-9)
@@ -147,7 +147,7 @@ def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
     sampled = ct.sample_system(SYSTEM, 0.05, "tustin")
     loop = wheel_slip_loop(plant, sampled)
     assert isinstance(loop, SampledLoop)
-    expected = sampled_loop(SampledController(PI_LEAD, 0.05), plant, PARK2008.actuator)
+    expected = sampled_loop(SampledController(LEAD, 0.05), plant, PARK2008.actuator)
     # python-control's polynomials lose digits next to z = 1
     assert loop.margins().ms == pytest.approx(expected.margins().ms, rel=1e-6)
     found = assess(plant, sampled, PARK2008.actuator)
@@ -170,9 +170,9 @@ def test_a_sampled_loop_takes_systems_of_its_period(plant):
     with pytest.raises(InputError, match="plant: a discrete-time system"):
         SampledLoop(c, c, 0.05, 0.1)
     with pytest.raises(InputError, match="controller: a system with dt = 0 s does not go"):
-        SampledLoop(PI_LEAD, p, 0.05, 0.1)
+        SampledLoop(LEAD, p, 0.05, 0.1)
     with pytest.raises(InputError, match=r"plant: a discrete-time system \(dt = 0.1\)"):
-        SampledLoop(c, SampledController(PI_LEAD, 0.1), 0.05, 0.1)
+        SampledLoop(c, SampledController(LEAD, 0.1), 0.05, 0.1)
 
 
 def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
@@ -185,11 +185,7 @@ def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
 
 
-# --- the sampled design: difference equations, anti-windup, the exact sampled loop and its margins -------------------
-
-
 ACTUATOR = PARK2008.actuator
-LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
 PLAIN = PIController(PIGains(kp=190.0, ki=5.0))
 INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
