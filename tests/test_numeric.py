@@ -244,6 +244,7 @@ print(point.brake_torque, [m for m in ('sympy', 'control', 'matplotlib', 'scipy'
 """
 
 
+@pytest.mark.long
 def test_an_edited_plant_changes_the_numbers_at_once_and_generating_makes_them_fast(tmp_path: Path) -> None:
     """A sign changed in the statement must reach the numbers, without generating by hand; else SymPy is not loaded."""
     shutil.copytree(PACKAGE, tmp_path / "railslip_ctrl", ignore=shutil.ignore_patterns("__pycache__"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -13,6 +14,13 @@ from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.design.stabilizing import region_map
 from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)
+def test_a_design_script_needs_names_from_the_top_alone(path):
+    """No room is named in an import, so that a room may be rebuilt without its users."""
+    named = re.findall(r"^\s*(?:from|import) (railslip_ctrl[\w.]*)", path.read_text("utf-8"), flags=re.M)
+    assert set(named) == {"railslip_ctrl"}
 
 
 @pytest.mark.long
