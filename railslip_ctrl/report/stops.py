@@ -20,8 +20,8 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
-from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control, seeking_control
+from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import braking_control
 from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
 
@@ -39,6 +39,7 @@ class Stop:
     run: Run  # of seed 0, recorded
     others: tuple[Run, ...]  # of the other seeds
     bound: ClairvoyantStop | None  # what no controller of this brake beats; None where none is known
+    attainable: ClairvoyantStop | None  # a stop without noise that one can have who knows the rail; or None
     held: float  # median of slip over the second half of the time under control, without the noise and the start
     reference: float  # the slip ratio to be held
     cut_out: float = 0.0  # m/s: below, the slip is not controlled
@@ -143,11 +144,6 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
     )
 
 
-def seeking_stops(judgement: Judgement) -> tuple[Stop, ...]:
-    """The seeking controller in the same stops."""
-    return stops(seeking_control(judgement.envelope.vehicle), judgement)
-
-
 def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
     """The stop of a load on a rail with a law of the envelope, by name."""
     envelope, points = judgement.envelope, judgement.points
@@ -185,7 +181,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         load,
         run,
         tuple(simulator.run(seed, record_every=None) for seed in seeds),
-        None if brake else _bound(scenario, getattr(control, "torque_high", None)),
+        *((None, None) if brake else _bounds(scenario, getattr(control, "torque_high", None))),
         _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
         cut_out,
@@ -214,11 +210,14 @@ def _held(run: Run, cut_out: float) -> float:
 
 
 @lru_cache(64)
-def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
-    """With this brake: dead time, and lag up to the largest torque."""
+def _bounds(scenario: Scenario, torque_max: float | None) -> tuple[ClairvoyantStop | None, ClairvoyantStop | None]:
+    """With this brake: dead time, and lag up to the largest torque; and what can be had of it."""
     if torque_max is not None and np.isfinite(torque_max):
         scenario = scenario.with_changes(limits=BrakeLimits(torque_max=torque_max))
-    try:
-        return clairvoyant_stop(scenario)
-    except InputError:
-        return None
+    found: list[ClairvoyantStop | None] = []
+    for one in (clairvoyant_stop, attainable_stop):
+        try:
+            found.append(one(scenario))
+        except InputError:
+            found.append(None)
+    return found[0], found[1]
