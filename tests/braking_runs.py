@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,16 +21,18 @@ NO_ADHESION = Curve(alpha=1e-20, beta=0.0475, gamma=41.5, v0=100 / 3.6, referenc
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward")
+    return LinearControl(
+        PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward", tracking_time=math.inf
+    )
 
 
 def pi(kp: float, ki: float = 0.0, *, slip: float = 0.132, **fields: object) -> LinearControl:
-    as_built_in = {"period": None, "rule": "backward", **fields}
-    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **as_built_in)  # type: ignore[arg-type]
+    as_built_in = {"period": None, "rule": "backward", "tracking_time": math.inf, **fields}
+    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **as_built_in)
 
 
 def constant_torque(torque: float, **fields: object) -> TorqueProfile:
-    return TorqueProfile((0.0,), (torque,), REFERENCE, **fields)  # type: ignore[arg-type]
+    return TorqueProfile((0.0,), (torque,), REFERENCE, **fields)
 
 
 def bare_vehicle(*, dead_time: float = 0.0, lag: float = 0.0, viscous: float = 0.0, **fields: object) -> Vehicle:
@@ -42,7 +45,7 @@ def bare_vehicle(*, dead_time: float = 0.0, lag: float = 0.0, viscous: float = 0
 def scenario(vehicle: Vehicle, **fields: object) -> Scenario:
     """From 30 m/s, without adhesion unless one is given, and without limits on the command."""
     given = {"adhesion": NO_ADHESION, "initial_speed": 30.0, "limits": NO_LIMITS, **fields}
-    return Scenario(name="test", vehicle=vehicle, **given)  # type: ignore[arg-type]
+    return Scenario(name="test", vehicle=vehicle, **given)
 
 
 def run_from(

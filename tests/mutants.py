@@ -94,7 +94,7 @@ ROOMS = {
     "sliding/derivation": "derivation verification",
     "verification/": "verification",
     "verification/actuator_effects": "limit_cycles sliding_verification",
-    "verification/fixed_step": "verification limit_cycles",
+    "verification/fixed_step": "verification limit_cycles sliding_verification",
     "verification/joint_verification": "sliding_verification verification",
     "verification/layered": "sliding_verification",
     "verification/limit_cycles": "limit_cycles",
@@ -123,7 +123,6 @@ LEFT_OUT = " or ".join([
 
 EQUIVALENT = {
     r"(rest_state|force|jacobian)\(.*=> .*\(1\.0\).*, p\)": "these do not depend on Tb, Td, Tr, nor the first on z",
-    r"last = 3 .*=> last = \(4\)": "there are three",
     r"found = next\(x for squares, x in tried": "searches along the motion from starts 10 000 apart end in one place",
     r"reshape\(-1, .*=> .*reshape\(-\(2\), ": "any negative size is the unknown one",
     r"_DEPTH = 42": "as good to 4e-14",
@@ -131,14 +130,11 @@ EQUIVALENT = {
     r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
     r"np.arange\(count // 2 \+ 1\).*=> .*\(count // 2 - 1\)": "two of 10 000 frequencies, where the taper is 0",
     r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
+    r"POINTS = \(16\)": "half of the random points tell a false identity too",
     r"taper = .*np\.pi / \(3\)": "another window: the peak is the same within 1e-4",
     r"<= _KNIFE_EDGE.*=> .* < _KNIFE_EDGE": "a slip just there is not computed",
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
-    r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
     r"_BISECTIONS \+ \(2\)": "one halving more than needed",
-    r"rising = .*here \* \(\(a": "a peak looked for on the wrong side is found by the bounds",
-    r"slope \* change / \(a\[index\]|centre \+ away\), centre": "parts are divided further until a bound holds",
-    r"start = np.where\(np.isinf\(high\)": "a start of Newton's method in a bracket",
     r"curved <= most": "no bound is equal to the last digit",
     r"found \* \(1 \+ \(side / away": "parts are divided further until a bound holds",
     r">= 1 / _FARTHEST": "no part begins just there",
@@ -152,7 +148,6 @@ EQUIVALENT = {
     r"=> .*range\(\(30\)\)": "16^30 is as far as any frequency",
     r"radius >= max": "a ball never is",
     r"gain_margins=\(True\)": "not asked for, only slower",
-    r"1e30\)": "any number beyond what a loop has",
     r"math.log\(ratio\) (\+ \(2\)|- 1)": "a row more or less at the top, where nothing stabilises",
     r"< _SAME \* max": "nor a width",
     r"if \(zeros > poles": "the scalar engine gives the same",
@@ -161,11 +156,9 @@ EQUIVALENT = {
     r"last - first - np.pi": "the same but for a whole turn",
     r"matters = .*=> .*>= np.log|\(gains <= top\)": "nor a gain",
     r"_INTEGRAL_TIMES = \(128|\[0, \(3\), 3, 4": "other times to look at",
-    r"\(-low\[here\]\)\[:_BINDING\]\] = True => pass": "what a closer look leaves out is looked at after all",
     r"_INSIDE = \(1.02": "gains outside an interval are left out",
     r"start < end\)\)": "a part without width forbids nothing",
     r"=> .*ki_ends = .*_REACH \* 3": "an end, as good if farther out",
-    r"=> draft = .*\(2.0\)\)": "what a draft says of itself is not read",
     r"dead_time or \(2.0\)": "any time serves an actuator that has none",
     r"=> if \(y\[V\] < a.final_speed\)|speed_kmh >= 0.999 \* speed": "nor a speed",
     r"<= np.abs\(f2\)\), x1, x2": "of two ends as good either will do",
@@ -176,7 +169,6 @@ EQUIVALENT = {
     r"self.signs >= 0": "1 and -1",
     r"1.0 - 0j|optimize=\(False\)": "the same",
     r"g\[0\] <= 1\)|\(low < 1 <= high": "no loop is at its limit to the last digit",
-    r"step = \(1.000001\)|log_slope\(\(omega \+ step": "Newton's method in a bracket forgives it",
     r"np.pi / low\) \* np.log\(_CELL": "fewer cells at first are parted further",
     r"\(off\) < wide|half <= _TINY|room <= boxes.half_fraction / 2": "nor bounds that are equal",
     r"_MOST_BOXES = \(10|_LONGEST_CHAIN = \(9": "where to give up",
@@ -336,6 +328,7 @@ def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
     if not child:
         try:
             resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            resource.setrlimit(resource.RLIMIT_DATA, (4 << 30, 4 << 30))  # a fault may ask for all the memory there is
             signal.alarm(20 * limit)
             for stream in (1, 2):
                 os.dup2(os.open("output", os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)

@@ -15,8 +15,6 @@ ROOT = Path(__file__).resolve().parent.parent
 def script(path: str) -> ModuleType:
     """Import a script by its path, as a reader would run it."""
     spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)

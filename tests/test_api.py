@@ -9,6 +9,7 @@ import inspect
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,8 @@ def public() -> dict[str, Any]:
 
 FUNCTIONS = {name: inspect.unwrap(thing) for name, thing in public().items() if inspect.isroutine(thing)}
 CLASSES = {name: thing for name, thing in public().items() if inspect.isclass(thing)}
+THINGS = FUNCTIONS | CLASSES
+ERRORS = {name for name, thing in CLASSES.items() if issubclass(thing, Exception)}
 
 
 def test_the_top_lists_what_it_offers() -> None:
@@ -109,32 +112,15 @@ def test_importing_the_package_costs_nothing() -> None:
     assert done.stdout.strip() == ""
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_argument_of_a_public_function_is_documented(name: str) -> None:
-    text = inspect.getdoc(FUNCTIONS[name]) or ""
+@pytest.mark.parametrize("name", THINGS)
+def test_every_argument_and_field_is_documented_and_every_number_has_its_unit_and_shape(name: str) -> None:
+    """The first paragraph of a class may give unit and shape of all its fields."""
+    thing = THINGS[name]
+    text, asked = documentation(thing), arguments_of(thing)
     assert text, f"{name} has no docstring"
-    missing = [argument for argument in inspect.signature(FUNCTIONS[name]).parameters if not entry(text, argument)]
+    missing = [argument for argument in asked if not entry(text, argument)]
     assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
-
-
-@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name.startswith("railslip_ctrl.")])
-def test_what_the_top_offers_says_of_every_argument_what_it_is_and_what_comes_back(name: str) -> None:
-    """A type alone is no description; what comes back is named by its type and described too."""
-    function, text = FUNCTIONS[name], inspect.getdoc(FUNCTIONS[name]) or ""
-    mute = [a for a in inspect.signature(function).parameters if "\n    " not in entry(text, a)]
-    assert not mute, f"{name}: {', '.join(mute)} listed without a word"
-    returned = re.search(r"^Returns\n-+\n(\S.*)((?:\n {4}.*)+)", text, flags=re.M)
-    assert returned, f"{name}: no Returns section, or a type alone"
-    assert returned[1].endswith(str(function.__annotations__["return"])), f"{name} returns {returned[1]!r}"
-    assert UNIT.search(returned[2]), f"{name}: no unit in what it returns: {returned[2]!r}"
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_every_field_of_a_public_record_is_documented(name: str) -> None:
-    text = documentation(CLASSES[name])
-    assert text, f"{name} has no docstring"
-    missing = [field for field in fields_of(CLASSES[name]) if not entry(text, field)]
-    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
+    assert not unsaid(text, asked, general=text.partition("\n\n")[0] if inspect.isclass(thing) else "")
 
 
 @pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if issubclass(thing, Record)])
@@ -148,27 +134,18 @@ def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> 
                 assert key not in one or f"{sign} {one[key]:g}" in said, f"{name}.{field}: no bound in {said!r}"
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_number_taken_by_a_public_function_has_its_unit_and_shape(name: str) -> None:
-    text, parameters = inspect.getdoc(FUNCTIONS[name]) or "", inspect.signature(FUNCTIONS[name]).parameters
-    annotations = {argument: str(parameter.annotation) for argument, parameter in parameters.items()}
-    assert not unsaid(text, annotations, general="")
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_every_number_of_a_public_record_has_its_unit_and_shape(name: str) -> None:
-    """The first paragraph may give those of all."""
-    text = documentation(CLASSES[name])
-    assert not unsaid(text, fields_of(CLASSES[name]), general=text.partition("\n\n")[0])
+@cache
+def methods(thing: type) -> list[ast.FunctionDef]:
+    """Those in a class's own text."""
+    (node,) = ast.parse(inspect.getsource(thing)).body
+    return [item for item in node.body if isinstance(item, ast.FunctionDef)]
 
 
 @pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
 def test_every_public_method_says_what_it_takes(name: str) -> None:
     """With its unit and shape; in its own docstring, or that of what it implements, or else in the class's."""
     thing = CLASSES[name]
-    (node,) = ast.parse(inspect.getsource(thing)).body
-    assert isinstance(node, ast.ClassDef)
-    for method in (item for item in node.body if isinstance(item, ast.FunctionDef) and item.name[0] != "_"):
+    for method in (item for item in methods(thing) if item.name[0] != "_"):
         said = [
             vars(base)[method.name].__doc__ or "" for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base)
         ]
@@ -181,36 +158,37 @@ def test_every_public_method_says_what_it_takes(name: str) -> None:
                 assert told, f"{name}.{method.name}: {argument.arg} is not in its docstring with its unit and shape"
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_every_error_a_public_function_raises_is_documented(name: str) -> None:
-    text = inspect.getdoc(FUNCTIONS[name]) or ""
-    (function,) = ast.parse(inspect.getsource(FUNCTIONS[name])).body
-    missing = {error for error in raised(function) if not re.search(rf"\b{error}\b", text)}
-    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
+@pytest.mark.parametrize("name", [name for name in THINGS if name not in ERRORS])
+def test_every_error_that_is_raised_is_documented(name: str) -> None:
+    """By the function or public method that raises it, or by the class, which says what making the object raises."""
+    thing = THINGS[name]
+    if inspect.isclass(thing):
+        said = {
+            method.name: (method, ast.get_docstring(method) or "")
+            for method in methods(thing)
+            if method.name[0] != "_"
+            or method.name.startswith("__")
+            or any("validator" in ast.unparse(decorator) for decorator in method.decorator_list)
+        }
+    else:
+        said = {"": (ast.parse(inspect.getsource(thing)).body[0], "")}
+    for part, (node, text) in said.items():
+        missing = {one for one in raised(node) if not re.search(rf"\b{one}\b", documentation(thing) + text)}
+        assert not missing, f"{name} {part}: {', '.join(missing)} not in its docstring"
 
 
-@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
-def test_every_error_a_public_class_raises_is_documented(name: str) -> None:
-    """By the public method that raises it, or by the class, which says what making the object raises."""
-    (node,) = ast.parse(inspect.getsource(CLASSES[name])).body
-    assert isinstance(node, ast.ClassDef)
-    for method in (item for item in node.body if isinstance(item, ast.FunctionDef)):
-        private, dunder = method.name.startswith("_"), method.name.startswith("__")
-        if private and not (dunder or any("validator" in ast.unparse(d) for d in method.decorator_list)):
-            continue
-        text = documentation(CLASSES[name]) + (ast.get_docstring(method) or "")
-        missing = {error for error in raised(method) if not re.search(rf"\b{error}\b", text)}
-        assert not missing, f"{name}.{method.name}: {', '.join(missing)} not in its docstring"
-
-
-def documentation(thing: type) -> str:
-    """The docstrings of a class and of the package's classes it is made from."""
+def documentation(thing: Any) -> str:
+    """The docstring of a function, or those of a class and of the package's classes it is made from."""
+    if not inspect.isclass(thing):
+        return inspect.getdoc(thing) or ""
     own = (base for base in thing.__mro__ if base.__module__.startswith("railslip_ctrl"))
     return "\n\n".join(inspect.cleandoc(base.__doc__ or "") for base in own)
 
 
-def fields_of(thing: type) -> dict[str, str]:
-    """Fields and their types."""
+def arguments_of(thing: Any) -> dict[str, str]:
+    """Arguments of a function, or fields of a class, and their types."""
+    if not inspect.isclass(thing):
+        return {name: str(argument.annotation) for name, argument in inspect.signature(thing).parameters.items()}
     if issubclass(thing, pydantic.BaseModel):
         return {field: str(info.annotation) for field, info in thing.model_fields.items()}
     if dataclasses.is_dataclass(thing):
@@ -248,9 +226,9 @@ def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]
 
 def docstring_of(pointed_at: str) -> str:
     """Of what a docstring points at; "" unless that is public."""
-    known = {name.rpartition(".")[2]: thing for name, thing in (FUNCTIONS | CLASSES).items()}
+    known = {name.rpartition(".")[2]: thing for name, thing in THINGS.items()}
     thing = known.get(pointed_at.rpartition(".")[2])
-    return documentation(thing) if inspect.isclass(thing) else (thing and inspect.getdoc(thing)) or ""
+    return documentation(thing) if thing else ""
 
 
 def raised(node: ast.AST) -> set[str]:

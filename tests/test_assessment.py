@@ -75,35 +75,6 @@ def test_published_md_gains_only_just_stable_as_published_and_unstable_in_si(col
             assert "times this loop gain would stabilise it" in a.verdict_line
 
 
-def test_loop_equals_python_control_series_connection():
-    p = plant()
-    loop = wheel_slip_loop(p, PIController(PIGains(kp=190.0, ki=5.0), lead=0.6, lead_filter=0.06), PARK2008.actuator)
-    s = ct.tf("s")
-    expected = (190 + 5 / s) * (0.6 * s + 1) / (0.06 * s + 1) / (0.6 * s + 1) * ct.tf(p.to_control()[0, 0])
-    omega = np.geomspace(1e-2, 1e2, 40)
-    assert loop(1j * omega) == pytest.approx(
-        expected(1j * omega) * np.exp(-0.15j * omega), rel=1e-9
-    )  # python-control goes through polynomials
-
-
-def test_speed_as_a_state_changes_the_fast_margins_little():
-    frozen = assess(plant(), pi(190.0, 5.0), PARK2008.actuator).loop
-    moving = wheel_slip_loop(plant(speed_state=True), pi(190.0, 5.0), PARK2008.actuator)
-    omega = np.geomspace(0.5, 10, 9)
-    # the speed's own mode lies near 0.01 1/s: its share at 0.5 rad/s is 0.01/0.5
-    assert moving(1j * omega) == pytest.approx(frozen(1j * omega), rel=0.02)
-
-
-def test_limits_are_those_of_the_pole_and_the_dead_time():
-    limits = assess(plant(), pi(190.0, 5.0), PARK2008.actuator).limits
-    p = 0.82083763
-    assert limits.actuator_product == pytest.approx(p * 0.75, rel=1e-7)
-    assert limits.mt_bound == pytest.approx(math.exp(p * 0.15), rel=1e-7)
-    # the bound is one: no loop of the family gets below it
-    for kp in (150.0, 200.0, 400.0):
-        assert assess(plant(), pi(kp, 1.0), PARK2008.actuator).margins.mt > limits.mt_bound
-
-
 def test_common_pi_are_a_minimum_and_inside_their_range():
     plants = [plant(rail) for rail in Rail]
     design = common_pi(plants, PARK2008.actuator)
@@ -230,19 +201,13 @@ def test_schedule_interpolates_holds_its_ends_and_round_trips(schedule):
     assert GainSchedule.from_json(schedule.to_json()) == schedule
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{}", "[]", '{"entries": 3}', '{"lead_s":0,"lead_filter_s":0,"lowest_speed_kmh":1,"entries":[]}']
-)
-def test_schedule_refuses_what_it_did_not_write(text):
-    with pytest.raises(InputError, match="gain schedule"):
-        GainSchedule.from_json(text)
-
-
 def test_schedule_checks_speed_and_rail(schedule):
     with pytest.raises(InputError, match="speed"):
         schedule.controller(0.0, Rail.DRY)
     with pytest.raises(InputError, match="no entries for wet"):
         schedule.controller(10.0, Rail.WET)
+    with pytest.raises(InputError, match="no entries"):
+        schedule_gains((), ms_max=1.8)
 
 
 def test_schedule_names_the_entry_that_cannot_be_met():
@@ -275,40 +240,22 @@ def test_lowest_speed_of_a_given_controller():
     assert fussy > lowest
     with pytest.raises(InfeasibleDesignError, match="does not hold the loop at 100"):
         lowest_held_speed(plant, PIController(PIGains(kp=1e6, ki=1.0)), PARK2008.actuator)
-    assert lowest_held_speed(plant, PI_LEAD, Actuator(dead_time=0.0, lag=0.0), low_kmh=60.0) == 60.0
+    assert lowest_held_speed(lambda _: plant(60.0), PI_LEAD, PARK2008.actuator) == 0.5
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("old", "new"),
     [
-        ('"speed_kmh": 40.0', '"speed_kmh": NaN'),
-        ('"speed_kmh": 40.0', '"speed_kmh": -40.0'),
-        ('"speed_kmh": 40.0', '"speed_kmh": 100.0'),
-        ('"lead_s": 0.6', '"lead_s": -3'),
-        ('"kp_si": 3', '"kp_si": "3'),
-        ('"worst_ms": 1.', '"worst_ms": 0.'),
-        ('"lowest_speed_kmh": ', '"lowest_speed_kmh": -1'),
+        *(('"speed_kmh": 40.0', f'"speed_kmh": {speed}') for speed in ("NaN", "100.0")),
+        *(('"lead_s": 0.6', '"lead_s": -3'), ('"kp_si": 3', '"kp_si": "3')),
+        ('"lowest_speed_kmh": ', '"lowest_speed_kmh": -'),
+        *((None, text) for text in ("", "{}", "[]", '{"entries": 3}')),
     ],
 )
-def test_schedule_refuses_nonsense_in_one_line(schedule, change):
+def test_schedule_refuses_what_it_did_not_write_in_one_line(schedule, old, new):
     text = schedule.to_json()
-    assert change[0] in text
+    assert old is None or old in text
     with pytest.raises(InputError, match=r"gain schedule|lead") as caught:
-        GainSchedule.from_json(text.replace(*change))
+        GainSchedule.from_json(text.replace(old, new) if old else new)
     assert "\n" not in str(caught.value)
     assert "http" not in str(caught.value)
-
-
-def test_schedule_s_lowest_speed_is_its_own_and_the_gains_between_are_checked():
-    made = schedule_gains((60.0, 100.0), law="curve", rails=(Rail.DRY,), ms_max=1.8, lead=0.6, lead_filter=0.06)
-    for offset, stable in ((1e-3, True), (-1e-3, False)):
-        speed = made.lowest_speed_kmh + offset
-        controller = made.controller(speed / 3.6, Rail.DRY)
-        loops = [
-            wheel_slip_loop(plant_at("curve", vehicle, Rail.DRY, speed), controller, PARK2008.actuator)
-            for vehicle in (PARK2008, PARK2008.loaded())
-        ]
-        assert all(loop.is_stable() for loop in loops) is stable
-    assert made.worst_ms == pytest.approx(1.8, rel=0.05)
-    with pytest.raises(InputError, match="no entries"):
-        schedule_gains((), ms_max=1.8)

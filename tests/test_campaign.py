@@ -26,7 +26,6 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
-from railslip_ctrl.report.plots import save_figure
 from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario
 from railslip_ctrl.simulation.campaign import (
@@ -48,7 +47,7 @@ from railslip_ctrl.simulation.campaign import (
 from railslip_ctrl.simulation.campaign.execution import MANIFEST, MEASURES, REFUSED, Part, run_part, run_rows
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.campaign.specification import numbers, replaced
-from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Histogram, Moments, quantile, share
+from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Moments, quantile, share
 from railslip_ctrl.simulation.catalogue import controller_named, published_controller
 from railslip_ctrl.simulation.scenario import Event
 
@@ -215,15 +214,12 @@ def mass(distribution, relative=False, *paths):
         (lambda: Uniform(0.0, math.inf), "finite bounds"),
         (lambda: Normal(0.0, 0.0), "std 0 is not allowed"),
         (lambda: Normal(0.0, 1.0, 9.0, 10.0), "nothing of the distribution"),
-        (lambda: Normal(0.0, 1.0, -10.0, -9.0), "nothing of the distribution"),
         (lambda: LogNormal(-1.0, 0.1), "median -1"),
-        (lambda: LogNormal(1.0, 0.1, low=0.0), "low 0"),
         (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
         (lambda: Choice(()), "choice: .* at least one"),
         (lambda: Choice((1.0,), (0.0,)), "weights"),
         (lambda: Grid((math.nan,)), "grid: .* finite"),
         (lambda: mass(Uniform(1.0, 2.0), False, "vehicle.maas"), r"did you mean 'vehicle.mass'\?"),
-        (lambda: mass(Uniform(0.0, 1.0), False, "zzz"), "is no number of the scenario"),
         (lambda: mass(Uniform(-1.0, 4000.0)), r"vehicle: mass: -1 is not allowed; give a value > 0 \(kg\)"),
         (lambda: mass(Uniform(3000.0, 9000.0)), "mass_loaded: 5276 is not allowed"),
         (lambda: mass(Uniform(0.9, 1.1), True, "limits.torque_max"), "no number for a factor"),
@@ -232,7 +228,6 @@ def mass(distribution, relative=False, *paths):
         (lambda: Campaign(SHORT, (), 4), "none given"),
         (lambda: Campaign(SHORT, (PI, PI), 4), "two have the name 'pi'"),
         (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
-        (lambda: Campaign(SHORT, (PI,), 4, seed=-1), "seed: -1"),
         (lambda: short(24, sampling=Sampling.SOBOL), "powers of 2: 16 or 32"),
         (lambda: short(4).case(4), "runs 0 to 3"),
     ],
@@ -267,13 +262,11 @@ def test_a_file_gives_the_campaign(tmp_path):
         ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
         ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
         ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
-        ("high = 4000", "", "high: missing"),
         ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
         ("kp = 1500", "", "kp and ki: give both"),
         ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
         ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
         ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
-        ('"short.toml"', '"park"', "campaign.toml: scenario: 'park' is not one"),
         ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
     ],
 )
@@ -459,15 +452,6 @@ def test_shares():
     assert math.isnan(share(0, 0).value)
 
 
-def test_histograms():
-    data = np.random.default_rng(0).normal(size=1001)
-    found = Histogram.of(data)
-    assert (found.edges[0], found.edges[-1]) == (data.min(), data.max())
-    assert found.merged().counts.size == 20  # 2 n^(1/3)
-    assert found.merged().counts.sum() == found.counts.sum() == 1001
-    assert Histogram.of(np.full(3, 7.0)).counts.sum() == 3
-
-
 def test_statistics_are_numpys(finished):
     summary, frame = summarise(finished, worst_by="max_slip"), rows_of(finished)
     for name in ("pi", "soft"):
@@ -544,17 +528,6 @@ def test_a_sweep_is_told_point_by_point(tmp_path):
 
 
 # --- how it is shown ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("spread", [1e-12, pytest.param(1e-4, marks=pytest.mark.long)])
-def test_pictures_of_runs_that_hardly_differ_can_be_read(spread, tmp_path):
-    quiet = dict.fromkeys(("speed_noise", "wheel_noise"), 0.0)
-    calm = SHORT.disturbances.model_copy(update={"random_force": 0.0, "caliper_fraction": 0.0})
-    same = SHORT.with_changes(disturbances=calm, measurement=SHORT.measurement.model_copy(update=quiet))
-    mass = Quantity(("vehicle.mass",), Uniform(1.0 - spread, 1.0 + spread), relative=True)
-    summary = summarise(execute(Campaign(same, (PI,), 4, (mass,)), tmp_path / "out", workers=1))
-    for figure in (distributions_figure(summary), scatter_figure(summary)):
-        save_figure(figure, tmp_path / "figure.png")  # conftest.py looks at what is saved
 
 
 def test_the_command(tmp_path, railslip):

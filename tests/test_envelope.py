@@ -205,7 +205,7 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused(tmp_path
     with pytest.raises(InputError, match="no case is left; beam, dry, empty"):
         on_it.points(nominal=True)
     with pytest.raises(InputError, match="cases are more than 500000"):
-        Envelope(speeds=range(1, 1000), slip=np.linspace(0.5, 1.5, 50)).points()
+        Envelope(speeds=range(1, 101), slip=np.linspace(0.5, 1.5, 50)).points()
 
 
 def test_what_a_law_does_not_reach_is_left_out_with_the_reason():
@@ -423,14 +423,12 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert [c.rank for c in selection.choices] == sorted(c.rank for c in selection.choices)
     assert len(selection.choices) == 6
     assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
-    told = [
-        ("; adhesion " in one.words, one.reference_factor < 1) for one in selection.choices if one.design is not None
-    ]
-    assert told
-    assert all(says == less for says, less in told)  # what less slip costs
 
 
-@pytest.mark.parametrize(("envelope", "factor"), [(ONE_LAW, 1.0), (ONE_LAW, 0.75), (Envelope(speeds=40.0), 1.0)])
+@pytest.mark.parametrize(
+    ("envelope", "factor"),
+    [(ONE_LAW, 1.0), (ONE_LAW, 0.75), pytest.param(Envelope(speeds=40.0), 1.0, marks=pytest.mark.long)],
+)
 def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope, factor):
     """None is robust from a lower speed, or from the same one with a larger ki."""
     selected = selection if envelope is ONE_LAW else select(envelope, ["pi-lead"], [factor])
@@ -491,6 +489,7 @@ def test_a_smaller_slip_tells_what_it_costs(selection):
     assert own.adhesion_share == 1.0
     assert 0.6 < less.adhesion_share < 1.0
     assert f"adhesion {100 * (less.adhesion_share - 1):+.2g} %" in less.words
+    assert "; adhesion " not in own.words
 
 
 def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():
@@ -530,22 +529,6 @@ def coach(tmp_path):
     return path
 
 
-@pytest.mark.long
-def test_margins_over_the_default_envelope_are_those_of_judge(railslip, coach):
-    status, out, err = railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")
-    found, judged = json.loads(out), judge(FAST, Envelope(load_vehicle(coach)))
-    assert (status, err) == (1, "")
-    assert {key: found[key] for key in judged.table()} == json.loads(json.dumps(judged.table()))
-    assert set(found["worst"]["case"]) == {
-        "adhesion", "rail", "speed_kmh", "slip", "load", "mass_kg", "wheel_load_n", "dead_time_s", "lag_s", "radius_m",
-    }  # fmt: skip
-    assert len(found["cases"]) == 48
-    assert {case["load"] for case in found["cases"]} == {"empty", "loaded"}
-    assert {case["wheel_load_n"] for case in found["cases"]} == {COACH.wheel_load, COACH.wheel_load_loaded}
-    stable = [case["stable"] for case in found["cases"]]
-    assert stable == judged.stable[judged.points.operating].tolist()
-
-
 def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path):
     named = ("--rail", "wet", "--speed", "60", "--slip", "0.07", "--loaded", "--adhesion", "curve")
     narrow = json.loads(railslip("margins", "--vehicle", coach, *GAINS, *named, "--envelope", "default", "--json")[1])
@@ -560,20 +543,6 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
     assert json.loads(railslip("margins", "--vehicle", coach, *GAINS, "--envelope", file, "--json")[1]) == narrow
     coach.write_text(COACH_FILE + own, encoding="utf-8")  # of the vehicle's own file
     assert json.loads(railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")[1]) == narrow
-
-
-def test_the_text_says_verdict_worst_and_map_and_nominal_says_so(railslip):
-    arguments = ("margins", "--kp", "229.4", "--ki", "5", "--lead", "0.6", "--speed", "20", "--speed", "60")
-    status, out, _ = railslip(*arguments, "--envelope", "default")
-    assert status == 0
-    assert "Verdict: fragile: unstable at curve, dry, empty, 20 km/h, slip +25 %" in out
-    assert "Usable from  60 km/h" in out
-    assert "432, of them 16 operating points" not in out
-    assert "knife's edge" in out
-    status, out, _ = railslip(*arguments, "--envelope", "default", "--nominal")
-    assert status == 0
-    assert "Verdict: robust at the operating points: Ms 1.57 at curve, dry, empty, 20 km/h" in out
-    assert "with tolerances" not in out
 
 
 @pytest.mark.parametrize(
@@ -628,14 +597,13 @@ def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
 @pytest.mark.parametrize("period", [0.01, 0.05])
 def test_what_is_tuned_is_what_runs(period, tmp_path):
     """The sampled loop of the saved file by python-control, of dead time 15 or 3 periods, on a fine grid."""
-    envelope = Envelope(
-        rails="dry", laws="bristle", speeds=(60, 100), loads="empty", reference={"dry": 0.1, "wet": 0.1}
-    )
-    best = tune(envelope, "pi-lead", 2.0, period=period)
+    slip = {"dry": 0.1, "wet": 0.1}
+    envelope = Envelope(rails="dry", laws="bristle", speeds=(60, 100), loads="empty", reference=slip)
+    best = tune(envelope.at(slip=1.0, dead_time=1.0, lag=1.0, radius=1.0), "pi-lead", 2.0, period=period)
     best.save(tmp_path / "best.toml")
     control = load_controller(tmp_path / "best.toml")
     assert (control.period, control.rule.value) == (period, "tustin")
-    s, z = ct.tf("s"), np.exp(1j * np.linspace(1e-4, np.pi, 200_000))
+    s, z = ct.tf("s"), np.exp(1j * np.geomspace(1e-3, np.pi, 20_000))
     gains, lead = control.design.gains, (control.design.lead * s + 1) / (control.design.lead_filter * s + 1)
     c = ct.sample_system((gains.kp + gains.ki / s) * lead, period, "tustin")
     ms = []
@@ -650,7 +618,9 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
     assert found.verdict == "robust"
 
 
-@pytest.mark.parametrize("bounds", [(Specification(1.8), None), (Specification(), 5.0)])
+@pytest.mark.parametrize(
+    "bounds", [(Specification(1.8), None), pytest.param((Specification(), 5.0), marks=pytest.mark.long)]
+)
 def test_what_is_tuned_at_the_ends_is_what_is_tuned_at_all_plants_at_once(bounds):
     """Also where plants between the ends bind, which the search then takes in: of more slip."""
     plants = [
@@ -674,7 +644,7 @@ def test_what_is_tuned_at_the_ends_is_what_is_tuned_at_all_plants_at_once(bounds
 def test_tune_judges_the_envelope_unless_points_are_named(railslip):
     whole = json.loads(railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--json")[1])
     assert not whole["feasible"]
-    assert whole["reason"].endswith("from 20 km/h up it can")
+    assert "; from 20 km/h up it can; with 0.5 of" in whole["reason"]
     named = railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--mass", "4000")[1]
     assert "of the operating points alone. M alone was changed: the wheel load stayed at 34500 N." in " ".join(
         named.split()
@@ -703,22 +673,3 @@ def test_the_slips_held_are_those_of_every_law():
         envelope = Envelope(speeds=60, **axes)
         found = held_slips(envelope, envelope.points(nominal=True))
         assert (found and (found.dry, found.wet)) == held
-
-
-def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):
-    file = tmp_path / "best.toml"
-    case = ("--vehicle", coach, "--envelope", "default", "--adhesion", "curve", "--speed", "60", "--speed", "100")
-    _, out, told = railslip(
-        "tune", *case, "--structure", "pi-lead", "--ms-max", "2", "--slip", "0.1", "--out", file, "--json"
-    )
-    tuned = json.loads(out)
-    assert f"below {load_controller(file).cut_out_speed * 3.6:g} km/h" in told
-    _, out, _ = railslip("margins", *case, "--controller", file, "--json")  # with the slip of its file
-    judged = json.loads(out)
-    for key in ("verdict", "worst", "worst_with_tolerances"):
-        assert judged[key] == tuned[key]
-    mine = tmp_path / "mine.py"
-    mine.write_text("import control as ct\nCONTROLLER = ct.tf([440.0, 1124, 60], [0.04, 1, 0])  # FAST\n")
-    _, out, _ = railslip("margins", *case, "--controller", mine, "--json")
-    expected = judge(FAST, Envelope(load_vehicle(coach), laws="curve", speeds=(60, 100))).worst.ms
-    assert json.loads(out)["worst"]["ms"] == pytest.approx(expected, rel=1e-9)

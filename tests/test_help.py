@@ -12,7 +12,6 @@ from pathlib import Path
 
 import click
 import pytest
-from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 from project import ROOT
 from rig_logs import rig_rows, write_log
@@ -44,8 +43,7 @@ def example(text: str) -> str:
 
 EXAMPLES = {name: example(command.help) for name, command in COMMANDS.items()} | {"--help": example(railslip.help)}
 
-IN_A_PIPE = "campaign"  # has a progress bar; its example is run in a process of its own
-
+LONG = ("campaign", "identify", "report", "reproduce", "tune", "verify")
 CAMPAIGN = """
 scenario = "park2008"
 runs = 2
@@ -76,11 +74,7 @@ def prepare(name: str, folder: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.long] * (name in ("report", "reproduce", "tune", "verify")))
-        for name in EXAMPLES
-        if name != IN_A_PIPE
-    ],
+    [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in EXAMPLES],
 )
 @pytest.mark.usefixtures("without_lag_search")
 def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
@@ -143,36 +137,9 @@ def test_version_and_no_command():
 # --- the shell -----------------------------------------------------------------------------------------------------
 
 
-def completions(words: list[str], incomplete: str) -> list[str]:
-    found = ShellComplete(railslip, {}, "railslip", "_RAILSLIP_COMPLETE").get_completions(words, incomplete)
-    return [item.value for item in found]
-
-
-def test_completion_of_commands_and_options():
-    assert completions([], "") == list(_COMMANDS)
-    assert completions([], "re") == ["report", "reproduce"]
-    assert completions([], "--v") == ["--version"]
-    for name, command in COMMANDS.items():
-        names = {word for option in command.params for word in (*option.opts, *option.secondary_opts) if word[0] == "-"}
-        assert set(completions([name], "--")) == names | {"--help"}
-
-
 def test_completing_a_command_s_name_imports_no_command():
     code = "import sys; from railslip_ctrl.cli import main\ntry: main()\nfinally: print(*sys.modules, file=sys.stderr)"
     words = {"_RAILSLIP_COMPLETE": "zsh_complete", "COMP_WORDS": "railslip ", "COMP_CWORD": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
     assert "\nmargins\n" in done.stdout
     assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
-
-
-@pytest.mark.long
-def test_nothing_is_coloured_in_a_pipe(tmp_path):
-    """Not even by a command with a progress bar, in a terminal that knows colours."""
-    words = shlex.split(EXAMPLES[IN_A_PIPE])[1:] + prepare(IN_A_PIPE, tmp_path)
-    wish = {"FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"}  # what could ask for it or against it
-    environment = {name: value for name, value in os.environ.items() if name not in wish} | {"TERM": "xterm-256color"}
-    command = [sys.executable, "-m", "railslip_ctrl", *words]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=True)
-    assert b"2/2" in done.stderr  # the bar
-    assert b"\x1b" not in done.stdout + done.stderr
-    assert (tmp_path / "tolerances" / "report.json").exists()

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -29,10 +28,7 @@ from railslip_ctrl import (
     Vehicle,
     assess,
     built_in_scenario,
-    derive,
     linearize,
-    load_law,
-    load_vehicle,
     nonlinear_plant,
     operating_point,
     published_law,
@@ -40,19 +36,16 @@ from railslip_ctrl import (
     tune_pi,
 )
 from railslip_ctrl.core.arguments import check_fields, checked, complexes, number, numbers
-from railslip_ctrl.design import actuated_plant, margin_grid
+from railslip_ctrl.design import margin_grid
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
-from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
+from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.vehicle import Record, Wheel
-from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.catalogue import published_controller
-from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.scenario import load_scenario
 
 LAW = published_law("bristle", Rail.DRY)
 POINT = operating_point(LAW, PARK2008, 27.0, 0.13)
@@ -82,31 +75,19 @@ def refusal(call: Callable[[], object]) -> str:
 
 
 WHEEL = {"radius": 0.4, "inertia": 60.0}
-NO_TEXT = "is text without a unit; write the unit too, or give the number of N*m/(m/s) without quotes"
 RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
     (Wheel, {**WHEEL, "radius": -1.0}, "Wheel: radius: -1 is not allowed; give a value > 0 (m)"),
-    (Wheel, {**WHEEL, "radius": math.nan}, "Wheel: radius: nan is not allowed; give a finite number in m"),
-    (
-        *(Wheel, {**WHEEL, "radius": "2 kg"}),
-        "Wheel: radius: '2 kg' has the wrong dimension; it must be convertible to 'm'",
-    ),
     (Actuator, {"dead_time": 0.1}, "Actuator: lag: missing; give it (s): time constant of the first-order lag"),
     (Actuator, {"dead_time": 0.1, "lag": 0.6, "delay": 0.1}, "Actuator: delay: unknown key; allowed: dead_time, lag"),
     (PIGains, {"kp": True, "ki": 1.0}, "PIGains: kp: True is not a number in N*m/(m/s)"),
-    (PIGains, {"kp": "190", "ki": 1.0}, f"PIGains: kp: '190' {NO_TEXT}"),
     (
         *(law_class("table"), {"slip": (0.1, 0.2), "mu": (0.1, "0.2")}),
         "LookupTable: mu: '0.2' is text; give the number without quotes",
     ),
     (
-        *(law_class("table"), {"slip": (0.2, 0.1), "mu": (0.1, 0.2)}),
-        "LookupTable: slip: 0.1 after 0.2 is not allowed; give slip ratios that rise strictly",
-    ),
-    (
         *(Vehicle, {**VEHICLE, "wheel": {**WHEEL, "radius": -1.0}}),
         "Vehicle: wheel.radius: -1 is not allowed; give a value > 0 (m)",
     ),
-    (Vehicle, {**VEHICLE, "wheel": 3}, "Vehicle: wheel: 3 is not allowed; give a table of keys"),
     (
         *(lambda **keys: Vehicle.model_validate(keys), {**VEHICLE, "mass_loaded": 3000.0}),
         "Vehicle: mass_loaded: 3000 is not allowed; give a value >= mass = 3517 (kg)",
@@ -119,7 +100,6 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
         *(PARK2008.model_copy, {"update": {"mas": 4000.0}}),
         "Vehicle: mas: unknown key; did you mean 'mass'? allowed: " + ", ".join(Vehicle.model_fields),
     ),
-    (ReferenceSlip, {"dry": 0.1, "wet": 1.0}, "ReferenceSlip: wet: 1 is not allowed; give a value < 1"),
     (Rail.of, {"value": Thing()}, "rail: <a thing> is not a rail condition; choose dry or wet"),
 ]
 
@@ -170,32 +150,9 @@ def test_a_copy_takes_a_value_as_it_is() -> None:
     assert PARK2008.model_copy() == PARK2008
 
 
-FILES: dict[str, tuple[Callable[[Any], object], str]] = {
-    "vehicle.toml": (load_vehicle, "mass = 3517"),
-    "law.toml": (load_law, 'law = "burckhardt"\n[parameters]\nc1 = 0.3\nc2 = 24.0\nc3 = 0.1'),
-    "load.toml": (wheel_load_in, 'law = "beam"\nwheel_load = 3e4'),
-    "scenario.toml": (load_scenario, 'extends = "park2008"'),
-    "controller.toml": (load_controller, 'kind = "pi"\nkp = 1200\nki = 1200'),
-    "campaign.toml": (load_campaign, 'scenario = "park2008"\nruns = 2\n[[controller]]\ncontroller = "pi"'),
-}
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_file_is_named_by_text_or_by_a_path(name: str, tmp_path: Path) -> None:
-    load, content = FILES[name]
-    (tmp_path / name).write_text(content + "\n", encoding="utf-8")
-    assert load(str(tmp_path / name)) == load(tmp_path / name)
-    for other in (3, None, b"x.toml", ["x.toml"], Thing()):
-        assert "is not allowed; give " in refusal(lambda: load(other)) or "is not a path; give " in refusal(  # noqa: B023
-            lambda: load(other)  # noqa: B023
-        )
-
-
 FINITE = "is not allowed; give a finite value"
-LINEAR = "is not a linear system; give a python-control TransferFunction or StateSpace"
 CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], str]] = [
     (operating_point, ("bristle", PARK2008, 27.0, 0.1), {}, "law: 'bristle' is not allowed; give an AdhesionLaw"),
-    (operating_point, (LAW, PARK2008, 27.0, True), {}, "slip: True is not allowed; give a number"),
     (operating_point, (LAW, PARK2008, 27.0, math.nan), {}, "slip: nan is not allowed; give 0 <= slip < 1"),
     (
         operating_point,
@@ -203,30 +160,20 @@ CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], 
         {"rail": "icy"},
         "rail: 'icy' is not allowed; give dry or wet or None",
     ),
-    (linearize, ((27, 0.1),), {}, "point: (27, 0.1) is not allowed; give an OperatingPoint"),
     (linearize, (POINT,), {"speed_state": 1}, "speed_state: 1 is not allowed; give True or False"),
     (nonlinear_plant, (LAW, PARK2008), {"reference_slip": 2}, f"reference_slip: 2 {FINITE} >= 0 and < 1"),
-    (PIController, (PI.gains,), {"lead": -1, "lead_filter": 0.1}, f"lead: -1 s {FINITE} >= 0"),
-    (DeadTimeLoop, (True,), {}, f"loop: bool {LINEAR}"),
-    (DeadTimeLoop, (LAG, math.nan), {}, f"dead time: nan s {FINITE} >= 0"),
     (LOOP.sensitivity, ("a",), {}, "omega: 'a' is not allowed; give a number or an array of numbers"),
-    (LOOP.phase, (np.array([1.0, -1.0]),), {}, f"omega: -1 rad/s {FINITE} > 0"),
     (LOOP.scaled, (math.inf,), {}, f"gain factor: inf {FINITE}"),
     (pade, (0.1, 1.5), {}, "order: 1.5 is not allowed; give an integer"),
-    (LOOP.pade, (0,), {}, f"Pade order: 0 {FINITE} >= 1 and <= 100"),
     (tune_pi, (LAG, 0.5), {"ms_max": 1}, f"ms_max: 1 {FINITE} > 1"),
     (tune_pi, (LAG,), {"minimise_ms": True, "ki_min": math.nan}, f"ki_min: nan {FINITE} > 0"),
     (
         *(Specification, (), {"crossover": (1, "a")}),
         "crossover: (1, 'a') is not allowed; give a number in place of 'a' or None",
     ),
-    (REGION.ki_intervals, (math.inf,), {}, f"kp: inf {FINITE}"),
     (margin_grid, (REGION, [1.0], [0.0, math.nan]), {}, f"ki: nan {FINITE}"),
-    (actuated_plant, (Thing(), PARK2008.actuator), {}, "plant: <a thing> is not allowed; give a LinearPlant"),
     (assess, (PLANT, PI, PARK2008.actuator), {"poles": 0}, f"poles: 0 {FINITE} >= 1 and <= 1000"),
     (published_law, ("bristle", "dry"), {"wheel_load": 0}, f"wheel load: 0 N {FINITE} > 0"),
-    (built_in_scenario, (None,), {}, "name: None is not allowed; give text"),
-    (derive, (), {"law": 3}, "law: 3 is not allowed; give text or None"),
 ]
 
 
@@ -362,18 +309,18 @@ REFUSED: dict[str, tuple[object, ...]] = {
 @pytest.mark.parametrize("name", TAKEN)
 def test_a_value_is_taken_if_of_its_kind(name: str) -> None:
     for value in TAKEN[name]:
-        assert taker(**{name: value})  # type: ignore[arg-type]
+        assert taker(**{name: value})
     for value in REFUSED.get(name, ()):
-        assert refusal(lambda: taker(**{name: value})).startswith(f"{name}: ")  # type: ignore[arg-type]  # noqa: B023
+        assert refusal(lambda: taker(**{name: value})).startswith(f"{name}: ")  # noqa: B023
 
 
 def test_names_of_an_enumeration_and_a_wrong_number_of_arguments() -> None:
-    assert taker(side="right")[4] is Side.RIGHT  # type: ignore[arg-type]
-    assert taker(pair=[1.5, 2])[6] == (1.5, 2)  # type: ignore[arg-type]
+    assert taker(side="right")[4] is Side.RIGHT
+    assert taker(pair=[1.5, 2])[6] == (1.5, 2)
     with pytest.raises(TypeError, match="positional argument"):
-        taker(*[0.0, 0, False, "", Side.LEFT, "slow", (0.0, 0), (), 0.0, None, math.sin, None, 1])  # type: ignore[arg-type]
+        taker(*[0.0, 0, False, "", Side.LEFT, "slow", (0.0, 0), (), 0.0, None, math.sin, None, 1])
     with pytest.raises(TypeError, match="unexpected keyword"):
-        taker(unknown=1)  # type: ignore[call-arg]
+        taker(unknown=1)
 
 
 def test_a_number_out_of_its_bounds_is_refused() -> None:
@@ -412,4 +359,4 @@ def test_fields_of_a_dataclass_are_checked_as_arguments() -> None:
             check_fields(self)
 
     assert Frozen(2).width == 2
-    assert refusal(lambda: Frozen("2")) == "width: '2' is not allowed; give a number"  # type: ignore[arg-type]
+    assert refusal(lambda: Frozen("2")) == "width: '2' is not allowed; give a number"

@@ -1,17 +1,18 @@
 """The loop engine against decisions it does not share any code with.
 
-The numbers of examples are five times those that noticed each of six faults put into the engine: a wrong branch of the
-phase, sign, side of a root, imaginary part, crossing or delay margin.
+The numbers of examples are twice those that noticed each of six faults put into the engine: a wrong branch of the
+phase, sign, side of a root, imaginary part, crossing or delay margin. More where new ones are drawn.
 """
 
 from __future__ import annotations
+
+import os
 
 import control as ct
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from property_examples import examples
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
@@ -19,6 +20,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response
 
 S = ct.tf("s")
+MORE = 5 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 1
 
 
 def rounded(low, high):
@@ -64,7 +66,7 @@ def delay_operator_eigenvalues(loop: DeadTimeLoop, points: int) -> np.ndarray:
     return np.linalg.eigvals(generator)
 
 
-@settings(max_examples=examples(250), suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=100 * MORE, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 def test_exact_root_count_equals_the_discretised_delay_operator(loop):
     fine, finer = (delay_operator_eigenvalues(loop, n) for n in (16, 22))
@@ -77,28 +79,7 @@ def test_exact_root_count_equals_the_discretised_delay_operator(loop):
     assert loop.is_stable() == bool(rightmost.real < 0)
 
 
-@settings(max_examples=examples(100))
-@given(random_loops())
-def test_root_count_equals_the_winding_of_a_densely_sampled_contour(loop):
-    system = loop.system
-    scale = 1 + np.abs(np.r_[system.poles, system.zeros]).max() + abs(system.gain)
-    omega = np.r_[0.0, np.geomspace(1e-5, 1e6 * scale, 40_001)]
-    s = 1j * omega
-    # Q(s)/(s + scale)^n has a finite limit at infinity; its argument from 0 to infinity counts the roots of Q
-    q = np.prod((s[:, None] - system.poles) / (s[:, None] + scale), axis=1)
-    q += (
-        system.gain
-        * np.exp(-s * loop.dead_time)
-        * np.prod((s[:, None] - system.zeros) / (s[:, None] + scale), axis=1)
-        / (s + scale) ** system.relative_degree
-    )
-    assume(np.min(np.abs(q)) > 1e-6)
-    steps = np.angle(q[1:] / q[:-1])
-    assume(np.max(np.abs(steps)) < 1.0)  # the sampling is dense enough to follow the argument
-    assert loop.unstable_closed_loop_poles == round(-steps.sum() / np.pi)
-
-
-@settings(max_examples=examples(100))
+@settings(max_examples=40 * MORE)
 @given(random_loops())
 def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
     system = loop.system
@@ -117,7 +98,7 @@ def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
     assert np.sort(found[found > 1e-4]) == pytest.approx(np.sort(on_axis), rel=1e-6)
 
 
-@settings(max_examples=examples(80))
+@settings(max_examples=32 * MORE)
 @given(random_loops())
 def test_each_margin_is_where_stability_is_lost(loop):
     assume(loop.is_stable())
@@ -137,7 +118,7 @@ def test_each_margin_is_where_stability_is_lost(loop):
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
 
 
-@settings(max_examples=examples(80))
+@settings(max_examples=32 * MORE)
 @given(random_loops())
 def test_peaks_are_suprema_and_attained(loop):
     assume(loop.is_stable())
@@ -155,7 +136,7 @@ def test_peaks_are_suprema_and_attained(loop):
             assert abs(response(np.array([frequency]))[0]) == pytest.approx(peak, rel=1e-9)
 
 
-@settings(max_examples=examples(40))
+@settings(max_examples=16 * MORE)
 @given(random_loops(max_factors=2))
 def test_closed_loop_poles_solve_the_quasi_polynomial_and_are_rightmost(loop):
     assume(loop.dead_time > 1e-3)
@@ -285,11 +266,6 @@ def test_state_space_and_transfer_function_agree():
 def test_zero_gain_loop():
     assert DeadTimeLoop(0.0 / (S + 1)).margins().ms == 1.0
     assert not DeadTimeLoop(Rational(np.array([]), np.array([1.0]), 0.0)).is_stable()
-
-
-def test_stabilising_range_of_an_unstable_loop_of_tiny_gain():
-    loop = DeadTimeLoop(1.5e-6 / ((4 * S - 1) * (0.6 * S + 1)), dead_time=0.15)
-    assert np.multiply(loop.stabilizing_gain_range, 1.5e-6) == pytest.approx((1.0, 23.3988133859), rel=1e-11)
 
 
 @pytest.mark.parametrize("a", [1e-160, 1e150])

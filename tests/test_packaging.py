@@ -8,9 +8,11 @@ import sysconfig
 import venv
 import zipfile
 
+import pytest
 from project import ROOT
 
 
+@pytest.mark.long
 def test_command_works_from_an_installed_wheel(tmp_path):
     built = tmp_path / "wheel"
     subprocess.run(

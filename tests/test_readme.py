@@ -26,7 +26,11 @@ COMMANDS = [
 """Those that need no file of the reader's."""
 
 
-LONG = {line: pytest.mark.long for line in COMMANDS if line.startswith(("railslip report", "railslip tune"))}
+LONG = {
+    line: pytest.mark.long
+    for line in COMMANDS
+    if line.startswith(("railslip report", "railslip tune", "railslip verify"))
+}
 
 
 @pytest.mark.parametrize(

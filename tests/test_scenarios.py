@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,
@@ -180,25 +179,18 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
         ("final_sped = 1.0", "final_sped: unknown key; did you mean 'final_speed'"),
         ('final_speed = "1 kg"', "final_speed: '1 kg' has the wrong dimension"),
         ("final_speed = 60.0", "give a value < initial_speed"),
-        ('inertia_scale = "2"', "inertia_scale: '2' is text; give the number"),
         ("limits = 3", "limits: 3 is not allowed; give a table"),
         ("[limits]\nrat = 1.0", "limits.rat: unknown key; did you mean 'rate'"),
-        ("[limits]\nrate = -1.0", r"limits.rate: -1 is not allowed; give a value > 0 \(N\*m/s\)"),
         ("[[events]]\ntime = 1.0\nmas = 2.0", "events.0.mas: unknown key; did you mean 'mass'"),
-        ("[[events]]\ntime = -1.0\nmass = 2.0", r"events.0.time: -1 is not allowed.*>= 0 \(s\)"),
         ('[[events]]\nrail = "wet"', "give either time or distance"),
         ("[[events]]\ntime = 1.0", "changes nothing"),
-        ("vehicle = 3", "vehicle: 3 is not allowed"),
         ('vehicle = "none.toml"', "vehicle: .*no such file"),
         ("[vehicle]\nmas = 1.0", "vehicle: mas: unknown key; did you mean 'mass'"),
         ('adhesion = "bristel"', "adhesion: .*is not a law"),
-        ('adhesion = "lugre"', "adhesion: .*gives no parameters"),
         ("adhesion = 3", "adhesion: 3 is not allowed"),
         ('initial_speed = "200 km/h"', "outside 30 to 140 km/h"),
-        ("initial_speed = 0", "initial_speed: 0 is not allowed; give a value > 0"),
         ("step = 1e-9", "step: 1e-09 is not allowed; give a value >= 1e-05"),
         ('extends = "park2009"', "extends: 'park2009' is not one; choose park2008"),
-        ("extends = 3", "extends: 3 is not allowed"),
         ('extends = "mine.toml"', "files extend one another"),
         ('extends = "none.toml"\nadhesion = "curve"\ninitial_speed = 20.0', "none.toml: no such file"),
         ('vehicle = "park2008"\nadhesion = "curve"', "needs initial_speed"),
@@ -269,28 +261,6 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
     assert profile == TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("kp = 1.0\n", "kind: missing; choose one of pi"),
-        ('kind = "pid"\n', "kind: 'pid' is not one; did you mean 'pi'"),
-        ('kind = "pi"\nkp = 1.0\n', r"ki: missing; give it \(N\*m/m\)"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6\n', "led: unknown key; did you mean 'lead'"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6\n', "lead filter: 0 s .* is not proper"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 2.0\n', "give a value > torque_min = 2"),
-        ('kind = "pi"\nkp = "1 kg"\nki = 1.0\n', "kp: '1 kg' has the wrong dimension"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9\n', "period: 1e-09 is not allowed"),
-        ('kind = "asmc"\nK = 1.0\nD = 0.0\nrho = 1.0\n', "D: 0 is not allowed; give a value > 0"),
-        ('kind = "asmc"\nK = 1.0\nD = 1.0\nrho = 1.0\nadhesion = "curve"\n', "is not a TOML file"),
-        ('kind = "scheduled"\nschedule = "none.json"\n', "no such file"),
-        ('kind = "slide-protection"\nfill_slip = 0.5\n', "0 < fill_slip < dump_slip < 1"),
-        ('kind = "torque-profile"\ntimes = [0]\ntorques = []\n', "1 times and 0 torques"),
-    ],
-)
-def test_controller_files_are_refused_in_one_line(controller_of, text, words):
-    assert "controller.toml" in refusal(controller_of, text, words)
-
-
 ANY_SIGN = {"kp", "ki", "torque_low", "torque_high", "initial_torque", "cut_out_torque", "torque_min", "torque_max"}
 
 
@@ -313,13 +283,6 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
             else:
                 with pytest.raises(ValueError, match=name):
                     record(**{**given, name: value})
-
-
-def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():
-    schedule = GainSchedule((ScheduleEntry(Rail.DRY, 100.0, PIGains(kp=1210, ki=1220), 2.0),), 0.6, 0.06, 5.0, 2.0)
-    scenario = built_in_scenario("park2008").with_changes(events=())
-    run = simulate(scenario, ScheduledControl(schedule, recommended_pi_lead().reference, torque_high=9000.0), seed=1)
-    assert run.stopped
 
 
 def test_events_hold_in_the_order_of_time_not_of_the_file():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -13,6 +14,13 @@ from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.design.stabilizing import region_map
 from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)
+def test_a_design_script_needs_names_from_the_top_alone(path):
+    """No room is named in an import, so that a room may be rebuilt without its users."""
+    named = re.findall(r"^\s*(?:from|import) (railslip_ctrl[\w.]*)", path.read_text("utf-8"), flags=re.M)
+    assert set(named) == {"railslip_ctrl"}
 
 
 @pytest.mark.long
@@ -125,6 +133,40 @@ def test_own_controller(tmp_path, capsys, monkeypatch):
     assert len(list(tmp_path.glob("own_controller_*.png"))) == 4
     assert "robust: Ms 1.92" in capsys.readouterr().out
     assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
+
+
+@pytest.mark.long
+def test_seeking_campaign(capsys, monkeypatch):
+    module = script("analysis/seeking_campaign.py")
+    stops = module.run((50, 51))
+    believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
+    assert np.median([stop.over for stop in believed]) < 7.0
+    assert max(stop.over for stop in believed) < 13.0
+    assert not any(stop.locked_at_kmh for stop in believed)
+    assert not any(stop.locked_at_kmh > 5 for stop in stops if stop.law in ("curve", "bristle", "beam"))
+    steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
+    assert np.median(steep) < 12.0  # 35 where the end of the start does not set the reference slip
+    monkeypatch.setattr(module, "run", lambda seeds: stops)
+    monkeypatch.setattr(sys, "argv", ["seeking_campaign.py", "2", "50"])
+    module.main()
+    assert capsys.readouterr().out.count("\n") == 3 * 7 + 1 + 25 + 2
+
+
+@pytest.mark.long
+def test_seeking(tmp_path, capsys, monkeypatch):
+    module = script("designs/seeking.py")
+    found = module.run()
+    assert found.judgement.verdict == "robust"
+    assert found.certified_ms[0] <= found.judgement.worst.ms <= found.certified_ms[1] * (1 + 1e-12)
+    assert found.judgement.worst.ms == pytest.approx(1.8688, abs=5.1e-5)
+    rows = {(row.law, row.rail): row for row in found.rows}
+    assert rows["curve", "dry"].distance == pytest.approx(141.8, abs=1.0)  # of one seed
+    assert rows["curve", "wet"].distance == pytest.approx(258.7, abs=1.5)
+    for row in found.rows:
+        assert row.bound < row.attainable < row.distance < 1.06 * row.attainable
+    show(module, found, tmp_path, monkeypatch)
+    assert (tmp_path / "seeking_map.png").exists()
+    assert "certified: Ms in [1.868" in capsys.readouterr().out
 
 
 def test_pade_order(capsys):

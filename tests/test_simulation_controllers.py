@@ -302,6 +302,10 @@ def test_every_named_controller_has_its_reference_and_period(name):
         (lambda: published_controller("pid"), "choose pi or asmc"),
         (lambda: published_controller("pi", "dahl"), "choose beam or bristle"),
         (lambda: published_controller("pi", adaptive=True), "choose 'asmc'"),
+        (lambda: TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "must rise"),
+        (lambda: TorqueProfile((), (), REFERENCE), "as many"),
+        (lambda: TorqueProfile((0.0,), (), REFERENCE), "as many"),
+        (lambda: TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),
     ],
 )
 def test_controllers_that_do_not_exist_are_refused(call, words):
@@ -344,17 +348,3 @@ def test_the_domain_of_a_law_is_linear_between_speeds():
     speeds = np.linspace(0.0, 33.0, 100)
     expected = np.interp(speeds, np.linspace(0.0, 30.0, 4), limits[1:])
     assert [limit(v, limits) for v in speeds] == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("times", "torques", "words"),
-    [
-        ((0.0, 0.0), (1.0, 2.0), "must rise"),
-        ((), (), "as many"),
-        ((0.0,), (), "as many"),
-        ((0.0,), (math.inf,), "finite"),
-    ],
-)
-def test_torque_profiles_are_refused(times, torques, words):
-    with pytest.raises(InputError, match=words):
-        TorqueProfile(times, torques, REFERENCE)

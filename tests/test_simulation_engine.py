@@ -10,6 +10,7 @@ import pytest
 from braking_runs import NO_ADHESION, NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, Rail, Resistance
 from railslip_ctrl.simulation import (
@@ -61,6 +62,13 @@ def test_the_energy_balance_closes(case: str) -> None:
     assert (run.energies.booked > 1e4) == (case != "SI, the wheel locks")  # which stops before 25 s
 
 
+def test_a_run_tells_its_lock_and_is_not_drawn_without_its_record() -> None:
+    run = simulate(*BALANCED["SI, the wheel locks"], seed=3, record_every=None)
+    assert f"locked {100 * run.locked_fraction:.2g} %" in str(run)
+    with pytest.raises(InputError, match="record_every"):
+        run.plot()
+
+
 # --- order -----------------------------------------------------------------------------------------------------------
 
 
@@ -108,7 +116,6 @@ def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> Non
     vehicle = bare_vehicle(dead_time=dead_time, lag=0.6)
     profile = TorqueProfile((0.0, 0.8, 1.3, 2.0), (500.0, 3000.0, -800.0, 400.0), REFERENCE, period=period)
     run = simulate(scenario(vehicle, longest_time=3.0, step=step), profile, seed=None)
-    assert run.signals is not None
     time, command = run.signals.time[:-1], run.signals.command[:-1]  # the last row is the end, not a sample
     expected = staircase_behind_actuator(time, command, dead_time, 0.6)
     # Runge-Kutta's own error over the run, (h/T)^4/120 of the torque: 2e-12 at the largest step
@@ -121,7 +128,6 @@ def test_without_a_lag_the_delayed_command_acts_at_once() -> None:
     run = simulate(
         scenario(bare_vehicle(dead_time=dead_time), longest_time=2.0), constant_torque(torque, period=0.01), seed=None
     )
-    assert run.signals is not None
     wheel = PARK2008.wheel
     expected = 30.0 / wheel.radius - torque / wheel.inertia * np.maximum(run.signals.time - dead_time, 0.0)
     np.testing.assert_allclose(run.signals.wheel_speed, expected, rtol=1e-12)
@@ -134,7 +140,6 @@ def test_fill_dump_and_rate_limit() -> None:
     vehicle = bare_vehicle(lag=fill, mass=1e6, mass_loaded=1e6)
     profile = TorqueProfile((0.0, end - 1e-6, end), (torque, torque, 0.0), REFERENCE, period=0.01)
     run = simulate(scenario(vehicle, longest_time=5.0, limits=limits), profile, seed=None)
-    assert run.signals is not None
     t, acting = run.signals.time, run.signals.torque
     linear_up, linear_down = (
         torque / rate - fill,
@@ -186,7 +191,6 @@ def test_the_viscous_coefficient_over_time(scale: float) -> None:
     run = simulate(
         scenario(vehicle, viscous_rate=-3.0, viscous_least=3.0, longest_time=5.0), constant_torque(0.0), seed=None
     )
-    assert run.signals is not None
     t = run.signals.time
     integral = np.where(t < 3.0, 12.0 * t - 1.5 * t**2, 22.5 + 3.0 * (t - 3.0))
     expected = 30.0 / 0.43 * np.exp(-integral / 60.35)
@@ -210,7 +214,6 @@ def test_measurement_noise_and_random_force_have_their_statistics() -> None:
         constant_torque(0.0),
         seed=11,
     )
-    assert run.signals is not None
     s = run.signals
     speed_error, wheel_error = s.measured_speed[:-1] - s.speed[:-1], s.measured_wheel_speed[:-1] - s.wheel_speed[:-1]
     held = s.random_force[:-1].reshape(-1, 20)
@@ -232,8 +235,6 @@ def test_quantised_and_filtered_measurements() -> None:
         for m in (fine, Measurement(filter_time=0.05))
     ]
     grid, filtered = (run.signals for run in runs)
-    assert grid is not None
-    assert filtered is not None
     for measured, true, quantum in (
         (grid.measured_speed[:-1], grid.speed[:-1], 0.1),
         (grid.measured_wheel_speed[:-1], grid.wheel_speed[:-1], 0.25),
@@ -253,8 +254,6 @@ def numbers(run: Run) -> tuple[float, ...]:
 def test_runs_repeat_with_their_seed() -> None:
     first, again = (simulate(built_in_scenario("park2008"), published_pi(), seed=5) for _ in range(2))
     assert numbers(first) == numbers(again)
-    assert first.signals is not None
-    assert again.signals is not None
     assert all(np.array_equal(a, b) for a, b in zip(first.signals, again.signals, strict=True))
     other = simulate(built_in_scenario("park2008"), published_pi(), seed=6, record_every=None)
     assert numbers(other) != numbers(first)
@@ -288,8 +287,6 @@ def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
     )
     runs = [simulate(base, pi(2000.0, 200.0, slip=0.95), seed=2, compiled=compiled) for compiled in (True, False)]
     compiled, interpreted = (run.signals for run in runs)
-    assert compiled is not None
-    assert interpreted is not None
     assert np.max(compiled.locked) == 1.0
     for name, one, other in zip(compiled._fields, compiled, interpreted, strict=True):
         # exp and sin may differ by a rounding, which slip beyond the peak makes grow by e^(2 s * 3/s)
@@ -348,7 +345,6 @@ def test_the_bristle_law_is_left_where_it_ends(torque: float, step: float) -> No
     base = published_scenario(as_published=False).with_changes(adhesion=law, initial_speed=140 / 3.6, step=step)
     run = simulate(base, constant_torque(torque), seed=None)
     assert run.outcome is Outcome.OUTSIDE_DOMAIN
-    assert run.signals is not None
     s = run.signals
     gamma = law.domain_limit(run.final_speed)[0] * run.final_speed
     # a thousandth before it, where the rates grow beyond bounds

@@ -90,7 +90,6 @@ def test_the_as_published_run_is_the_mixed_unit_one() -> None:
     """Inertia scale 3.6 in SI is speeds in km/h with forces in N: the same run to 1e-9, noise and switch included."""
     run = simulate(built_in_scenario("park2008"), published_pi(), seed=4)
     assert run.stopped
-    assert run.signals is not None
     s = run.signals
     rows = paper_run(s.random_force[:-1])
     for name, ours, theirs in (
@@ -112,7 +111,6 @@ def test_the_wheel_locks_when_the_torque_has_taken_its_momentum() -> None:
     controller = TorqueProfile((0.0,), (torque,), REFERENCE.model_copy(update={"dry": 1e-9}), period=0.01)
     run = simulate(base, controller, seed=None)
     lock = dead_time + PARK2008.wheel.inertia * (30.0 / PARK2008.wheel.radius) / torque
-    assert run.signals is not None
     assert np.array_equal(run.signals.locked, run.signals.time > lock)
     mean_slip = (0.5 * (lock - dead_time) + end - lock) / end
     # the reference of 1e-9 is missed on the other side for the first 1e-9 of the ramp
@@ -133,7 +131,6 @@ def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
     )
     controller = TorqueProfile((0.0, off - 1e-6, off), (torque, torque, 0.0), REFERENCE, period=0.01)
     run = simulate(base, controller, seed=None)
-    assert run.signals is not None
     s = run.signals
     r, J, M = PARK2008.wheel.radius, PARK2008.wheel.inertia, PARK2008.mass
     sliding = float(curve_force(1.0, *law.parameters()))
@@ -170,7 +167,6 @@ def test_a_wheel_at_the_edge_of_locking_neither_chatters_without_end_nor_loses_e
     swings = [(3.0 + 0.25 * n, edge * (1.2 if n % 2 else 0.9)) for n in range(200)]
     controller = TorqueProfile(*zip((0.0, 9000.0), (2.5, 9000.0), *swings, strict=True), REFERENCE)
     run = simulate(base, controller, seed=2)
-    assert run.signals is not None
     assert run.outcome in (Outcome.STOPPED, Outcome.OUT_OF_TIME)
     assert np.count_nonzero(np.diff(run.signals.locked) < 0) > 20  # releases
     assert np.min(run.signals.wheel_speed) >= -1e-12
@@ -187,7 +183,6 @@ def delayed_integrator(rate: float, dead_time: float, *, period: float, end: flo
     kp = rate * PARK2008.wheel.inertia / PARK2008.wheel.radius
     base = scenario(vehicle, limits=NO_LIMITS, longest_time=end)
     run = simulate(base, pi(kp, slip=0.01, period=period), seed=None)
-    assert run.signals is not None
     return run.signals.time, run.signals.slip / 0.01
 
 

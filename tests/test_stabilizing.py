@@ -176,7 +176,7 @@ def columns(rng, region):
     return found, [e * (1 + side * NEAR) for e in ends for side in (-1, 1)]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     rng = np.random.default_rng(seed)
     points = 0
@@ -244,7 +244,7 @@ def test_resonances_and_long_dead_times_hide_no_boundary():
 # -- PID ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
     rng = np.random.default_rng(seed)
     region, (td, kd, lag) = random_region(rng)
@@ -463,15 +463,6 @@ def test_outline_is_the_set():
     assert area == pytest.approx(np.trapezoid(strip.ki_high, strip.kp), rel=1e-12)
     assert np.all(strip.ki_low == 0)
     assert list(strip.ki_high) == [region.ki_limit(kp) for kp in strip.kp]
-
-
-def test_outline_of_a_set_that_begins_within_the_columns():
-    region = stabilizing_pi(UNSTABLE, 0.15)
-    (strip,) = outline(region, kp=np.linspace(0, 30, 7))
-    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1, 23.3988133859), rel=1e-9)
-    assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
-    (column,) = outline(region, kp=[2.0])
-    assert column.ki_high == [region.ki_limit(2.0)]
 
 
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():

@@ -30,7 +30,8 @@ from railslip_ctrl.simulation.step_objects import StepControl, as_control
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
-BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, name="built-in", rule="backward")
+DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
+BUILT_IN = LinearControl(DESIGN, REFERENCE, name="built-in", rule="backward", tracking_time=math.inf)
 
 
 def as_run(controller: object, name: str | None = None) -> object:
@@ -171,6 +172,7 @@ def campaign(tmp_path: Path) -> Campaign:
     return Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
 
 
+@pytest.mark.long
 def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
     assert campaign.controller_names == ("a", "b", "transfer-function-of-order-1")
     one, two = (execute(campaign, tmp_path / str(n), workers=n, part_runs=4) for n in (1, 2))
@@ -178,6 +180,24 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
         assert one.row(i) == two.row(i)
     again = Campaign(campaign.scenario, campaign.controllers, 8)
     assert again.fingerprint == campaign.fingerprint
+
+
+@pytest.mark.parametrize(("lasts", "kept"), [(0, 0), (1, 0), (3, 2)])  # the first run is for the kernel
+def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, lasts, kept):
+    class Failing(PI):
+        runs = 0
+
+        def reset(self, t: float, v: float, omega: float) -> None:
+            super().reset(t, v, omega)
+            Failing.runs += 1
+            if Failing.runs > lasts:
+                raise RuntimeError("no more")
+
+    failing = Campaign(SCENARIO.with_changes(longest_time=0.1, events=()), (Failing(),), 8)
+    with pytest.raises(InputError, match=r"test_step_objects.py, line \d+: reset .* no more; mend the file"):
+        execute(failing, tmp_path / "made" / "for it", workers=1, part_runs=1)
+    assert len(list(tmp_path.rglob("*.parquet"))) == kept
+    assert bool(list(tmp_path.iterdir())) == bool(kept)
 
 
 @pytest.mark.long
@@ -193,57 +213,45 @@ def test_a_dask_cluster_runs_them(tmp_path, campaign):
 # --- what goes wrong -------------------------------------------------------------------------------------------------
 
 
+PLAIN = "\ndef helped(t):\n    return {}['torque']\n\n"
+PLAIN += "class Mine:\n    def step(self, t, v, omega):\n        BODY\n\nCONTROLLER = Mine()\n"
+COMPILED = "\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    BODY\n\n"
+COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = mine\n"
+
+
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("text", "body", "told"),
     [
+        (PLAIN, "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)", "line 7: step at t = 0.5 s fails with ZeroD"),
         (
-            "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)",
-            r"line 7: step at t = 0.5 s fails with ZeroDivisionError",
+            PLAIN,
+            "return float('nan') if t > 0.3 else 0.0",
+            "line 6: step gives nan at t = 0.31 s; give a",
         ),
-        ("return float('nan') if t > 0.3 else 0.0", r"line 6: step gives nan at t = 0.31 s; give a finite torque"),
-        ("return float('inf')", "step gives inf at t = 0 s; give a finite torque"),
-        ("return 'brake'", "step gives 'brake' at t = 0 s"),
-        ("return None", "step gives None at t = 0 s"),
-        ("return helped(t)", "line 2: step at t = 0 s fails with KeyError"),
+        (PLAIN, "return 'brake'", "line 6: step gives 'brake' at t = 0 s"),
+        (PLAIN, "return helped(t)", "line 3: step at t = 0 s fails with KeyError"),
         (
+            PLAIN,
             "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing",
-            "line 9: reset at t = 0 s fails with Attrib",
+            "line 9: reset at t = 0 s",
+        ),
+        (
+            COMPILED,
+            "x = 1.0\n    return v if t < 1 else x * gain",
+            "line 7: Numba cannot compile step: NameError",
+        ),
+        (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
+        (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
+        (
+            COMPILED,
+            "if t > 0.3:\n        raise ValueError('no')\n    return 0.0",
+            "line 7: step at t = 0.31 s ",
         ),
     ],
 )
-def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, body, told):
+def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
     path = tmp_path / "mine.py"
-    head = "def helped(t):\n    return {}['torque']\n\n\nclass Mine:\n    def step(self, t, v, omega):\n        "
-    path.write_text(f"{head}{body}\n\nCONTROLLER = Mine()\n")
-    status, out, err = railslip("simulate", "--controller", path)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert re.search(rf"{re.escape(str(path))}, {told}" if "line" in told else told, err), err
-
-
-@pytest.mark.parametrize(
-    ("body", "told"),
-    [
-        ("return {}[v]", "line 6: Numba cannot compile step"),
-        ("x = 1.0\n    return v if t < 1.0 else x * gain", "line 7: Numba cannot compile step: NameError: name 'gain'"),
-        ("x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
-        ('x = 1.0\n    return x + "N*m"', "line 7: Numba cannot compile step: No implementation of function"),
-        (
-            "x = [1.0]\n    return x[int(9 * t)] if t < 1.0 else 1.0 / (t - t)",
-            "line 7: step at t = 0.12 s fails with Index",
-        ),
-        (
-            "if t > 0.3:\n        raise ValueError('no more')\n    return 0.0",
-            "line 7: step at t = 0.31 s fails with ValueError: no more",
-        ),
-        ("return math.inf if t > 0.3 else 0.0", "line 4: step gives inf at t = 0.31 s"),
-    ],
-)
-def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
-    path = tmp_path / "mine.py"
-    path.write_text(
-        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\n"
-        "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = mine\n"
-    )
+    path.write_text(text.replace("BODY", body))
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert f"{path}, {told}" in err
@@ -311,6 +319,9 @@ class Linear:
     def linear(self, point):
         return self.made(self, point)
 
+class Stepped(Linear, Timed):
+    pass
+
 class Narrow:
     def linear(self):
         return 1.0
@@ -331,16 +342,18 @@ ALONE = "is known by its step alone and has no margins"
     ("controller", "margins", "run"),
     [
         ("Timed()", f"controller: Timed {ALONE}", None),
-        ("Timed().step", f"controller: step {ALONE}", None),
         ("step", f"controller: step {ALONE}", None),
-        ("lambda t, v, omega: 0.0", f"controller: <lambda> {ALONE}", None),
         ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
-        ("Linear(lambda s, p: 'pi')", "mine.py, line 12: what linear gives is refused: controller: str", None),
-        ("Linear(lambda s, p: p.none)", "mine.py, line 26: linear fails with AttributeError: 'OperatingPoint'", None),
-        ("Narrow()", "mine.py, line 16: linear cannot be called with (operating_point): Narrow.linear() takes", None),
-        ("Forgetful()", ALONE, "mine.py, line 20: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
+        (
+            "Stepped(lambda s, p: None)",
+            "mine.py, line 12: what linear gives is refused: controller: None",
+            None,
+        ),
+        ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
+        ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
+        ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
     ],
 )
 def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
@@ -352,7 +365,8 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):
         run = "has no step to run by; give it step(t, v, omega)"
-    for told, ask in ((margins, lambda: judge(mine, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
+    judged = StepControl(mine, REFERENCE) if run is None else mine  # as a command makes it of a file
+    for told, ask in ((margins, lambda: judge(judged, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
         if told is None:
             ask()
             continue
@@ -373,7 +387,6 @@ def test_a_number_is_a_gain_and_says_so(railslip, tmp_path):
 @pytest.mark.parametrize(
     ("step", "told"),
     [
-        (numba.njit(lambda t, v, omega: "x"), "Numba cannot compile step"),
         (lambda t, v: 0.0, r"step cannot be called with \(t, v, omega\)"),
         (ct.tf([190, -190], [1, -1], 1e-9), "period: 1e-09 s is not allowed; give a finite value >= 1e-05"),
     ],

