@@ -138,6 +138,13 @@ def test_a_record_is_whole_runs_however_its_rows_come():
         assert of_run[-1] + 1 == used.size or not used[of_run[-1] + 1] or apart[of_run[-1] + 1]
 
 
+def test_a_long_run_is_cut_where_it_is_whatever_the_blocks():
+    rows, recorder = np.vstack([np.arange(10_000.0), np.ones((4, 10_000))]), Recorder()
+    for part in np.split(rows, [4000, 4100, 8000], axis=1):
+        recorder.add(part, np.ones(part.shape[1], dtype=bool), np.zeros(part.shape[1], dtype=bool))
+    assert np.unique(recorder.record().run, return_counts=True)[1].tolist() == [4096, 4096, 1808]
+
+
 def intervals_of(time: np.ndarray, torque: np.ndarray, run: np.ndarray) -> Intervals:
     one = np.ones(time.size)
     return Intervals.of(BrakedRows(time, one, one, torque, one, run))
