@@ -29,7 +29,7 @@ from railslip_ctrl.identification.observer import (
     adhesion_coefficient,
     observer_responses,
 )
-from railslip_ctrl.identification.observer_study import (
+from railslip_ctrl.identification.virtual_rig import (
     BrakeCourse,
     BrakeTrial,
     TradeOff,

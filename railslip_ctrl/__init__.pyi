@@ -63,14 +63,17 @@ from .model.vehicle import Vehicle as Vehicle
 from .model.vehicle_files import load_vehicle as load_vehicle
 from .report import plots as plots
 from .report.identification import model_toml as model_toml
+from .simulation import BrakeLimits as BrakeLimits
 from .simulation import Disturbances as Disturbances
 from .simulation import Event as Event
 from .simulation import LinearControl as LinearControl
 from .simulation import Run as Run
 from .simulation import Scenario as Scenario
 from .simulation import ScheduledControl as ScheduledControl
+from .simulation import SeekingControl as SeekingControl
 from .simulation import Simulator as Simulator
 from .simulation import StepControl as StepControl
+from .simulation import bound as bound
 from .simulation import built_in_scenario as built_in_scenario
 from .simulation import catalogue as catalogue
 from .simulation import simulate as simulate

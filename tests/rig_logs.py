@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.vehicle import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
+BEAM = published_law("beam", Rail.DRY)
 HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [kN*m]"
 
 
@@ -71,6 +74,12 @@ def rig_rows(
     ]
 
 
+@functools.cache
+def two_runs() -> Rows:
+    """Two runs on a rig with the published beam, made once; not to be changed in place."""
+    return rig_rows(BEAM, runs=2, seed=3)[0]
+
+
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:
     """The rows with other columns."""
     return Rows(rows.line, {**rows.columns, **columns})
@@ -80,6 +89,14 @@ def identified(rows: Rows, model: str = "beam", **options: object) -> Identifica
     """Rows in memory identified for the published vehicle."""
     chosen = Options(model=model, **options)  # type: ignore[arg-type]
     return identify_curve(curve_of(rows, PARK2008, chosen), PARK2008, chosen)
+
+
+@functools.cache
+def found_in(model: str = "beam", **options: object) -> Identification:
+    """`two_runs` identified, once for each model and options, without the search for a column that is late."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        return identified(two_runs(), model, **options)
 
 
 def write_log(path: Path, rows: Rows) -> Path:

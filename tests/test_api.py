@@ -27,11 +27,15 @@ from railslip_ctrl.simulation.controllers import Controller
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
     *("model.adhesion", "design", "loop", "simulation", "simulation.campaign"),
-    *("identification.observer", "identification.observer_study"),
+    "identification.observer",
 )
 
 ENTRIES = {
     "identification.identify": ("Identification", "Options", "identify", "identify_several"),
+    "identification.virtual_rig": (
+        *("BrakeCourse", "BrakeTrial", "Measurements", "ObserverErrors", "TradeOff"),
+        *("brake_trial", "measured", "observer_errors", "trade_off"),
+    ),
     "design.controllers": ("SampledController",),
     "design.specification": ("Specification",),
     "model.vehicle": (

@@ -10,24 +10,19 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 import sympy as sp
 from project import refused, script
-from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names
-from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
 
 REFERENCES = ("proportional", "constant")
-STATES = 100_000
 
 
 def own(*names: str) -> list[sp.Symbol]:
@@ -83,13 +78,6 @@ def test_each_adhesion_law(reference: str, name: str) -> None:
     assert (derivation.adhesion_state_rate is not None) == law_class(name).has_state
 
 
-def test_unknown_reference_and_law_are_refused() -> None:
-    with pytest.raises(InputError, match="give 'proportional' or 'constant'"):
-        derive(reference="falling")
-    with pytest.raises(InputError, match="is not a law"):
-        derive(law="glue")
-
-
 # --- the checks themselves -----------------------------------------------------------------------------------------
 
 
@@ -102,73 +90,6 @@ def test_identities_tell_true_from_false() -> None:
     assert vanishes(sp.sign(x - a) ** 2 * (x - a) - (x - a))
     assert not agree_at_random_points(x, a)
     assert vanishes(sp.exp(x) * a - a * sp.exp(x))
-
-
-# --- in numbers ----------------------------------------------------------------------------------------------------
-
-
-def _random_values(generator: np.random.Generator) -> dict[str, np.ndarray]:
-    def draw(low: float, high: float) -> np.ndarray:
-        return generator.uniform(low, high, STATES)
-
-    v = draw(1.0, 40.0)
-    Mn = draw(1500.0, 9000.0)
-    return {
-        **{"v": v, "sigma": v * draw(0.005, 0.5), "z": draw(0.0, 0.6), "Td": draw(-400.0, 400.0)},
-        **{"Tr": draw(-600.0, 600.0), "Mn": Mn, "Mp": Mn * draw(-0.5, 1.0), "J": draw(20.0, 200.0)},
-        **{"Bn": draw(0.0, 1.0), "Bp": draw(-1.0, 1.0), "r": draw(0.3, 0.6), "N": draw(2e4, 6e4)},
-        **{"Fr0": draw(0.0, 100.0), "Fr1": draw(0.0, 10.0), "Fr2": draw(0.0, 2.0), "rho": draw(0.1, 5.0)},
-        **{"lambda_d": draw(0.02, 0.3), "sigma_d": draw(0.1, 5.0), "e_integral": draw(-3.0, 3.0)},
-        **{"D": draw(0.1, 500.0), "K": draw(1.0, 3000.0), "k": 10.0 ** draw(-10.0, -6.0)},
-        **{"theta1_hat": draw(-3e-4, 3e-4), "theta2_hat": draw(-0.01, 0.01)},
-    }
-
-
-def _evaluate(expression: sp.Expr, values: dict[str, np.ndarray]) -> np.ndarray:
-    symbols = sorted(expression.free_symbols, key=str)
-    return sp.lambdify(symbols, expression, "numpy")(*(values[str(symbol)] for symbol in symbols))
-
-
-@pytest.mark.parametrize("name", ALL_LAWS)
-@pytest.mark.parametrize("reference", REFERENCES)
-def test_closed_loop_of_the_numeric_plant_is_the_derived_one(name: str, reference: str) -> None:
-    """s' and V' from the plant's numeric right-hand side under the law, at 1e5 states and parameters.
-
-    Relative to the largest term of each, 1e-10: rounding of some twenty operations on terms of that size.
-    """
-    derivation, law = derive(reference=reference), sample_law(name)
-    values = _random_values(np.random.default_rng(45))
-    if name == "curve":  # costs a quadrature a point, and has a domain
-        values = {key: value[:20_000] for key, value in values.items()}
-    rates, force = numeric_plant(type(law)).rates, numeric_plant(type(law)).force
-    M, B = values["Mn"] + values["Mp"], values["Bn"] + values["Bp"]
-    p = (M, values["J"], B, *(values[key] for key in ("r", "Fr0", "Fr1", "Fr2", "N")), *law.parameters())
-    at = [values[key] for key in ("v", "sigma", "z")]
-    inside = np.isfinite(force(*at, 0.0, 0.0, 0.0, p))
-    assert inside.mean() > 0.9
-    values["v_rate"] = rates(*at, 0.0, values["Td"], values["Tr"], p)[0]  # v' does not depend on Tb
-    values["omega"] = (values["v"] - values["sigma"]) / values["r"]
-    values["Ta"] = values["r"] * force(*at, 0.0, 0.0, 0.0, p)
-    values["Fr"] = _evaluate(plant.RESISTANCE.rhs, values)
-    values["e"] = _evaluate(derivation.error, values)
-    values["s"] = _evaluate(derivation.s, values)
-    values["Tb"] = _evaluate(derivation.adaptive_law_control, values)
-    for i, theta in enumerate(derivation.theta, 1):
-        values[f"theta{i}_tilde"] = _evaluate(theta, values) - values[f"theta{i}_hat"]
-
-    v_rate, sigma_rate, _ = rates(*at, values["Tb"], values["Td"], values["Tr"], p)
-    slope = values["lambda_d"] if reference == "proportional" else 0.0
-    s_rate = slope * v_rate - sigma_rate + values["rho"] * values["e"]
-    size = np.abs(values["r"] / values["J"] * values["Tb"]) + np.abs(sigma_rate) + np.abs(values["rho"] * values["e"])
-    size += np.abs(values["r"] * values["Ta"] / values["J"])
-    derived = _evaluate(derivation.error_dynamics, values)
-    assert np.max(np.abs(s_rate - derived)[inside] / size[inside]) < 1e-10
-
-    hat_rates = [_evaluate(rate, values) for rate in derivation.adaptation]
-    parts = [values["s"] * s_rate, *(-values[f"theta{i}_tilde"] * hat_rates[i - 1] / values["k"] for i in (1, 2))]
-    derived = _evaluate(derivation.V_rate_disturbed, values)
-    size = np.abs(values["s"]) * size + sum(np.abs(part) for part in parts)
-    assert np.max(np.abs(sum(parts) - derived)[inside] / size[inside]) < 1e-10
 
 
 # --- broken plants -------------------------------------------------------------------------------------------------
@@ -204,15 +125,9 @@ print(json.dumps({name: probe(*one) for name, one in asked.items()}))
 
 MUTATIONS = {
     "Ta drives the wheel backwards": ("-B * omega + Ta - Tb", "-B * omega - Ta - Tb"),
-    "B accelerates": ("-B * omega + Ta", "B * omega + Ta"),
     "brake drives": ("+ Ta - Tb - Td", "+ Ta + Tb - Td"),
-    "disturbance with the other sign": ("- Tb - Td + Tr)", "- Tb + Td + Tr)"),
-    "random torque with the other sign": ("- Tb - Td + Tr)", "- Tb - Td - Tr)"),
     "adhesion pushes the train": ("sp.Eq(M * v_rate, -Fa - Fr", "sp.Eq(M * v_rate, Fa - Fr"),
     "resistance pushes the train": ("-Fa - Fr - Tr / r)", "-Fa + Fr - Tr / r)"),
-    "no travelling resistance": ("-Fa - Fr - Tr / r)", "-Fa - Tr / r)"),
-    "random force pushes the train": ("-Fa - Fr - Tr / r)", "-Fa - Fr + Tr / r)"),
-    "r lost in the random force": ("- Fr - Tr / r)", "- Fr - Tr)"),
     "r lost in the adhesion torque": ("sp.Eq(Ta, r * Fa)", "sp.Eq(Ta, Fa)"),
     "slip of the other sign": ("sp.Eq(sigma, v - r * omega)", "sp.Eq(sigma, v + r * omega)"),
 }
@@ -222,8 +137,6 @@ OTHERS = {
     "slip ratio of the other sign": ("sp.Eq(slip, sigma / v)", "sp.Eq(slip, -sigma / v)"),
     "resistance that helps": ("Fr0 + Fr1 * v +", "Fr0 - Fr1 * v +"),
     "unstable lag": ("(T * s + 1)", "(T * s - 1)"),
-    "dead time that looks ahead": ("sp.exp(-tau * s)", "sp.exp(tau * s)"),
-    "lag rate of the other sign": ('(symbol("Tc") - Tb)', '(symbol("Tc") + Tb)'),
 }
 
 
@@ -308,6 +221,7 @@ def test_latex_is_a_document(railslip, tmp_path, law) -> None:
     ("arguments", "named"),
     [
         (("--reference", "falling"), "--reference"),
+        (("--adhesion", "glue"), "--adhesion"),
         (("--format", "c", "--json"), "--format"),
         (("--out", "."), "--out"),
         (("--adhesion", "law.py"), "--adhesion"),
@@ -327,10 +241,8 @@ def test_errata_script(capsys) -> None:
     result = module.run()
     assert result.all_steps_checked
     assert result.same_for_constant_reference
-    for where in ("(35)", "(36)", "(37)", "(43)", "(45)", "(28) = (27)", "(24) with brackets"):
-        assert where in result.agreeing
-    assert "(44), theta_1" in result.disagreeing
-    assert (len(result.agreeing), len(result.disagreeing)) == (12, 18)
+    assert set(result.agreeing) == AGREE
+    assert set(result.disagreeing) == set(SIZES)
     module.main()
     assert "12 agree, 18 do not" in capsys.readouterr().out
 

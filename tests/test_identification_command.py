@@ -13,13 +13,15 @@ from project import ROOT, refused
 from rig_logs import HEADER, rig_rows, write_log
 
 from railslip_ctrl.cli import main
-from railslip_ctrl.identification.curves import Options
+from railslip_ctrl.identification.curves import Options, read_curve
 from railslip_ctrl.identification.identify import identify
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BEAM = published_law("beam", Rail.DRY)
+
+pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +39,18 @@ def fitted(log, tmp_path_factory):
         main(["identify", str(log), "--model", "beam", "--json", *files])
     assert caught.value.code == 0
     return folder, json.loads(out.getvalue()), err.getvalue()
+
+
+@pytest.fixture
+def found_in(railslip):
+    """`identify --model beam --json` of a log that is taken: what was found, and standard error."""
+
+    def run(path, *more):
+        status, out, err = railslip("identify", path, "--model", "beam", *more, "--json")
+        assert status == 0, err
+        return json.loads(out), err
+
+    return run
 
 
 # --- the contract --------------------------------------------------------------------------------------------------
@@ -106,17 +120,26 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, fitted, tmp_
     for each in found["curve"]:
         inside = (slip >= each["slip_from"]) & (slip < each["slip_to"])
         assert (inside.sum(), mu[inside].max()) == (each["count"], pytest.approx(each["max"], rel=1e-8))
-    broken = tmp_path / "broken.csv"
+    none, before = tmp_path / "none.csv", log.read_bytes()
+    broken, copy = tmp_path / "broken.csv", tmp_path / "copy.csv"
     broken.write_text(log.read_text()[:600])
-    refused(railslip("identify", broken, "--model", "beam", "--observed", tmp_path / "none.csv"))
-    assert not (tmp_path / "none.csv").exists()
-    assert "--observed: is for one log, but there are 2" in refused(
-        railslip("identify", log, log, "--observed", tmp_path / "none.csv")
-    )
-    assert "is given twice" in refused(railslip("identify", log, log))
-    before = log.read_bytes()
-    assert "is the log itself" in refused(railslip("identify", log, "--observed", log))
+    copy.write_bytes(before)
+    for arguments, told in (
+        ((broken, "--model", "beam", "--observed", none), "rows are under brake"),
+        ((log, log, "--observed", none), "--observed: is for one log, but there are 2"),
+        ((log, log), "is given twice"),
+        ((log, copy), "copy.csv is a copy of "),
+        (("-", "-"), "standard input can be read once"),
+        ((log, "--observed", log), "is the log itself"),
+        ((log, copy, "--initial-speed", "100"), "--initial-speed"),
+        *(
+            (((log, "--out", tmp_path / "o", "--observed", tmp_path / file)), "--observed: ")
+            for file in ("o", "o/model.toml")
+        ),
+    ):
+        assert told in refused(railslip("identify", *arguments))
     assert log.read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"broken.csv", "copy.csv"}
 
 
 def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
@@ -184,35 +207,25 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     status, out, _ = railslip("identify", *logs[:2])
     assert status == 0
     assert "Parameters over the initial speed v0" in out
-    assert "--initial-speed" in refused(railslip("identify", *logs, "--initial-speed", "100"))
 
 
 # --- options -------------------------------------------------------------------------------------------------------
 
 
-def test_columns_units_and_speeds_by_option(railslip, log, fitted, tmp_path):
-    text = log.read_text().replace(HEADER, "a,b,c,d")
+def test_columns_and_units_by_option(found_in, log, fitted, tmp_path):
     other = tmp_path / "other.csv"
-    other.write_text(text)
-    columns = [
-        f"--column={name}={cell}"
-        for name, cell in zip(("time", "train_speed", "wheel_angular_speed", "brake_torque"), "abcd", strict=True)
-    ]
-    units = ["--unit=train_speed=km/h", "--unit=brake_torque=kNm"]
-    status, out, err = railslip("identify", other, "--model", "beam", "--json", *columns, *units)
-    assert status == 0
-    assert json.loads(out)["parameters"] == fitted[1]["parameters"]
+    other.write_text(log.read_text().replace(HEADER, "a,b,c,d"))
+    quantities = zip(("time", "train_speed", "wheel_angular_speed", "brake_torque"), "abcd", strict=True)
+    columns = [f"--column={name}={cell}" for name, cell in quantities]
+    found, err = found_in(other, *columns, "--unit=train_speed=km/h", "--unit=brake_torque=kNm")
+    assert found["parameters"] == fitted[1]["parameters"]
     assert "column 'a' names no unit: s is taken for time" in err
 
 
-def test_fixed_and_bounded_parameters(railslip, log):
-    given = ("--fix", "Kx=274.36 kN", "--bound", "a=0:0.003")
-    status, out, _ = railslip("identify", log, "--model", "beam", *given, "--json")
-    found = json.loads(out)
-    assert status == 0
+def test_fixed_and_bounded_parameters(found_in, log):
+    found, _ = found_in(log, "--fix", "Kx=274.36 kN", "--bound", "a=0:0.003")
     assert found["known"] == {"Kx": 274360.0}
-    assert found["parameters"]["a"]["status"] == "at upper bound"
-    assert found["parameters"]["a"]["stderr"] is None
+    assert (found["parameters"]["a"]["status"], found["parameters"]["a"]["stderr"]) == ("at upper bound", None)
     assert any("rests on its upper bound" in note for note in found["notes"])
 
 
@@ -250,14 +263,11 @@ def fast_rows():
     return rig_rows(BEAM, runs=2, interval=0.0025, seed=5)[0]
 
 
-def test_irregular_sampling_below_the_time_constant_is_no_gap(railslip, fast_rows, tmp_path):
-    whole = json.loads(railslip("identify", write_log(tmp_path / "a.csv", fast_rows), "--model", "beam", "--json")[1])
+def test_irregular_sampling_below_the_time_constant_is_no_gap(found_in, fast_rows, tmp_path):
+    whole, _ = found_in(write_log(tmp_path / "a.csv", fast_rows))
     kept = np.random.default_rng(1).random(len(fast_rows)) < 0.5
     kept[2000:2010] = False  # 27.5 ms, half of tau
-    path = write_log(tmp_path / "b.csv", fast_rows.where(kept))
-    status, out, err = railslip("identify", path, "--model", "beam", "--json")
-    found = json.loads(out)
-    assert status == 0
+    found, err = found_in(write_log(tmp_path / "b.csv", fast_rows.where(kept)))
     assert found["log"]["gaps"] == 0
     assert "long intervals" in err
     assert found["points"] == pytest.approx(kept.mean() * whole["points"], rel=0.05)  # 0.03 is chance
@@ -268,59 +278,43 @@ def test_irregular_sampling_below_the_time_constant_is_no_gap(railslip, fast_row
 def test_what_gaps_cost_is_told(railslip, fast_rows, tmp_path):
     """0.06 s of every 0.8 s are missing: of 0.74 s under brake the observer settles for 0.25 s."""
     time = fast_rows.columns["time"]
-    path = write_log(tmp_path / "gaps.csv", fast_rows.where(time % 0.8 > 0.06))
-    status, _, err = railslip("identify", path, "--model", "beam")
-    assert status == 0
-    (line,) = (line for line in err.splitlines() if "settling time" in line)
-    share = float(line.split(".csv: ")[1].split(" %")[0])
-    assert share == pytest.approx(100.0 * 0.25 / 0.74, abs=5.0)  # some ten stretches under brake, two of them cut
+    curve = read_curve(write_log(tmp_path / "gaps.csv", fast_rows.where(time % 0.8 > 0.06)), PARK2008, Options())
+    # some ten stretches under brake, two of them cut
+    assert curve.survey.lost_share == pytest.approx(0.25 / 0.74, abs=0.05)
+    assert any(f"{100 * curve.survey.lost_share:.2g} % of the braking data" in text for text in curve.warnings)
     often = write_log(tmp_path / "often.csv", fast_rows.where(time % 0.3 > 0.06))
     assert "rows under brake can be used: after the start and each of " in refused(railslip("identify", often))
 
 
-def test_a_torque_of_the_wrong_sign_is_named(railslip, tmp_path):
-    rows = rig_rows(BEAM, runs=1)[0]
-    rows.columns["brake_torque"] = -rows.columns["brake_torque"]
-    line = refused(railslip("identify", write_log(tmp_path / "sign.csv", rows)))
-    assert "sign.csv: brake torque is negative in " in line
-    assert "rows with slip, and positive in 0; reverse its sign: torque that brakes is positive" in line
-
-
-def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
+def test_broken_logs_are_survived_and_told(railslip, found_in, log, tmp_path):
     lines = log.read_text().splitlines(keepends=True)
     lines[400] = "\x00\xff\n"
     lines[700] = lines[700].replace(lines[700].split(",")[2], "500")
     del lines[2000:2100]
     path = tmp_path / "broken.csv"
     path.write_text("".join(lines)[:-5], encoding="latin-1")
-    status, out, err = railslip("identify", path, "--model", "beam", "--json")
-    assert status == 0
-    found = json.loads(out)
+    found, err = found_in(path)
     assert found["log"]["broken_lines"] == 2
-    assert "line 401: a control character" in err
-    assert f"line {len(lines)}: the file ends within this line" in err
-    assert "1 row with outliers left out, the first in line 701" in err
-    assert "before line 2001: the observer starts anew" in err
+    for told in (
+        "line 401: a control character",
+        f"line {len(lines)}: the file ends within this line",
+        "1 row with outliers left out, the first in line 701",
+        "before line 2001: the observer starts anew",
+    ):
+        assert told in err
     assert all(line.startswith("railslip: warning: ") for line in err.splitlines())
-    assert abs(found["parameters"]["mu_max"]["value"] - BEAM.mu_max) < 2.576 * found["parameters"]["mu_max"]["stderr"]
+    low, high = found["parameters"]["mu_max"]["interval_99"]
+    assert low < BEAM.mu_max < high
     assert refused(railslip("identify", tmp_path / "nothing.csv")).endswith("no such file; give a CSV file\n")
     assert not list(tmp_path.glob("railslip*"))
 
 
-def test_standard_input_is_a_log_too(railslip, log, fitted, monkeypatch):
+def test_standard_input_is_a_log_too(found_in, log, fitted, monkeypatch):
+    """And a bar is shown for a large log."""
     with log.open() as file:
         monkeypatch.setattr("sys.stdin", file)
-        status, out, err = railslip("identify", "-", "--model", "beam", "--json")
-    found = json.loads(out)
-    assert (status, err) == (0, "")
-    assert found["log"]["file"] == "standard input"
+        found, err = found_in("-")
+    assert err == ""
     assert found == fitted[1] | {"log": fitted[1]["log"] | {"file": "standard input"}}
-    assert "standard input can be read once" in refused(railslip("identify", "-", "-"))
-
-
-def test_a_bar_is_shown_for_a_large_log_on_standard_error(railslip, log, monkeypatch):
     monkeypatch.setattr("railslip_ctrl.cli.identify._BAR_FROM_BYTES", 1000)
-    status, out, err = railslip("identify", log, "--model", "beam", "--json")
-    assert status == 0
-    json.loads(out)
-    assert "reading" in err
+    assert "reading" in found_in(log)[1]

@@ -75,13 +75,11 @@ def refusal(call: Callable[[], object]) -> str:
 
 
 WHEEL = {"radius": 0.4, "inertia": 60.0}
-NO_TEXT = "is text without a unit; write the unit too, or give the number of N*m/(m/s) without quotes"
 RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
     (Wheel, {**WHEEL, "radius": -1.0}, "Wheel: radius: -1 is not allowed; give a value > 0 (m)"),
     (Actuator, {"dead_time": 0.1}, "Actuator: lag: missing; give it (s): time constant of the first-order lag"),
     (Actuator, {"dead_time": 0.1, "lag": 0.6, "delay": 0.1}, "Actuator: delay: unknown key; allowed: dead_time, lag"),
     (PIGains, {"kp": True, "ki": 1.0}, "PIGains: kp: True is not a number in N*m/(m/s)"),
-    (PIGains, {"kp": "190", "ki": 1.0}, f"PIGains: kp: '190' {NO_TEXT}"),
     (
         *(law_class("table"), {"slip": (0.1, 0.2), "mu": (0.1, "0.2")}),
         "LookupTable: mu: '0.2' is text; give the number without quotes",
@@ -90,7 +88,6 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
         *(Vehicle, {**VEHICLE, "wheel": {**WHEEL, "radius": -1.0}}),
         "Vehicle: wheel.radius: -1 is not allowed; give a value > 0 (m)",
     ),
-    (Vehicle, {**VEHICLE, "wheel": 3}, "Vehicle: wheel: 3 is not allowed; give a table of keys"),
     (
         *(lambda **keys: Vehicle.model_validate(keys), {**VEHICLE, "mass_loaded": 3000.0}),
         "Vehicle: mass_loaded: 3000 is not allowed; give a value >= mass = 3517 (kg)",
@@ -166,7 +163,6 @@ CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], 
     (linearize, (POINT,), {"speed_state": 1}, "speed_state: 1 is not allowed; give True or False"),
     (nonlinear_plant, (LAW, PARK2008), {"reference_slip": 2}, f"reference_slip: 2 {FINITE} >= 0 and < 1"),
     (LOOP.sensitivity, ("a",), {}, "omega: 'a' is not allowed; give a number or an array of numbers"),
-    (LOOP.phase, (np.array([1.0, -1.0]),), {}, f"omega: -1 rad/s {FINITE} > 0"),
     (LOOP.scaled, (math.inf,), {}, f"gain factor: inf {FINITE}"),
     (pade, (0.1, 1.5), {}, "order: 1.5 is not allowed; give an integer"),
     (tune_pi, (LAG, 0.5), {"ms_max": 1}, f"ms_max: 1 {FINITE} > 1"),
@@ -175,7 +171,6 @@ CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], 
         *(Specification, (), {"crossover": (1, "a")}),
         "crossover: (1, 'a') is not allowed; give a number in place of 'a' or None",
     ),
-    (REGION.ki_intervals, (math.inf,), {}, f"kp: inf {FINITE}"),
     (margin_grid, (REGION, [1.0], [0.0, math.nan]), {}, f"ki: nan {FINITE}"),
     (assess, (PLANT, PI, PARK2008.actuator), {"poles": 0}, f"poles: 0 {FINITE} >= 1 and <= 1000"),
     (published_law, ("bristle", "dry"), {"wheel_load": 0}, f"wheel load: 0 N {FINITE} > 0"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.verification import findings_text
-from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.verification import relay_loop
 from railslip_ctrl.verification.actuator_effects import (
     PublishedBehind,
@@ -24,6 +22,7 @@ from railslip_ctrl.verification.actuator_effects import (
     first_limit,
     joint_advice,
     published_loop,
+    stop_loops,
     survivable_excursion,
     survivors,
     without_actuator,
@@ -41,7 +40,7 @@ from railslip_ctrl.verification.limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from railslip_ctrl.verification.relay_loop import SlidingGains
+from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING, SlidingGains
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 
@@ -211,40 +210,6 @@ def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
     assert size == pytest.approx(existence.high_frequency_gain, rel=1e-4)
 
 
-@pytest.mark.parametrize(("rail", "scale"), READINGS)
-def test_critical_relay_gain_is_confirmed_by_the_exact_root_count(rail, scale):
-    loop = published_loop(rail, inertia_scale=scale)
-    first = critical_gains(loop)[0]
-    assert first.stable_below
-    assert loop.linear_loop(relay_gain=first.gain * (1 - 1e-6)).unstable_closed_loop_poles == 0
-    assert loop.linear_loop(relay_gain=first.gain * (1 + 1e-6)).unstable_closed_loop_poles == 2
-    assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
-
-
-@pytest.mark.parametrize("frozen", [True, False])
-def test_the_law_in_steps_is_the_generated_one(frozen):
-    """Torque and s are those of the generated law, with its estimates moved a step each time; at rest at first."""
-    point, generated = published_loop(Rail.DRY, inertia_scale=3.6).plant.point, generated_law()
-    vehicle, generator = point.vehicle, np.random.default_rng(8)
-    gains = SlidingGains(K=300.0, D=40.0, rho=1.5, k=5e-8)
-    law = PublishedLaw(point, gains, frozen=frozen)
-    p = generated.Parameters(
-        J=vehicle.effective_inertia, r=vehicle.wheel.radius, Mn=vehicle.effective_mass,
-        Bn=vehicle.effective_viscous_friction, lambda_d=point.slip, rho=gains.rho, D=gains.D, K=gains.K,
-        k1=gains.k, k2=12.96 * gains.k, filter_time=1.0, boundary=0.0, torque_min=-1e9,
-        torque_max=1e9, period=1.0,
-    )  # fmt: skip
-    e_integral, theta = 0.0, (0.0, 0.0)
-    for _ in range(50):
-        v, sigma, v_rate = generator.uniform([2.0, -1.0, -3.0], [39.0, 4.0, 0.0]).tolist()
-        e, Ta, omega = point.slip * v - sigma, p.r * point.law.alpha * law.z, (v - sigma) / p.r
-        expected = generated.control(e, e_integral, omega, Ta, 0.0 if frozen else v_rate, *theta, p)
-        # rounding of terms that cancel
-        assert law.command(v, sigma, v_rate, 1e-3) == pytest.approx(expected[:2], rel=1e-12, abs=1e-9)
-        e_integral += 1e-3 * e
-        theta = (theta[0] + 1e-3 * expected[2], theta[1] + 1e-3 * expected[3])
-
-
 # --- the adaptation --------------------------------------------------------------------------------------------------
 
 
@@ -268,8 +233,12 @@ def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without()
 @pytest.mark.parametrize(("rail", "scale"), READINGS)
 def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
     loop = published_loop(rail, inertia_scale=scale)
-    found = survivors(loop)
+    found, first = survivors(loop), critical_gains(loop)[0]
     assert found.stable
+    assert first.stable_below
+    assert loop.linear_loop(relay_gain=first.gain * (1 - 1e-6)).unstable_closed_loop_poles == 0
+    assert loop.linear_loop(relay_gain=first.gain * (1 + 1e-6)).unstable_closed_loop_poles == 2
+    assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
     assert loop.is_stable(adaptation=found.k * (1 - 1e-6))
     assert loop.linear_loop(adaptation=found.k * (1 + 1e-6)).unstable_closed_loop_poles == 2
     # independently: at the limit a pole is on the axis
@@ -278,29 +247,19 @@ def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
         assert loop.with_gains(**{name: value * (1 - 1e-6)}).is_stable()
         assert not loop.with_gains(**{name: value * (1 + 1e-6)}).is_stable()
     assert linear_limit_cycle(loop, K=found.K).slip_amplitude == pytest.approx(0.02, rel=1e-6)
-    assert found.relay_gain == pytest.approx(critical_gains(loop)[0].gain, rel=1e-9)
+    assert found.relay_gain == pytest.approx(first.gain, rel=1e-9)
 
 
 # --- advice that is checked together ---------------------------------------------------------------------------------
 
 
-def _stop(**gains):
-    vehicles = {"empty": PARK2008, "loaded": PARK2008.loaded()}
-    return {
-        f"{rail} {speed_kmh} {load}": published_loop(rail, speed_kmh=speed_kmh, vehicle=vehicle).with_gains(**gains)
-        for rail in Rail
-        for speed_kmh in (20.0, 60.0, 80.0, 90.0, 100.0)
-        for load, vehicle in vehicles.items()
-    }
-
-
-@cache
-def _advice():
-    return joint_advice(_stop())
+def _stop(K=70.0, D=TABLE4_SLIDING["bristle"].D, **gains):
+    return {name: loop.with_gains(**gains) for name, loop in stop_loops(K, D, PARK2008).items()}
 
 
 def test_joint_advice_is_stable_everywhere_with_its_margin():
-    found, loops = _advice(), _stop()
+    loops = _stop()
+    found = joint_advice(loops)
     assert found.unstable == ()
     for loop in loops.values():
         assert loop.is_stable(relay_gain=found.relay_gain)
@@ -314,14 +273,14 @@ def test_joint_advice_is_stable_everywhere_with_its_margin():
     # an own root count along the imaginary axis gave 5.3e-9 for the k that 7.8 N*m/(m/s) leaves
     assert found.k_limit == pytest.approx(5.3e-9, rel=0.01)
     assert found.ms == max(loop.linear_loop(relay_gain=found.relay_gain).margins().ms for loop in loops.values())
-    assert found.worst == "dry 100.0 empty"
+    assert found.worst == "dry, 100 km/h, empty"
 
 
 def test_advice_names_what_is_unstable_and_what_would_be_stable():
     found = joint_advice(_stop(D=30.0))
     dry = [name for name in found.unstable if name.startswith("dry")]
     assert found.unstable == tuple(dry)  # wet rail alone would bear it
-    assert "dry 100.0 empty" in dry
+    assert "dry, 100 km/h, empty" in dry
     assert (found.relay_gain, found.k, found.ms) == (0.0, 0.0, math.inf)
     told = findings_text(PublishedBehind((effect_on(Rail.DRY),), found, {}))
     assert "do not use these gains" in told
@@ -344,6 +303,8 @@ def test_cycles_that_do_not_exist():
     fast = loop.with_gains(rho=10.0)
     with pytest.raises(DomainError, match="unstable at every relay gain"):
         smallest_layer(fast)
+    with pytest.raises(UnstableLoopError, match="where the search starts"):
+        first_limit(lambda value: False, 1.0)
     heavy = published_loop(Rail.DRY, inertia_scale=3.6)
     with pytest.raises(DomainError, match="two switches a period"):
         linear_limit_cycle(heavy, K=19.6, load=heavy.load)  # the load takes all but 1 % of K
@@ -362,18 +323,13 @@ def test_the_actuator_is_the_stated_one():
         assert lag * np.exp(-0.15 * at) == pytest.approx(stated(at), rel=1e-14)
 
 
-def test_searches_that_are_refused():
-    with pytest.raises(InputError, match="start: 0"):
-        first_limit(lambda value: True, 0.0)
-    with pytest.raises(UnstableLoopError, match="where the search starts"):
-        first_limit(lambda value: False, 1.0)
-    assert first_limit(lambda value: True, 1.0) == math.inf
-
-
 def test_bounds_that_do_not_exist():
     plant = published_loop(Rail.DRY).plant
     with pytest.raises(InputError, match="disturbance: -1"):
         layer_bound(DESIGN, plant, ACTUATOR, -1.0)
+    for name in ("kp", "ki", "lead", "lead_filter", "K"):
+        with pytest.raises(InputError, match=f"^{name}: -1"):
+            replace(DESIGN, **{name: -1.0})
     with pytest.raises(InfeasibleDesignError, match="outgrows"):
         layer_bound(DESIGN, plant, ACTUATOR, 200.0)
     with pytest.raises(InfeasibleDesignError, match="do not stabilise"):

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_texts import HEADER, log_text, read, with_stamps, write
-from rig_logs import rig_rows, write_log
+from rig_logs import two_runs, write_log
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification import curves, log_checks, observed
@@ -22,40 +21,74 @@ from railslip_ctrl.identification.cleaning import BESIDE, FAR, OutlierFilter, St
 from railslip_ctrl.identification.curves import Options, read_curve
 from railslip_ctrl.identification.logs import LONGEST_LINE, NAMES, UNITS, Log, Rows, find_columns
 from railslip_ctrl.identification.observed import Recorder
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008
 
+HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
 BARE = "time,train speed,wheel speed,brake torque"
 UNIT_ROW = "s,km/h,km/h,kN*m"
 SHORT = "time_s train_speed_kmh wheel_speed_kmh brake_torque_kNm"
 ROWS = 120  # lines 2 to 121
 
-at_any_block = pytest.mark.parametrize("block_bytes", [60, 1 << 20])  # some two rows, and all
+at_any_block = pytest.mark.parametrize("block_bytes", [50, 1 << 20])  # some two rows, and all
 
 
-@pytest.fixture(scope="module")
-def expected(tmp_path_factory):
-    return read(write(tmp_path_factory.mktemp("plain"), log_text(60)))[0]
+@functools.cache
+def log_text(count: int, header: str = HEADER) -> str:
+    """A log with a row every 10 ms; row i, from 0, is in line i + 2."""
+    rows = (f"{0.01 * i:.2f},{100 - 0.01 * i:.2f},{99 - 0.02 * i:.2f},1.5\n" for i in range(count))
+    return header + "\n" + "".join(rows)
 
 
-def same(rows, expected, *, lines_more=0):
-    """Whether rows are those of the plain log, some lines further down."""
-    # some roundings: of the decimal mark, and of the unit
-    close = all(np.allclose(rows.columns[name], values, rtol=1e-14) for name, values in expected.columns.items())
-    return close and np.array_equal(rows.line, expected.line + lines_more)
+PLAIN = log_text(60)
+TIME = 0.01 * np.arange(60)
+EXPECTED = {  # SI
+    "time": TIME,
+    "train_speed": (100 - TIME) / 3.6,
+    "wheel_speed": (99 - 2 * TIME) / 3.6,
+    "brake_torque": np.full(60, 1500.0),
+}
 
 
-def rows_below(header, convert=lambda line: line):
+def with_stamps(count: int, stamps: dict[int, str]) -> str:
+    """`log_text` with other time stamps, by line."""
+    lines = log_text(count).splitlines(keepends=True)
+    for line, stamp in stamps.items():
+        lines[line - 1] = stamp + "," + lines[line - 1].split(",", 1)[1]
+    return "".join(lines)
+
+
+def rows_below(header: str, convert=lambda line: line) -> str:
     """The plain log with another header, its rows converted."""
-    return header + "\n" + "".join(convert(line) + "\n" for line in log_text(60).splitlines()[1:])
+    return header + "\n" + "".join(convert(line) + "\n" for line in PLAIN.splitlines()[1:])
 
 
-def lost(rows, count):
+def write(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "log.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode("latin-1"))
+    return path
+
+
+def read(path: Path, **options: object) -> tuple[Rows, Log]:
+    """All rows of a log as one, and the log with the filter of its time stamps."""
+    log = Log(path, **options)
+    log.stamps = StampFilter(log.name)
+    return functools.reduce(Rows.then, log.stamps.rows(log.rows())), log
+
+
+def is_plain(rows: Rows, *, lines_more: int = 0, without: tuple[int, ...] = ()) -> bool:
+    """Whether rows are those of the plain log, some lines further down, but for some of its lines."""
+    kept = [i for i in range(60) if i + 2 not in without]
+    # some roundings: of the decimal mark, and of the unit
+    close = all(np.allclose(rows.columns[name], values[kept], rtol=1e-13) for name, values in EXPECTED.items())
+    return close and rows.line.tolist() == [i + 2 + lines_more for i in kept]
+
+
+def lost(rows: Rows, count: int) -> list[int]:
     """The lines of a log of so many rows that are not among those read."""
     return sorted(set(range(2, count + 2)) - set(rows.line.tolist()))
 
 
-def in_blocks(row_filter, rows, borders):
+def in_blocks(row_filter, rows: Rows, borders) -> np.ndarray:
     """What a filter leaves of rows that come in blocks: their lines."""
     blocks = (rows.part(start, stop) for start, stop in zip([0, *borders], [*borders, len(rows)], strict=True))
     return np.concatenate([part.line for part in row_filter.rows(blocks)])
@@ -63,50 +96,60 @@ def in_blocks(row_filter, rows, borders):
 
 # --- files, separators, headers ------------------------------------------------------------------------------------
 
+DIALECTS = {
+    "plain": PLAIN,
+    "gzip": gzip.compress(PLAIN.encode()),
+    "gzip of two parts": gzip.compress(PLAIN[:700].encode()) + gzip.compress(PLAIN[700:].encode()),
+    "mark before a comment": b"\xef\xbb\xbf" + rows_below("# " + HEADER).encode(),
+    "a separator at the end of every line": "".join(line + ",\n" for line in PLAIN.splitlines()),
+    "of rows": rows_below(HEADER, lambda line: line + ","),
+    "of the header": rows_below(HEADER + ","),
+    "three of every line": "".join(line.replace(",", ";") + ";;;\n" for line in PLAIN.splitlines()),
+    "blanks": rows_below(SHORT, lambda line: "  " + line.replace(",", "    ") + " "),
+    "blanks, decimal comma": rows_below(SHORT, lambda line: " \t" + line.replace(",", " \t ").replace(".", ",")),
+    "tabs": rows_below("time [s]\tv [km/h]\tvw (km/h)\tTb [kN*m]", lambda line: line.replace(",", "\t")),
+    "semicolon, decimal comma": PLAIN.replace(",", ";").replace(".", ","),
+    "tab, decimal comma": PLAIN.replace(",", "\t").replace(".", ","),
+    "remarks": rows_below((HEADER + ",remark").replace(",", ";"), lambda line: line.replace(",", ";") + ";cold, wet"),
+    "quotes": rows_below(
+        '"time [s]","v [km/h]","vw [km/h]",Tb [kN*m],"\xb0"', lambda line: f'"0{line},"5, \xb0C"'.replace(",", '",', 1)
+    ),
+    "carriage return": PLAIN.replace("\n", "\r\n"),
+    "spaces": PLAIN.replace(",", ", "),
+}
 
-def test_rows_are_si_and_know_their_lines(expected):
-    assert expected.line.tolist() == list(range(2, 62))
-    assert expected.columns["time"] == pytest.approx(0.01 * np.arange(60), abs=1e-15)
-    assert expected.columns["train_speed"] == pytest.approx((100 - 0.01 * np.arange(60)) / 3.6, rel=1e-13)
-    assert expected.columns["brake_torque"] == pytest.approx(np.full(60, 1500.0))
+
+@at_any_block
+@pytest.mark.parametrize("content", DIALECTS.values(), ids=DIALECTS)
+def test_dialects_are_read_as_the_plain_log_in_si(tmp_path, content, block_bytes):
+    rows, log = read(write(tmp_path, content), block_bytes=block_bytes)
+    assert is_plain(rows)
+    assert (log.broken.count, log.share) == (0, 1.0)
 
 
-@pytest.mark.parametrize("block_bytes", [50, 1 << 20])
+@at_any_block
 @pytest.mark.parametrize(
-    "content",
+    "header",
     [
-        gzip.compress(log_text(60).encode()),
-        gzip.compress(log_text(20).encode()) + gzip.compress("".join(log_text(60).splitlines(True)[21:]).encode()),
-        b"\xef\xbb\xbf" + rows_below("# " + HEADER).encode(),
-        "".join(line + ",\n" for line in log_text(60).splitlines()),
-        rows_below(HEADER, lambda line: line + ","),
-        rows_below(HEADER + ","),
-        "".join(line.replace(",", ";") + ";;;\n" for line in log_text(60).splitlines()),
-        rows_below(SHORT, lambda line: "  " + line.replace(",", "    ") + " "),
-        rows_below(SHORT, lambda line: " \t" + line.replace(",", " \t ").replace(".", ",")),
-        rows_below("time [s]\tv [km/h]\tvw (km/h)\tTb [kN*m]", lambda line: line.replace(",", "\t")),
-        log_text(60).replace(",", ";").replace(".", ","),
-        log_text(60).replace(",", "\t").replace(".", ","),
-        rows_below((HEADER + ",remark").replace(",", ";"), lambda line: line.replace(",", ";") + ";cold, wet"),
-        log_text(60).replace("\n", "\r\n"),
-        log_text(60).replace(",", ", "),
-    ],
-    ids=[
-        *("gzip", "gzip of two parts", "mark before a comment", "a separator at the end of every line", "of rows"),
-        *("of the header", "three of every line", "blanks", "blanks and decimal commas", "tabs, and blanks in names"),
-        *("semicolon and decimal comma", "tab and decimal comma", "commas in remarks", "carriage return", "spaces"),
+        "# " + HEADER,
+        "# Rig A, 2008\n\n# four, more, words, here\n#" + HEADER,
+        "# " + HEADER + "\n#\n# site, A, of, four",
+        "# 1, 2, 3, 4\n# " + HEADER.replace(",", ", ") + "\n# halt\n",
+        f"{BARE}\n{UNIT_ROW}",
+        f"{BARE}\n[s],[km/h],(km/h),kNm",
+        f"{HEADER}\n{UNIT_ROW}",
+        "time,train speed [km/h],wheel speed,brake torque [kN*m]\ns,-,km/h,",
     ],
 )
-def test_dialects_are_read_as_the_plain_log(tmp_path, expected, content, block_bytes):
-    rows, log = read(write(tmp_path, content), block_bytes=block_bytes)
-    assert same(rows, expected)
-    assert (log.broken.count, log.share) == (0, 1.0)
+def test_a_header_may_be_a_comment_and_its_units_may_stand_below(tmp_path, header, block_bytes):
+    rows, log = read(write(tmp_path, rows_below(header)), block_bytes=block_bytes)
+    assert is_plain(rows, lines_more=header.count("\n"))
+    assert (log.broken.count, log.notes) == (0, ())
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "empty"),
         ("\n\n", "empty"),
         (HEADER, "nothing after line 1"),
         (HEADER + "\n", "no rows after the header"),
@@ -114,15 +157,20 @@ def test_dialects_are_read_as_the_plain_log(tmp_path, expected, content, block_b
         ("1,2,3,4\n5,6,7,8\n", "line 1: no header, but numbers"),
         ("t\0i\0m\0e\0\n1\n", "not a text file"),
         ("time,v,vw,pressure\n1,2,3,4\n", "no column for brake_torque"),
-        ("# a\n# b\n1,2,3,4\n", "line 3: no header, but numbers; name the columns in a line above, with their units"),
+        ("# a\n# b\n1,2,3,4\n", "line 3: no header, but numbers; name the columns in a line above"),
         ("# time,v,vw,pressure\n# rig\n1,2,3,4\n", r"header: no column for brake_torque.*has 'time', 'v', 'vw', 'pr"),
         ("# time,v,vw,Tb\n1,2,3,4,5\n", "line 2: no header, but numbers"),
         ("# time,v,vw,Tb\n1,2,3,4", "nothing after line 2"),
         ("# time,v,vw,Tb\n", "the file is empty or has no header"),
+        (rows_below(f"{BARE}\ns,km/h,km/h,bar"), r"column 'brake torque \[bar\]': 'bar' is not a unit of brake_tor"),
+        (
+            PLAIN.replace("\n0.", "\n2026-01-01T00:00:0."),
+            "is a date or a time of day, not a number.*give the time in s",
+        ),
         (b"PK\x03\x04" + bytes(100), "is a ZIP archive or an Excel workbook; give a CSV file, gzipped or not"),
-        (bz2.compress(log_text(9).encode()), "is packed with bzip2"),
+        (bz2.compress(PLAIN.encode()), "is packed with bzip2"),
         (gzip.compress(b"PK\x03\x04" + bytes(100), mtime=0), "is a ZIP archive"),
-        (log_text(9).encode("utf-16-le"), "not a text file in UTF-8"),
+        (PLAIN.encode("utf-16-le"), "not a text file in UTF-8"),
         (gzip.compress(b"", mtime=0), "the file is empty"),
     ],
 )
@@ -132,17 +180,17 @@ def test_files_that_are_no_logs(tmp_path, text, message):
 
 
 def test_paths_that_are_no_files(tmp_path, monkeypatch):
-    with pytest.raises(InputError, match="no such file"):
-        Log(tmp_path / "nothing.csv")
-    with pytest.raises(InputError, match="is a directory"):
-        Log(tmp_path)
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(tmp_path / "pipe")
-        with pytest.raises(InputError, match="pipe: is not a regular file; give a CSV file, or - for standard input"):
-            Log(tmp_path / "pipe")
+    os.mkfifo(tmp_path / "pipe")
     monkeypatch.setattr(sys, "stdin", None)
-    with pytest.raises(InputError, match="standard input: is closed; give a CSV file, or pipe one in"):
-        Log(Path("-"))
+    for path, message in (
+        (tmp_path / "nothing.csv", "no such file"),
+        (tmp_path, "is a directory"),
+        (tmp_path / "pipe", "pipe: is not a regular file; give a CSV file, or - for standard input"),
+        (Path("-"), "standard input: is closed; give a CSV file, or pipe one in"),
+        (Path("/proc/self/mem"), r"/proc/self/mem: cannot be read \(Input/output error\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Log(path)
 
 
 @pytest.mark.parametrize("block_bytes", [5000, 1 << 20])
@@ -159,73 +207,28 @@ def test_a_packed_log_that_is_cut_gives_what_came_before(tmp_path, block_bytes):
 
 
 def test_a_packed_log_with_other_bytes_in_it_is_told(tmp_path):
-    packed = gzip.compress(log_text(60).encode())
-    checksum = packed[:-8] + b"\0\0\0\0" + packed[-4:]
-    rows, log = read(write(tmp_path, checksum))
-    assert len(rows) == 60
+    packed = gzip.compress(PLAIN.encode())
+    rows, log = read(write(tmp_path, packed[:-8] + b"\0\0\0\0" + packed[-4:]))
+    assert is_plain(rows)
     assert "line 62: the gzipped file is damaged (CRC check failed" in log.broken.first[0]
     with pytest.raises(InputError, match=r"line 2: the gzipped file is damaged \(|the file is empty or has no header"):
         read(write(tmp_path, packed[:30] + b"\xff" * 200 + packed[230:]))
 
 
-def test_standard_input_is_read_where_the_path_is_a_dash(tmp_path, monkeypatch, expected):
-    for content in (log_text(60).encode(), gzip.compress(log_text(60).encode())):
-        with write(tmp_path, content).open() as file:
-            monkeypatch.setattr("sys.stdin", file)
-            rows, log = read(Path("-"))
-            assert not file.closed
-        assert same(rows, expected)
-        assert (log.name, log.share) == ("standard input", 0.0)
-
-
-@pytest.mark.parametrize("block_bytes", [60, 1 << 20])
-@pytest.mark.parametrize(
-    ("above", "below"),
-    [
-        ("# " + HEADER, ""),
-        ("#" + HEADER, ""),
-        ("# Rig A, 2008\n\n# four, more, words, here\n# " + HEADER, ""),
-        ("# " + HEADER + "\n#\n# site, A, of, four", ""),
-        ("# 1, 2, 3, 4\n# " + HEADER.replace(",", ", "), "# halt\n\n"),
-    ],
-    ids=["NumPy's", "without a blank", "after others", "before another", "before a comment and an empty line"],
-)
-def test_a_header_may_be_a_comment(tmp_path, expected, above, below, block_bytes):
-    rows, log = read(write(tmp_path, above + "\n" + below + rows_below("").removeprefix("\n")), block_bytes=block_bytes)
-    assert same(rows, expected, lines_more=above.count("\n") + below.count("\n"))
-    assert log.broken.count == 0
-
-
-@pytest.mark.parametrize(
-    "header",
-    [
-        f"{BARE}\n{UNIT_ROW}",
-        f"{BARE}\n[s],[km/h],(km/h),kNm",
-        f"{HEADER}\n{UNIT_ROW}",
-        "time,train speed [km/h],wheel speed,brake torque [kN*m]\ns,-,km/h,",
-    ],
-    ids=["units", "in brackets", "given twice", "some in the header"],
-)
-def test_units_may_stand_below_the_header(tmp_path, expected, header):
-    rows, log = read(write(tmp_path, rows_below(header)))
-    assert same(rows, expected, lines_more=1)
-    assert (log.broken.count, log.notes) == (0, ())
-
-
-def test_a_row_of_units_that_are_none_of_theirs_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"column 'brake torque \[bar\]': 'bar' is not a unit of brake_torque"):
-        Log(write(tmp_path, rows_below(f"{BARE}\ns,km/h,km/h,bar")))
-
-
-@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="a file of Linux that opens but cannot be read")
-def test_a_file_that_cannot_be_read():
-    with pytest.raises(InputError, match=r"/proc/self/mem: cannot be read \(Input/output error\)"):
-        Log(Path("/proc/self/mem"))
+@pytest.mark.parametrize("content", [PLAIN.encode(), gzip.compress(PLAIN.encode())])
+def test_standard_input_is_read_where_the_path_is_a_dash(tmp_path, monkeypatch, content):
+    with write(tmp_path, content).open() as file:
+        monkeypatch.setattr("sys.stdin", file)
+        rows, log = read(Path("-"))
+        assert not file.closed
+    assert is_plain(rows)
+    assert (log.name, log.share) == ("standard input", 0.0)
 
 
 # --- columns -------------------------------------------------------------------------------------------------------
 
 WHOLE = {"time": "time", "train_speed": "v", "wheel_speed": "vw", "brake_torque": "Tb"}
+RPM = pytest.approx(math.pi / 30, rel=1e-15)
 
 
 def test_every_accepted_name_is_found():
@@ -240,54 +243,41 @@ def test_every_accepted_name_is_found():
 @pytest.mark.parametrize(
     ("quantity", "cell", "factor"),
     [
-        ("train_speed", "train speed [km/h]", 1 / 3.6),
+        ("train_speed", "train speed [km/h]", pytest.approx(1 / 3.6)),
         ("train_speed", "v (m/s)", 1.0),
-        ("train_speed", "v_kmh", 1 / 3.6),
-        ("train_speed", "Vehicle-Speed [mph]", 0.44704),
-        ("time", "t [ms]", 1e-3),
+        ("train_speed", "v_kmh", pytest.approx(1 / 3.6)),
+        ("train_speed", "Vehicle-Speed [mph]", pytest.approx(0.44704)),
+        ("time", "t [ms]", pytest.approx(1e-3)),
         ("time", "time_s", 1.0),
-        ("brake_torque", "brake torque [kN*m]", 1e3),
         ("brake_torque", "Tb [kNm]", 1e3),
         ("brake_torque", "torque_Nm", 1.0),
-        ("wheel_angular_speed", "omega [rpm]", math.pi / 30),
-        ("wheel_angular_speed", "rotational speed [1/min]", math.pi / 30),
-        ("wheel_angular_speed", "w [deg/s]", math.pi / 180),
-        ("wheel_angular_speed", "n [1/min]", math.pi / 30),
+        ("wheel_angular_speed", "omega [rpm]", RPM),
+        ("wheel_angular_speed", "rotational speed [1/min]", RPM),
+        ("wheel_angular_speed", "w [deg/s]", pytest.approx(math.pi / 180)),
+        ("wheel_angular_speed", "n [1/min]", RPM),
         ("wheel_load", "wheel load [kN]", 1e3),
         ("wheel_load", "N [kN]", 1e3),
+        ("wheel_angular_speed", "wheel speed [rad/s]", 1.0),  # in an angular unit it is the angular one
+        ("wheel_angular_speed", "Wheel Speed (1/s)", 1.0),
+        ("wheel_angular_speed", "vw_rpm", RPM),
     ],
 )
 def test_units_in_the_header(quantity, cell, factor):
-    column = find_columns([*(c for q, c in WHOLE.items() if q != quantity), cell])[quantity]
-    assert column.unit_given
-    assert column.factor == pytest.approx(factor, rel=1e-15)
+    other = ("wheel_speed", quantity) if "wheel_" in quantity and quantity != "wheel_load" else (quantity,)
+    found = find_columns([*(c for q, c in WHOLE.items() if q not in other), cell])
+    assert (found[quantity].unit_given, found[quantity].factor) == (True, factor)
+    assert "wheel_speed" not in found or quantity != "wheel_angular_speed"
 
 
 def test_options_win_over_the_header():
-    header = ["a", "v [km/h]", "vw", "Tb [kN*m]"]
-    columns = find_columns(header, {"time": "a"}, {"train_speed": "m/s", "wheel_speed": "km/h"})
-    assert columns["time"].index == 0
-    assert columns["train_speed"].factor == 1.0
-    assert columns["wheel_speed"].factor == pytest.approx(1 / 3.6)
-    assert columns["brake_torque"].factor == 1e3
-    assert not columns["time"].unit_given
-
-
-@pytest.mark.parametrize(
-    ("wheel", "columns", "units", "factor"),
-    [
-        (["wheel speed [rad/s]"], {}, {}, 1.0),
-        (["Wheel Speed (1/s)"], {}, {}, 1.0),
-        (["vw_rpm"], {}, {}, math.pi / 30),
-        (["vw"], {}, {"wheel_speed": "rad/s"}, 1.0),
-        (["axle 1 [rpm]"], {"wheel_speed": "axle 1"}, {}, math.pi / 30),
-        (["vw [rad/s]", "omega [rpm]"], {"wheel_angular_speed": "omega"}, {}, math.pi / 30),
-    ],
-)
-def test_a_wheel_speed_in_an_angular_unit_is_the_angular_one(wheel, columns, units, factor):
-    found = find_columns(["time", "v", "Tb", *wheel], columns, units)
-    assert "wheel_speed" not in found
-    assert found["wheel_angular_speed"].factor == pytest.approx(factor, rel=1e-15)
+    found = find_columns(["a", "v [km/h]", "vw", "Tb"], {"time": "a"}, {"train_speed": "m/s", "wheel_speed": "rpm"})
+    assert (found["time"].index, found["time"].unit_given, found["train_speed"].factor) == (0, False, 1.0)
+    assert ("wheel_speed" in found, found["wheel_angular_speed"].factor) == (False, RPM)
+    for header, columns in (
+        (["axle 1 [rpm]"], {"wheel_speed": "axle 1"}),
+        (["vw [rad/s]", "w [rpm]"], {"wheel_angular_speed": "w"}),
+    ):
+        assert find_columns(["time", "v", "Tb", *header], columns)["wheel_angular_speed"].factor == RPM
 
 
 @pytest.mark.parametrize(
@@ -316,9 +306,36 @@ def test_a_column_without_a_unit_is_si_and_said_so(tmp_path):
     assert find_columns(["t", "v", "omega", "Tb", "N"])["wheel_load"].index == 4  # as before n meant anything else
 
 
+def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
+    lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
+    path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
+    for columns, message in (
+        ({}, "say which with --column wheel_angular_speed=HEADER, or by its place: 3 or 4"),
+        ({"wheel_angular_speed": "omega"}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
+        ({"wheel_angular_speed": "6"}, "no column is called '6'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read(path, columns=columns)
+    for place, value in (("3", 20.0), ("4", 21.0)):
+        assert set(read(path, columns={"wheel_angular_speed": place})[0].columns["wheel_angular_speed"]) == {value}
+
+
+@pytest.mark.parametrize("block_bytes", [4000, 4 << 20])
+@pytest.mark.parametrize("filled_from", [1500, 900])
+def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes, filled_from):
+    """Empty in its first thousand rows: else the rows without a load are broken."""
+    lines = [line + (",34" if i >= filled_from else ",") for i, line in enumerate(log_text(1500).splitlines()[1:])]
+    path = write(tmp_path, "\n".join([HEADER + ",wheel load [kN]", *lines]) + "\n")
+    rows, log = read(path, block_bytes=block_bytes)
+    empty = filled_from == 1500
+    assert ("wheel_load" in rows.columns, log.broken.count) == ((False, 0) if empty else (True, 900))
+    assert any("column 'wheel load [kN]' is empty in 1000 rows" in note for note in log.notes) == empty
+
+
 # --- lines that are no rows ----------------------------------------------------------------------------------------
 
 
+@at_any_block
 @pytest.mark.parametrize(
     ("damaged", "reason"),
     [
@@ -327,36 +344,39 @@ def test_a_column_without_a_unit_is_si_and_said_so(tmp_path):
         ("0.18,100,,1.5", "a value is missing or not finite"),
         ("0.18,100,inf,1.5", "a value is missing or not finite"),
         ("0.18,100,99,1.5,7", "5 cells where the header has 4"),
-        ("\x00\x01\x02", "a control character"),
+        ("0.18,9,9,98,1.5", "5 cells where the header has 4"),
         ("0.18,9\r9,98,1.5", "a control character or a carriage return within the line"),
         ("0.18,99,98,1.5\x001", "a control character"),  # read as 1.5 otherwise
+        ("\0" * 50, "a control character, 50 null bytes, which may stand for many rows and count as one line"),
+        ("8" * (5 * LONGEST_LINE), "more than 1048576 bytes without a line end, which count as one line"),
         ('0.18,"99,98,1.5', "a quotation mark without its other one"),
         ('0.18,99,98,x"1,5"', "quotation marks within a cell"),
         ('0.18,9"9",98,1.5', "is not a number"),
-        ('0.18,"9"9,9x,1.5', "quotation marks within a cell"),
         ("0.18,9_9,98,1.5", "'9_9' is not a number"),
         *((f"{stamp},99,98,1.5", "") for stamp in ("", "nan", "-inf", "later")),
         ("1e300,99,98,1.5", "time 1e+300 s is beyond any clock; check its unit"),
     ],
+    ids=lambda text: text[:20],
 )
-@pytest.mark.parametrize("block_bytes", [40, 1 << 20])
-def test_a_line_that_is_no_row_is_named_and_survived(tmp_path, expected, damaged, reason, block_bytes):
-    lines = log_text(60).splitlines(keepends=True)
+def test_a_line_that_is_no_row_is_named_and_survived(tmp_path, damaged, reason, block_bytes):
+    lines = PLAIN.splitlines(keepends=True)
     lines[19] = damaged + "\n"
     lines[40:40] = ["\n", "# 5,6,7,8\n"]  # neither rows nor broken, but lines
-    rows, log = read(write(tmp_path, "".join(lines)), block_bytes=block_bytes)
-    assert (log.broken.count, log.broken.last) == (1, 20)
+    longer = block_bytes if len(damaged) < 100 else 1 << 18
+    rows, log = read(write(tmp_path, "".join(lines)), block_bytes=longer)
+    if len(damaged) < 100 or block_bytes > 100:
+        assert (log.broken.count, log.broken.last) == (1, 20)
     assert log.broken.first[0].startswith("line 20: ")
     assert reason in log.broken.first[0]
     assert lost(rows, 62) == [20, 41, 42]
-    assert np.array_equal(rows.columns["wheel_speed"], np.delete(expected.columns["wheel_speed"], 18))
+    assert np.allclose(rows.columns["wheel_speed"], np.delete(EXPECTED["wheel_speed"], 18), rtol=1e-13)
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_no_damage_costs_more_than_the_lines_it_is_in(tmp_path, expected, seed):
+def test_no_damage_costs_more_than_the_lines_it_is_in(tmp_path, seed):
     """Random bytes, quotes and returns in some lines: the others are read as they were, or time is refused."""
     generator = np.random.default_rng(seed)
-    lines = [line.encode() for line in log_text(60).splitlines(keepends=True)]
+    lines = [line.encode() for line in PLAIN.splitlines(keepends=True)]
     damaged = generator.choice(np.arange(1, 60), size=4, replace=False)
     for i in damaged:
         bits = [generator.bytes(30).replace(b"\n", b""), b'"', b"\r", b"1_0", b",", b"\0"]
@@ -369,65 +389,28 @@ def test_no_damage_costs_more_than_the_lines_it_is_in(tmp_path, expected, seed):
         return
     kept = dict(zip(rows.line.tolist(), rows.columns["train_speed"], strict=True))
     for i in set(range(1, 61)) - set(damaged.tolist()):
-        assert kept[i + 1] == pytest.approx(expected.columns["train_speed"][i - 1], rel=1e-13)
+        assert kept[i + 1] == pytest.approx(EXPECTED["train_speed"][i - 1], rel=1e-13)
 
 
 def test_a_row_that_lost_a_cell_does_not_hide_behind_a_separator_at_the_end(tmp_path):
     """With a comma more it has as many cells as the others."""
-    for text in (rows_below(HEADER), rows_below(HEADER, lambda line: line + ",")):
-        lines = text.splitlines(keepends=True)
-        lines[19] = "0.18,9,9,98," + ("1.5,\n" if text.endswith(",\n") else "\n")
-        rows, log = read(write(tmp_path, "".join(lines)))
-        assert log.broken.count == 1
-        assert lost(rows, 60) == [20]
-
-
-def test_quotes_bytes_of_latin_1_and_columns_of_text_do_no_harm(tmp_path):
-    text = (
-        '"time [s]","v [km/h]","vw [km/h]","Tb [kN*m]","remark \xb0"\n0.0,"100",99,1,"cold, 5 \xb0C"\n0.1,100,98,1,\n'
-    )
-    rows, log = read(write(tmp_path, text))
-    assert rows.columns["wheel_speed"] == pytest.approx([99 / 3.6, 98 / 3.6])
-    assert log.broken.count == 0
-
-
-@pytest.mark.parametrize(
-    ("block", "broken", "reason"),
-    [
-        (
-            b"\0" * 50,
-            1,
-            "line 21: a control character, 50 null bytes, which may stand for many rows and count as one line",
-        ),
-        (b"\0" * (2 * LONGEST_LINE), 1, "line 21: "),
-        (b"8" * (5 * LONGEST_LINE) + b"\n", 1, "line 21: more than 1048576 bytes without a line end"),
-        (bytes(range(256)) * 3, 4, "line 21: a control character"),
-    ],
-    ids=["zeros", "many zeros", "no line end", "bytes with three line ends"],
-)
-def test_a_damaged_block_costs_the_lines_it_is_in(tmp_path, block, broken, reason):
-    lines = [line.encode() for line in log_text(40).splitlines(keepends=True)]
-    rows, log = read(write(tmp_path, b"".join([*lines[:20], block, *lines[20:]])), block_bytes=1 << 18)
-    assert log.broken.count == broken
-    assert log.broken.first[0].startswith(reason)
-    own_line = block.endswith(b"\n")
-    lost = [] if own_line else [19]  # else the block is one line with the row after it
-    expected, _ = read(write(tmp_path, log_text(40)))
-    assert np.array_equal(rows.columns["time"], np.delete(expected.columns["time"], lost))
-    assert rows.line[-1] == 41 + block.count(b"\n")
+    lines = rows_below(HEADER, lambda line: line + ",").splitlines(keepends=True)
+    lines[19] = "0.18,9,9,98,1.5,\n"
+    rows, log = read(write(tmp_path, "".join(lines)))
+    assert (log.broken.count, lost(rows, 60)) == (1, [20])
 
 
 def test_a_file_that_ends_without_line_ends_takes_no_memory(tmp_path):
     """What a disk leaves after a power cut: zeros to the end."""
-    read(write(tmp_path, log_text(40)))  # what is imported on the way
-    path = write(tmp_path, log_text(40).encode() + b"\0" * (20 * LONGEST_LINE))
+    read(write(tmp_path, PLAIN))  # what is imported on the way
+    path = write(tmp_path, PLAIN.encode() + b"\0" * (20 * LONGEST_LINE))
     tracemalloc.start()
     rows, log = read(path, block_bytes=1 << 18)
     found = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert found < 5 * LONGEST_LINE
-    assert len(rows) == 40
-    assert log.broken.first == ("line 42: more than 1048576 bytes without a line end, which count as one line",)
+    assert is_plain(rows)
+    assert log.broken.first == ("line 62: more than 1048576 bytes without a line end, which count as one line",)
 
 
 def test_words_in_many_places_of_a_long_log_are_all_found(tmp_path):
@@ -437,58 +420,16 @@ def test_words_in_many_places_of_a_long_log_are_all_found(tmp_path):
     for line in bad:
         lines[line - 1] = lines[line - 1].replace(",", ",x", 1)
     rows, log = read(write(tmp_path, "".join(lines)))
-    assert log.broken.count == len(bad)
-    assert sorted(set(range(2, 3502)) - set(rows.line.tolist())) == bad
-    expected, _ = read(write(tmp_path, log_text(3500)))
-    kept = np.isin(expected.line, rows.line)
-    assert np.array_equal(rows.columns["wheel_speed"], expected.columns["wheel_speed"][kept])
-
-
-LOADED = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m],wheel load [kN]"
-
-
-@pytest.mark.parametrize("block_bytes", [4000, 4 << 20])
-def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes):
-    plain = log_text(1500).splitlines()[1:]
-    path = write(tmp_path, "\n".join([LOADED, *(line + "," for line in plain)]) + "\n")
-    rows, log = read(path, block_bytes=block_bytes)
-    assert len(rows) == 1500
-    assert "wheel_load" not in rows.columns
-    assert log.broken.count == 0
-    assert "column 'wheel load [kN]' is empty in 1000 rows" in log.notes[0]
-    filled = write(tmp_path, "\n".join([LOADED, *(line + (",34" if i > 900 else ",") for i, line in enumerate(plain))]))
-    rows, log = read(filled, block_bytes=block_bytes)
-    assert "wheel_load" in rows.columns
-    assert log.broken.count == 901
-
-
-def test_a_date_for_a_time_is_told(tmp_path):
-    path = write(tmp_path, log_text(30).replace("\n0.", "\n2026-01-01T00:00:0."))
-    with pytest.raises(InputError, match=r"is a date or a time of day, not a number.*give the time in s"):
-        read(path)
+    assert (log.broken.count, lost(rows, 3500)) == (len(bad), bad)
+    assert rows.columns["wheel_speed"] == pytest.approx((99 - 0.02 * (rows.line - 2)) / 3.6, rel=1e-13)
 
 
 @pytest.mark.parametrize(("cut", "kept"), [(1, True), (4, True), (5, False), (9, False)])
 def test_a_last_line_without_its_end_counts_if_it_has_all_cells(tmp_path, cut, kept):
     text = log_text(30).replace(",1.5\n", ",1.50\n")  # the end, 1.50 and its separator: five characters
     rows, log = read(write(tmp_path, text[:-cut]))
-    assert len(rows) == 29 + kept
-    assert log.broken.count == (not kept)
+    assert (len(rows), log.broken.count) == (29 + kept, not kept)
     assert any("ends without a line end: line 31" in note for note in log.notes) == kept
-
-
-def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
-    lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
-    path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
-    with pytest.raises(InputError, match="say which with --column wheel_angular_speed=HEADER, or by its place: 3 or 4"):
-        read(path)
-    with pytest.raises(InputError, match=r"2 columns are called 'omega'; .*, or by its place: 3 or 4"):
-        read(path, columns={"wheel_angular_speed": "omega"})
-    for place, value in (("3", 20.0), ("4", 21.0)):
-        rows, _ = read(path, columns={"wheel_angular_speed": place})
-        assert set(rows.columns["wheel_angular_speed"]) == {value}
-    with pytest.raises(InputError, match="no column is called '6'"):
-        read(path, columns={"wheel_angular_speed": "6"})
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
@@ -496,27 +437,25 @@ def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
 
 @at_any_block
 @pytest.mark.parametrize(
-    ("lines", "stamp"),
+    ("line", "stamp"),
     [
         *((line, stamp) for line in (2, 3, 18, 31, 32, 60, 105, 120) for stamp in ("1e9", "7")),
         *((line, "-5.5") for line in (3, 32, 121)),
     ],
 )
-def test_a_stamp_far_off_is_left_out_and_named(tmp_path, lines, stamp, block_bytes):
+def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_bytes):
     """Ahead: the first row, the last but one, around the borders of blocks; behind: the last row too."""
-    rows, log = read(write(tmp_path, with_stamps(ROWS, {lines: stamp})), block_bytes=block_bytes)
-    assert lost(rows, ROWS) == [lines]
-    named = f"line {lines}: time {float(stamp):.9g} s stands apart from those beside it; it is left out"
+    rows, log = read(write(tmp_path, with_stamps(ROWS, {line: stamp})), block_bytes=block_bytes)
+    assert lost(rows, ROWS) == [line]
+    named = f"line {line}: time {float(stamp):.9g} s stands apart from those beside it; it is left out"
     assert (log.stamps.warnings, log.broken.count) == ((named,), 0)
 
 
 @at_any_block
 def test_stamps_far_from_each_other_are_all_left_out(tmp_path, block_bytes):
-    lines = [2, 2 + BESIDE + 1, 60, 60 + BESIDE + 1, 120]
-    rows, log = read(write(tmp_path, with_stamps(ROWS, dict.fromkeys(lines, "1e9"))), block_bytes=block_bytes)
-    assert (lost(rows, ROWS), log.stamps.count) == (lines, 5)
-    many = dict.fromkeys(range(4, ROWS, BESIDE + 1), "1e9")
-    _, log = read(write(tmp_path, with_stamps(ROWS, many)), block_bytes=block_bytes)
+    many = dict.fromkeys(range(2, ROWS, BESIDE + 1), "1e9")
+    rows, log = read(write(tmp_path, with_stamps(ROWS, many)), block_bytes=block_bytes)
+    assert lost(rows, ROWS) == sorted(many)
     assert len(log.stamps.warnings) == 6
     assert log.stamps.warnings[-1] == f"{len(many)} rows with outlying time stamps in all"
 
@@ -525,13 +464,8 @@ def test_stamps_far_from_each_other_are_all_left_out(tmp_path, block_bytes):
 @pytest.mark.parametrize(
     ("stamps", "message"),
     [
-        *(
-            (
-                {60 + i: f"{1e9 + i}" for i in range(n)},
-                f"60: time jumps from 0.57 s to .* line {60 + n} has {0.58 + 0.01 * n:g}",
-            )
-            for n in (2, 3)
-        ),
+        ({60: "1e9", 61: "1000000001"}, "60: time jumps from 0.57 s to .* line 62 has 0.6"),
+        ({60: "1e9", 61: "1000000001", 62: "1000000002"}, "60: time jumps from 0.57 s to .* line 63 has 0.61"),
         ({60: "1e9", 62: "1e9"}, "60: time jumps"),
         ({60: "1e9", 60 + BESIDE: "1e9"}, f"{60 + BESIDE}: time jumps"),  # the first is alone as far as its window goes
         ({60: "0.57"}, "60: time 0.57 s repeats 0.57 s"),
@@ -541,11 +475,8 @@ def test_stamps_far_from_each_other_are_all_left_out(tmp_path, block_bytes):
         ({3: "0.00"}, "3: time 0 s repeats"),
         ({60: "0.59", 61: "0.58"}, "61: time 0.58 s goes back from 0.59 s"),
         *(
-            (
-                {line: f"{0.01 * (line - 2) - back:.2f}" for line in range(60, ROWS + 2)},
-                "60: time .* goes back from 0.57",
-            )
-            for back in (0.2, 1e6)
+            ({i: f"{0.01 * (i - 2) - x:.2f}" for i in range(60, 122)}, "60: time .* goes back from 0.57")
+            for x in (0.2, 1e6)
         ),
     ],
 )
@@ -563,7 +494,7 @@ def test_at_the_ends_a_stamp_in_order_is_a_gap(tmp_path, line, stamp):
 
 @pytest.mark.parametrize(("share", "left_out"), [(0.9, False), (1.1, True)])
 def test_far_is_so_many_usual_intervals_from_the_nearer_neighbour(share, left_out):
-    time = 0.01 * np.arange(60.0)
+    time = TIME.copy()
     time[40:] += 30.0  # a pause is no usual interval
     time[30] = time[31] + share * FAR * 0.01
     rows = Rows(np.arange(60) + 2, {"time": time})
@@ -579,10 +510,8 @@ def test_what_is_left_out_does_not_depend_on_the_blocks(seed):
     """Irregular sampling with glitches, in blocks of random sizes: as whole, and all glitches but nothing else."""
     generator = np.random.default_rng(seed)
     time = np.cumsum(generator.exponential(0.01, 2000) + 1e-4)
-    glitches = np.arange(int(generator.integers(0, 40)), 1990, 40)
+    glitches = np.arange(int(generator.integers(1, 40)), 1990, 40)
     time[glitches] += generator.choice([-1.0, 1.0], len(glitches)) * 10.0 ** generator.uniform(2, 9, len(glitches))
-    if glitches[0] == 0:
-        time[0] = abs(time[0])  # else it is a gap
     rows, filtering = Rows(np.arange(2000), {"time": time}), StampFilter("log")
     borders = np.sort(generator.choice(np.arange(1, 2000), 30, replace=False))
     assert np.array_equal(in_blocks(filtering, rows, borders), np.delete(rows.line, glitches))
@@ -598,35 +527,35 @@ def test_too_few_rows_tell_nothing(tmp_path):
 # --- outliers ------------------------------------------------------------------------------------------------------
 
 
-def speeds(count=5000, seed=3):
-    generator = np.random.default_rng(seed)
-    time = 0.01 * np.arange(count)
-    wheel = 60.0 - 0.3 * np.maximum(time - 10.0, 0.0) ** 1.2 + 0.02 * generator.standard_normal(count)
+def speeds(seed: int = 3) -> Rows:
+    generator, time = np.random.default_rng(seed), 0.01 * np.arange(5000)
+    wheel = 60.0 - 0.3 * np.maximum(time - 10.0, 0.0) ** 1.2 + 0.02 * generator.standard_normal(5000)
     torque = np.where(time < 10.0, 0.0, 4000.0)  # a step is no outlier
-    return Rows(
-        np.arange(count) + 2,
-        {"time": time, "train_speed": np.full(count, 27.0), "wheel_angular_speed": wheel, "brake_torque": torque},
-    )
+    columns = {"time": time, "train_speed": np.full(5000, 27.0), "wheel_angular_speed": wheel, "brake_torque": torque}
+    return Rows(np.arange(5000) + 2, columns)
 
 
-def test_outliers_are_left_out_and_nothing_else():
-    rows, outliers = speeds(), OutlierFilter()
-    spikes = [50, 1200, 1201, 3000, 4999]
-    rows.columns["wheel_angular_speed"][spikes] += [3.0, -5.0, 8.0, 200.0, -2.0]
-    assert np.array_equal(in_blocks(outliers, rows, []), np.delete(rows.line, spikes))
-    assert (outliers.count, outliers.first_line) == (5, 52)
-    for seed in range(5):
-        assert len(in_blocks(OutlierFilter(), speeds(seed=seed), [])) == 5000
-
-
-@pytest.mark.parametrize("borders", [[4096, 4099, 4100], [4500], [4999], [1001]])
-def test_outliers_do_not_depend_on_the_blocks(borders):
+@pytest.mark.parametrize("borders", [[], [4096, 4099, 4100], [4500], [4999], [1001]])
+def test_outliers_are_left_out_and_nothing_else_whatever_the_blocks(borders):
     """The borders are at the step of the torque too, which by itself would look like an outlier."""
-    rows = speeds()
-    rows.columns["train_speed"][[10, 4097, 4098, 4499, 4998]] = 90.0
-    whole = in_blocks(OutlierFilter(), rows, [])
-    assert len(whole) == len(rows) - 5
-    assert np.array_equal(in_blocks(OutlierFilter(), rows, borders), whole)
+    rows, outliers = speeds(), OutlierFilter()
+    spikes = [50, 1200, 1201, 3000, 4097, 4098, 4499, 4999]
+    rows.columns["wheel_angular_speed"][spikes] += [3.0, -5.0, 8.0, 200.0, 9.0, 9.0, -4.0, -2.0]
+    assert np.array_equal(in_blocks(outliers, rows, borders), np.delete(rows.line, spikes))
+    assert (outliers.count, outliers.first_line) == (8, 52)
+    assert len(in_blocks(OutlierFilter(), speeds(seed=len(borders)), borders)) == 5000
+
+
+def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
+    """Four times the noise of rolling in a tenth of the rows: a limit from rolling is two deviations there."""
+    generator, count = np.random.default_rng(4), 100_000
+    noise = np.where(np.arange(count) % 1000 < 100, 0.4, 0.1) * generator.standard_normal(count)
+    spikes = np.array([50, 12_345, 50_020, 70_500])  # two of them under brake
+    for at in ([], spikes):
+        omega = 60.0 + noise
+        omega[at] += 8.0
+        rows = Rows(np.arange(count), {"time": 0.01 * np.arange(count), "wheel_angular_speed": omega})
+        assert np.array_equal(in_blocks(OutlierFilter(), rows, []), np.delete(rows.line, np.array(at, dtype=int)))
 
 
 # --- memory ----------------------------------------------------------------------------------------------------------
@@ -643,15 +572,14 @@ def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
     monkeypatch.setattr(observed, "Recorder", functools.partial(Recorder, 2000))
     monkeypatch.setattr(OutlierFilter, "piece", 512)  # rows wait for a piece, which is to be short beside either log
     monkeypatch.setattr(log_checks, "_MOST_WINDOWS", 256)
-    rows = rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0]
-    path, options = tmp_path / "long.csv", Options(block_bytes=1 << 16)
+    rows, path = two_runs(), tmp_path / "long.csv"
 
     def peak(times):
         columns = {name: np.tile(values, times) for name, values in rows.columns.items()}
         columns["time"] = 0.01 * np.arange(times * len(rows))
         write_log(path, Rows(np.arange(times * len(rows)) + 2, columns))
         tracemalloc.start()
-        curve = read_curve(path, PARK2008, options)
+        curve = read_curve(path, PARK2008, Options(block_bytes=1 << 16))
         found = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert curve.survey.rows == times * len(rows)

@@ -135,6 +135,40 @@ def test_own_controller(tmp_path, capsys, monkeypatch):
     assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
 
 
+@pytest.mark.long
+def test_seeking_campaign(capsys, monkeypatch):
+    module = script("analysis/seeking_campaign.py")
+    stops = module.run((50, 51))
+    believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
+    assert np.median([stop.over for stop in believed]) < 7.0
+    assert max(stop.over for stop in believed) < 13.0
+    assert not any(stop.locked_at_kmh for stop in believed)
+    assert not any(stop.locked_at_kmh > 5 for stop in stops if stop.law in ("curve", "bristle", "beam"))
+    steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
+    assert np.median(steep) < 12.0  # 35 where the end of the start does not set the reference slip
+    monkeypatch.setattr(module, "run", lambda seeds: stops)
+    monkeypatch.setattr(sys, "argv", ["seeking_campaign.py", "2", "50"])
+    module.main()
+    assert capsys.readouterr().out.count("\n") == 3 * 7 + 1 + 25 + 2
+
+
+@pytest.mark.long
+def test_seeking(tmp_path, capsys, monkeypatch):
+    module = script("designs/seeking.py")
+    found = module.run()
+    assert found.judgement.verdict == "robust"
+    assert found.certified_ms[0] <= found.judgement.worst.ms <= found.certified_ms[1] * (1 + 1e-12)
+    assert found.judgement.worst.ms == pytest.approx(1.8688, abs=5.1e-5)
+    rows = {(row.law, row.rail): row for row in found.rows}
+    assert rows["curve", "dry"].distance == pytest.approx(141.8, abs=1.0)  # of one seed
+    assert rows["curve", "wet"].distance == pytest.approx(258.7, abs=1.5)
+    for row in found.rows:
+        assert row.bound < row.attainable < row.distance < 1.06 * row.attainable
+    show(module, found, tmp_path, monkeypatch)
+    assert (tmp_path / "seeking_map.png").exists()
+    assert "certified: Ms in [1.868" in capsys.readouterr().out
+
+
 def test_pade_order(capsys):
     module = script("analysis/pade_order.py")
     result = module.run()

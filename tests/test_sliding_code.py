@@ -28,7 +28,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import NOT_HOLDING, generate, law_numbers, python_law, with_numbers
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
-from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, gain_parameters
+from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 from railslip_ctrl.verification import fixed_step
@@ -147,6 +147,8 @@ def test_variants_of_the_adaptation() -> None:
     assert theta_hat(stepped(gain_parameters(wide), MEASURED, start)) == (3e-4, -2e-3)
     boxed = replace(PUBLISHED_LAW, box=((-1e-4, 1e-4), (-1e-3, 5e-3)))
     assert theta_hat(stepped(gain_parameters(boxed), MEASURED, start)) == (1e-4, -1e-3)
+    plain = gain_parameters(LawGains(K=1.0, D=2.0, rho=3.0))  # without adaptation and variants
+    assert {name: value for name, value in plain.items() if value} == {"K": 1.0, "D": 2.0, "rho": 3.0}
     with pytest.raises(InputError, match=r"box: 0\.1 \.\. 0\.1 of theta1_hat"):
         gain_parameters(replace(PUBLISHED_LAW, box=((0.1, 0.1), (0.0, 1.0))))
 
@@ -207,12 +209,13 @@ def test_the_ideal_loop_adapts_as_the_generated_step() -> None:
 @pytest.fixture(scope="module")
 def in_both_languages(tmp_path_factory):
     """The code of a law, its Python and its C, made once."""
+    flags = sanitizer(tmp_path_factory.mktemp("flags"))
 
     @cache
-    def made(reference, adhesion):
+    def made(adhesion, reference="proportional"):
         derivation = derive(reference=reference, law=adhesion)
         code = generate(derivation)
-        return code, python_law(derivation), Compiled(code, tmp_path_factory.mktemp("law"))
+        return code, python_law(derivation), Compiled(code, tmp_path_factory.mktemp("law"), *flags)
 
     return made
 
@@ -220,25 +223,19 @@ def in_both_languages(tmp_path_factory):
 @needs_compiler
 @pytest.mark.parametrize(("reference", "adhesion"), CASES)
 def test_c_sequences_are_the_python_s(reference, adhesion, in_both_languages) -> None:
-    """Sequences of 200 samples at random measurements, states included; `control` is tested with 1e4 inputs."""
-    code, module, compiled = in_both_languages(reference, adhesion)
-    inside = adhesion if code.law.measured == ("v", "omega") else None
+    """Sequences of 200 samples at random measurements, states included."""
+    made = in_both_languages(adhesion, reference)
+    law = made[0].law
+    inside = adhesion if law.measured == ("v", "omega") else None
     generator = np.random.default_rng(123)
     for run in range(SEQUENCES):
         given = ({}, {"torque_min": 0.0, "torque_max": 8e3, "boundary": 0.3}, options(generator))[run % 3]
-        p = parameters(code, generator, inside, **given)
-        mine, theirs = module.Parameters(*p), compiled.Parameters(*p)
-        v = generator.uniform(5.0, 38.0)
-        state, memory = begun(module, v, mine), compiled.begun(v, theirs)
+        row, v = parameters(made[0], generator, inside, **given), generator.uniform(5.0, 38.0)
+        both = Both(made, row, v)
         for _ in range(200):
             v = max(1.0, v + generator.uniform(-0.1, 0.02))
-            omega = v * (1.0 - generator.uniform(0.005, 0.4)) / mine.r
-            measured = [{"v": v, "omega": omega, "Ta": generator.uniform(0.0, 6e3)}[name] for name in code.law.measured]
-            torque, s, state = module.step(state, *measured, mine)
-            out = compiled.step(memory, *measured, theirs)
-            assert same((out.torque, out.s), (torque, s))
-            assert same(fields(memory), state)
-            assert all(map(math.isfinite, (torque, s, *state)))
+            omega = v * (1.0 - generator.uniform(0.005, 0.4)) / both.p.r
+            both.step(*({"v": v, "omega": omega, "Ta": generator.uniform(0.0, 6e3)}[name] for name in law.measured))
 
 
 EXTREMES = (0.0, -0.0, 5e-324, 1e-300, -1e-160, 1.0, -3.0, 80.0, 1e12, -1e13, 1e100, -1e200, 1.7e308, -1.7e308)
@@ -248,30 +245,25 @@ NOT_FINITE = (math.nan, math.inf, -math.inf)
 @needs_compiler
 @pytest.mark.parametrize("adhesion", [None, *ALL_LAWS])
 def test_measurements_of_any_size_give_the_same_finite_numbers(adhesion, in_both_languages) -> None:
-    code, module, compiled = in_both_languages("proportional", adhesion)
-    inside = adhesion if code.law.measured == ("v", "omega") else None
+    made = in_both_languages(adhesion)
+    law = made[0].law
+    inside = adhesion if law.measured == ("v", "omega") else None
     generator = np.random.default_rng(5)
     for run in range(40):
-        p = parameters(code, generator, inside, **(options(generator) if run % 2 else {}))
-        mine, theirs = module.Parameters(*p), compiled.Parameters(*p)
-        v = float(generator.choice(EXTREMES))
-        state, memory = begun(module, v, mine), compiled.begun(v, theirs)
+        row = parameters(made[0], generator, inside, **(options(generator) if run % 2 else {}))
+        both = Both(made, row, float(generator.choice(EXTREMES)))
         for _ in range(60):
-            measured = [float(generator.choice(EXTREMES)) for _ in code.law.measured]
+            measured = [float(generator.choice(EXTREMES)) for _ in law.measured]
             if generator.random() < 0.1:
                 measured[int(generator.integers(len(measured)))] = float(generator.choice(NOT_FINITE))
-            before = state
-            torque, s, state = module.step(state, *measured, mine)
-            out = compiled.step(memory, *measured, theirs)
-            assert all(map(math.isfinite, (torque, s, *state)))
-            assert mine.torque_min <= torque <= mine.torque_max
-            assert max(map(abs, (torque, s, *state))) <= LARGEST
-            if not all(map(math.isfinite, measured)):
-                assert s == 0.0
-                assert state[:-3] == before[:-3]
+            before = both.state
             # rounding of terms of 1e12 that cancel is the languages' own, unless both sum in the same order: they do
-            assert same((out.torque, out.s), (torque, s))
-            assert same(fields(memory), state)
+            torque = both.step(*measured)
+            assert both.p.torque_min <= torque <= both.p.torque_max
+            assert max(map(abs, (torque, both.s, *both.state))) <= LARGEST
+            if not all(map(math.isfinite, measured)):
+                assert both.s == 0.0
+                assert both.state[:-3] == before[:-3]
 
 
 @pytest.mark.parametrize("name", [None, *law_names()])
@@ -334,28 +326,18 @@ def sanitizer(folder) -> tuple[str, ...]:
 
 
 class Both:
-    """The law in Python and in C, stepped together; what they say is asserted to be the same."""
+    """The law in Python and in C, stepped together; what they say is asserted to be the same, and finite."""
 
-    def __init__(self, adhesion, folder, v) -> None:
-        derivation = derive(law=adhesion)
-        self.code, self.module = generate(derivation), python_law(derivation)
-        self.compiled = Compiled(self.code, folder, *sanitizer(folder))
-        values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132, "N": 34_500.0}
-        values |= {"filter_time": 0.05, "period": PERIOD, "torque_min": 0.0, "torque_max": 9000.0}
-        values |= dict.fromkeys(OPTIONS, 0.0) | gain_parameters(PUBLISHED_LAW) | {"anti_windup": 1.0}
-        if adhesion is not None:
-            law = published_law("bristle", Rail.DRY, 140.0) if adhesion == "bristle" else sample_law(adhesion)
-            named = zip(type(law).parameter_names(), law.parameters(), strict=True)
-            values |= {f"adhesion_{name}": value for name, value in named}
-            self.adhesion = law
-        row = [values[name] for name in self.code.law.parameters]
+    def __init__(self, made, row, v) -> None:
+        self.code, self.module, self.compiled = made
         self.p, self.c = self.module.Parameters(*row), self.compiled.Parameters(*row)
         self.state, self.memory = begun(self.module, v, self.p), self.compiled.begun(v, self.c)
 
     def step(self, *measured) -> float:
-        torque, s, self.state = self.module.step(self.state, *measured, self.p)
+        torque, self.s, self.state = self.module.step(self.state, *measured, self.p)
         out = self.compiled.step(self.memory, *measured, self.c)
-        assert same((out.torque, out.s, *fields(self.memory)), (torque, s, *self.state))
+        assert same((out.torque, out.s, *fields(self.memory)), (torque, self.s, *self.state))
+        assert all(map(math.isfinite, (torque, self.s, *self.state)))
         return torque
 
     def run(self, seconds, v, omega) -> np.ndarray:
@@ -363,17 +345,28 @@ class Both:
         return np.array([self.step(v, omega) for _ in range(round(seconds / PERIOD))])
 
 
+def published(made, law, v) -> Both:
+    """The published gains with an adhesion law, limits and anti-windup, the brake applied at speed v."""
+    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132, "N": 34_500.0}
+    values |= {"filter_time": 0.05, "period": PERIOD, "torque_min": 0.0, "torque_max": 9000.0}
+    values |= dict.fromkeys(OPTIONS, 0.0) | gain_parameters(PUBLISHED_LAW) | {"anti_windup": 1.0}
+    if law is not None:
+        named = zip(type(law).parameter_names(), law.parameters(), strict=True)
+        values |= {f"adhesion_{name}": value for name, value in named}
+    return Both(made, [values[name] for name in made[0].law.parameters], v)
+
+
 # --- a locked wheel --------------------------------------------------------------------------------------------------
 
 
 @needs_compiler
-def test_a_wheel_that_has_locked_is_released_and_braked_again(tmp_path) -> None:
+def test_a_wheel_that_has_locked_is_released_and_braked_again(in_both_languages) -> None:
     """The bristle law at 140 km/h, where gamma is 116 km/h: beyond it z grew to 1e12 and the brake stayed full."""
-    law = Both("bristle", tmp_path, V0)
+    bristle = published_law("bristle", Rail.DRY, 140.0)
+    law = published(in_both_languages("bristle"), bristle, V0)
     turning = (1.0 - 0.132) * V0 / 0.43
     before = law.run(1.0, V0, turning)[-1]
-    Fs = law.adhesion.gamma / law.adhesion.beta
-    largest = Fs / law.adhesion.alpha
+    largest = bristle.gamma / bristle.beta / bristle.alpha  # Fs/alpha
     assert 3000.0 < before < 5000.0  # some 0.9 of r Fs: the bristles are bent
     torques = []
     for i in range(500):
@@ -383,8 +376,8 @@ def test_a_wheel_that_has_locked_is_released_and_braked_again(tmp_path) -> None:
     assert law.state.z == pytest.approx((1.0 - DOMAIN_SHARE) * largest, rel=1e-6)  # at rest at the end of the domain
     # z relaxes to (gamma - sigma)/(alpha beta) with the rate alpha beta sigma/(gamma - sigma), 6.6 1/s here
     sigma = V0 - 0.43 * turning
-    rate = law.adhesion.alpha * law.adhesion.beta * sigma / (law.adhesion.gamma - sigma)
-    rest, started = (law.adhesion.gamma - sigma) * largest / law.adhesion.gamma, law.state.z
+    rate = bristle.alpha * bristle.beta * sigma / (bristle.gamma - sigma)
+    rest, started = (bristle.gamma - sigma) * largest / bristle.gamma, law.state.z
     after = law.run(0.5, V0, turning)
     expected = rest + (started - rest) * math.exp(-0.5 * rate)
     assert law.state.z == pytest.approx(expected, rel=5e-3)  # backward Euler, 1 ms: h rate^2 t/2 = 0.01 of 4 %
@@ -394,20 +387,18 @@ def test_a_wheel_that_has_locked_is_released_and_braked_again(tmp_path) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("adhesion", DYNAMIC_LAWS)
-def test_no_slip_moves_the_adhesion_state_beyond_its_bound(adhesion, tmp_path) -> None:
+def test_no_slip_moves_the_adhesion_state_beyond_its_bound(adhesion, in_both_languages) -> None:
     """Locked, spinning ahead, in jumps: |z| <= Fs/alpha, and a torque that is finite and within its limits."""
-    law = Both(adhesion, tmp_path, V0)
+    sample = sample_law(adhesion)
+    law = published(in_both_languages(adhesion), sample, V0)
     law.state, law.memory.z = law.state._replace(z=1e9), 1e9  # memory that is damaged
-    bound = float(_on_parameters(law.adhesion, law_class(adhesion).statement().state_limit))
+    limit = law_class(adhesion).statement().state_limit
+    bound = float(limit.subs(dict(zip(type(sample).symbols(), sample.parameters(), strict=True))))
     generator = np.random.default_rng(4)
     for _ in range(2000):
         v = generator.uniform(0.0, 45.0)
         assert 0.0 <= law.step(v, v / 0.43 * generator.choice([0.0, 1.0, 2.0, -1.0])) <= 9000.0
         assert abs(law.state.z) <= bound * (1 + 1e-12)
-
-
-def _on_parameters(law, expression):
-    return expression.subs(dict(zip(type(law).symbols(), law.parameters(), strict=True)))
 
 
 @pytest.mark.parametrize("adhesion", [name for name in ALL_LAWS if name not in ("curve", "table")])
@@ -435,8 +426,8 @@ def test_the_adhesion_in_the_code_is_the_law(adhesion) -> None:
 
 
 @needs_compiler
-def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(tmp_path) -> None:
-    law = Both(None, tmp_path, 25.0)
+def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(in_both_languages) -> None:
+    law = published(in_both_languages(None), None, 25.0)
     sound = [25.0, 53.0, 4000.0]
     for wrong, place in itertools.product((math.nan, math.inf, -math.inf), range(3)):
         lost = [wrong if i == place else value for i, value in enumerate(sound)]
@@ -456,8 +447,8 @@ def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(tmp_pa
 
 
 @needs_compiler
-def test_parameters_that_are_refused_name_themselves_and_keep_the_brake_released(tmp_path) -> None:
-    both = Both("lugre", tmp_path, V0)
+def test_parameters_that_are_refused_name_themselves_and_keep_the_brake_released(in_both_languages) -> None:
+    both = published(in_both_languages("lugre"), sample_law("lugre"), V0)
     names = both.code.law.parameters
     may_be_zero = {"Bn", "K", "k1", "k2", "boundary", "torque_min", "adhesion_alpha1", "adhesion_alpha2", *OPTIONS}
     above = {"lambda_d": 13.2, "torque_min": 10.0}  # a slip in per cent; a brake that cannot release

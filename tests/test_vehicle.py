@@ -5,19 +5,15 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import LARGEST_FILE, one_line
+from railslip_ctrl.core.user_files import LARGEST_FILE
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
-from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
+from railslip_ctrl.model.vehicle_files import load_vehicle, read_rolling_stock
 
 DATA = Path(__file__).parent / "data" / "rolling-stock"
 DESIRO = DATA / "siemens_desiro_classic.yaml"
@@ -133,16 +129,13 @@ lag = 0.6
 IMPLAUSIBLE = {
     "mass = 4": ("mass = 4 kg", "1000 to 45000 kg", 'if 4 t is meant, give "4 t"'),
     "mass = 60": ("mass = 60 kg", "1000 to 45000 kg", "divide the mass of a whole vehicle by the number of its axles"),
-    "mass_loaded = 88000": ("mass_loaded = 88000 kg", "1000 to 45000 kg", "by the number of its axles"),
     # half and three halves of the weight, 39.2 and 58.8 kN
     "wheel_load = 39.2": ("wheel_load = 39.2 N", "19600 to 58800 N", 'if 39.2 kN is meant, give "39.2 kN"'),
     "wheel_load_loaded = 5900": ("wheel_load_loaded = 5900 N", "29400 to 88300 N", "check the number and its unit"),
     "radius = 4": ("radius = 4 m", "0.15 to 0.75 m", "check the number and its unit"),
     "radius = 430": ("radius = 430 m", "0.15 to 0.75 m", 'if 430 mm is meant, give "430 mm"'),
-    "radius = 43": ("radius = 43 m", "0.15 to 0.75 m", 'if 43 cm is meant, give "43 cm"'),
     # M r^2 = 739.6 kg m^2
     "inertia = 1e4": ("inertia = 10000 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
-    "inertia = 0.6": ("inertia = 0.6 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
     # 0.01 times 39 kN times r^2/v = 2.60
     "viscous_friction = 250": ("viscous_friction = 250 N*m*s", "0 to 2.6 N*m*s", "check the number and its unit"),
     # 60 v^2 at 100 km/h
@@ -169,7 +162,7 @@ def test_an_implausible_number_is_taken_and_told_with_range_and_remedy(file: Any
 
 
 def test_what_is_usual_is_not_doubted(file: Any) -> None:
-    assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == {one.key for one in USUAL_RANGES}
+    assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == set(USUAL_RANGES)
     edges = {"dead_time = 2": 0, "dead_time = 2.001": 1, "mass_loaded = 45000": 0, "mass_loaded = 45001": 1}
     for line, told in edges.items():
         text = _with(line).replace("wheel_load_loaded = 58000\n", "")  # the weight of the loaded mass, then
@@ -183,7 +176,6 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
     ("words", "line", "doubted"),
     [
         ("linearize --rail dry", "dead_time = 150", "dead_time = 150 s"),
-        ("linearize --rail dry --dead-time 0.2", "dead_time = 150", ""),
         ("simulate --controller slide-protection --dead-time 2.5", "lag = 0.6", "dead_time = 2.5 s"),
     ],
 )
@@ -273,9 +265,7 @@ WRONG_VEHICLE = {
     "length: 3": "mass: missing; give it (t): mass of the empty vehicle",
     "mass: 0": "mass: 0 is not allowed; give a value > 0 (t)",
     "mass: heavy": "mass: 'heavy' is not a number in t, with or without a unit",
-    "mass: 1, load_limit: -1": "load_limit: -1 is not allowed; give a value >= 0 (t)",
     "mass: 1, rotation_mass: 0.9": "rotation_mass: 0.9 is not allowed; give a value >= 1",
-    "mass: 1, air_resistance: -1": "air_resistance: -1 is not allowed; give a value >= 0 (permille)",
     "mass: 1, name: 3": "name: 3 is not allowed; give text in quotes",
 }
 NO_LIST = "vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file"
@@ -283,17 +273,13 @@ WRONG_YAML = {
     **{f"vehicles: [{{name: n, id: i, {keys}}}]": f"vehicle 'i': {told}" for keys, told in WRONG_VEHICLE.items()},
     **dict.fromkeys(("vehicles: []", "vehicles: [1]", "just text"), NO_LIST),
     "a: b: c": "not valid YAML: mapping values are not allowed in this context (at line 1, column 5)",
-    "a: 2022-99-99": "not valid YAML: month must be in 1..12",
-    "a: 1\n---\nb: 2\n": "not valid YAML: but found another document (at line 2, column 1)",
     "a: \x01": "not valid YAML: unacceptable character #x0001: control characters are not allowed in",
     "a: !!python/name:os.system x": "not valid YAML: could not determine a constructor for the tag",
     "a: &x [1]\nb: [*x, *x]\n": "aliases ('*x') are not read; write the value out in their place",
     "vehicles: [{id: 0x" + "f" * 5000 + "}, {}]": (
         "holds 2 vehicles; give vehicle_id in a TOML file, one of an integer of 20000 bits, None"
     ),
-    "vehicles: [{name: n, id: 642, mass: 1}]": "vehicle 642: id: 642 is not allowed; give text in quotes",
     "[" * 100_000: "is nested more than 20 levels deep; give a railtoolkit file",
-    "[" * 21: "is nested more than 20 levels deep; give a railtoolkit file",
     f"vehicles: {'[' * 19}{']' * 19}": NO_LIST,
 }
 
@@ -302,13 +288,9 @@ WRONG_KEYS = {
     "actuator.dead_time = '150'": (  # 150 ms were meant, 150 s would be read
         "actuator.dead_time: '150' is text without a unit; write the unit too, or give the number of s without"
     ),
-    "inertia_scale = 0": "inertia_scale: 0 is not allowed; give a value > 0",
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
-    "wheel.radius = -0.4": "wheel.radius: -0.4 is not allowed; give a value > 0 (m)",
-    "wheel.viscous_friction = -1": "wheel.viscous_friction: -1 is not allowed; give a value >= 0 (N*m",
     "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
     "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
-    "actuator.lag = '3 m'": "actuator.lag: '3 m' has the wrong dimension",
     "axles = 4": "axles: only read with rolling_stock; remove it",
 }
 WRONG_TOML = {
@@ -316,21 +298,15 @@ WRONG_TOML = {
     "mass = 1e308\nwheel.radius = 1e200\nmass_loaded = 1e-3": "wheel_load: inf is not allowed",
     "name = 'x'": "mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)",
     "axles = 0": "axles: 0 is not allowed; give a value >= 1",
-    "axles = 101": "axles: 101 is not allowed; give a value <= 100",
-    "axles = true": "axles: True is not allowed; give an integer",
     "mas = 10": "mas: unknown key; did you mean 'mass'? allowed: name, mass, mass_loaded, wheel_load,",
     '"two\\nlines" = 1': "'two\\nlines': unknown key;",
     "mass = -1\nname = 3": "name: 3 is not allowed; give text in quotes (and 1 more)",
     "mass = -1\nmasses = 3": "masses: unknown key; did you mean 'mass'?",  # told first, as it may be why
     "mass = 1\nmass ==": "not valid TOML: Invalid value (at line 2, column 7)",
-    "mass = 1\nmass = 2\n\n": "not valid TOML: Cannot overwrite a value (at line 2, column 9)",
     "mass = " + "9" * 5000: "not valid TOML: Exceeds the limit",
-    "mass = 0x" + "f" * 5000: "mass: an integer of 20000 bits is too large",
     "mass = " + "[" * 100_000: "is nested too deeply; give plain tables of keys",
-    "mass" + ".a" * 5_000 + " = 1": "mass: a table is not a number in kg",
     " \n": "the file is empty; give at least one key",
     "rolling_stock = 'none.yaml'": "rolling_stock: none.yaml: no such file; check the path",
-    "rolling_stock = '.'": "rolling_stock: ",
 }
 
 
@@ -370,27 +346,3 @@ def test_a_file_that_is_none(tmp_path: Path, suffix: str, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(Path, "open", refuse)  # not by chmod: it does not bind the superuser, whom containers run as
     assert _message(path) == f"{path.name}: cannot be read (Permission denied); check the path and its permissions"
-
-
-@given(content=st.binary(max_size=200), suffix=st.sampled_from([".toml", ".yaml"]))
-@settings(max_examples=100, deadline=None)
-def test_any_bytes_are_refused_in_one_line(content: bytes, suffix: str) -> None:
-    # 200 random bytes are never a vehicle
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"v{suffix}"
-        path.write_bytes(content)
-        _message(path)
-
-
-def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
-    class Choice(BaseModel):
-        rail: bytes
-
-    for model, values, line in (
-        (VehicleKeys, {"wheel": {"radius": -0.4}}, "wheel.radius: -0.4 is not allowed; give a value > 0"),
-        (VehicleKeys, {"mas": 1}, "mas: unknown key; remove it"),
-        (Choice, {"rail": 3}, "rail: 3 is not allowed; Input should be a valid bytes"),
-    ):
-        with pytest.raises(ValidationError) as caught:
-            model.__pydantic_validator__.validate_python(values)
-        assert one_line(caught.value, "x.toml") == f"x.toml: {line}"

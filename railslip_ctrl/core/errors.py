@@ -30,12 +30,8 @@ class MissingParametersError(RailslipError, LookupError):
 class UnstableLoopError(RailslipError, ArithmeticError):
     """Margins are asked for of a closed loop that is not stable.
 
-    Attributes
-    ----------
-    unstable_poles : int or float
-        Closed-loop poles with non-negative real part (``inf`` for a neutral loop with a chain of them).
-    stabilizing_gain_range : tuple of float or None
-        Interval of factors on the loop gain, nearest to 1 in ratio, for which the loop is stable.
+    unstable_poles: closed-loop poles with non-negative real part, inf for a neutral loop with a chain of them;
+    stabilizing_gain_range: factors on the loop gain, nearest to 1 in ratio, for which the loop is stable, or None.
     """
 
     def __init__(

@@ -16,9 +16,7 @@ from .processes import undisturbed
 
 LOCK = ".lock"
 
-INCOMPLETE = ".incomplete-"
-"""What the name of a folder of unfinished files begins with."""
-
+INCOMPLETE = ".incomplete-"  #: what the name of a folder of unfinished files begins with
 CACHE_VARIABLE = "RAILSLIP_CACHE"
 """Environment variable that names another folder for compiled kernels and cached results."""
 

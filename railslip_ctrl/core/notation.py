@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
 
@@ -18,35 +21,12 @@ class Notation:
     positive: bool = False
 
 
-_ENTRIES = (
-    Notation("v", "v", "m/s", "train speed", positive=True),
-    Notation("omega", r"\omega", "rad/s", "angular speed of the wheel"),
-    Notation("sigma", r"\sigma", "m/s", "slip velocity v - r omega, positive in braking"),
-    Notation("slip", r"\lambda", "1", "slip ratio sigma/v"),
-    Notation("z", "z", "m", "adhesion state: mean deflection of the bristles"),
-    Notation("Fa", "F_a", "N", "adhesion force of the rail on the wheel, against the motion of the train"),
-    Notation("Ta", "T_a", "N*m", "adhesion torque r Fa, drives the wheel"),
-    Notation("Tb", "T_b", "N*m", "brake torque acting on the wheel"),
-    Notation("Td", "T_d", "N*m", "disturbance torque, in the sense of the brake torque"),
-    Notation("Tr", "T_r", "N*m", "random adhesion torque, r times the random adhesion force"),
-    Notation("Fr", "F_r", "N", "travelling resistance"),
-    Notation("N", "N", "N", "wheel load", positive=True),
-    Notation("M", "M", "kg", "quarter-car mass (effective)", positive=True),
-    Notation("J", "J", "kg*m^2", "moment of inertia of the wheel (effective)", positive=True),
-    Notation("B", "B", "N*m*s", "viscous torque coefficient (effective)"),
-    Notation("r", "r", "m", "wheel radius", positive=True),
-    Notation("Fr0", "F_{r0}", "N", "travelling resistance, constant term"),
-    Notation("Fr1", "F_{r1}", "N/(m/s)", "travelling resistance, coefficient of v"),
-    Notation("Fr2", "F_{r2}", "N/(m/s)^2", "travelling resistance, coefficient of v^2"),
-    Notation("v_rate", r"\dot v", "m/s^2", "acceleration of the train"),
-    Notation("omega_rate", r"\dot\omega", "rad/s^2", "angular acceleration of the wheel"),
-    Notation("s", "s", "1/s", "Laplace variable"),
-    Notation("tau", r"\tau", "s", "dead time of the actuator", positive=True),
-    Notation("T", "T", "s", "time constant of the actuator's lag", positive=True),
-    Notation("Tc", "T_c", "N*m", "brake torque commanded of the lag, after the dead time"),
-)
+def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
+    """A table of symbols by name, from rows of LaTeX, unit, meaning and, where it is so, "positive"."""
+    return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
-NOTATION = MappingProxyType({entry.name: entry for entry in _ENTRIES})
+
+NOTATION = notation_in(tomllib.loads(files(__package__).joinpath("notation.toml").read_text("utf-8")))
 """The table, by name."""
 
 
@@ -60,4 +40,4 @@ def symbol(name: str) -> Any:
 
 def latex_names() -> dict[Any, str]:
     """What `sympy.latex(..., symbol_names=...)` needs to print the table's symbols as the source does."""
-    return {symbol(entry.name): entry.latex for entry in _ENTRIES}
+    return {symbol(entry.name): entry.latex for entry in NOTATION.values()}

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-BOUND_DIGITS = 3
-"""Significant digits of bounds and of worst cases, the same wherever one is said."""
-
+BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases, the same wherever one is said
 _EXACT = 1e-12  # a number that has the digits already keeps them
 
 

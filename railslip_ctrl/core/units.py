@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-import tokenize
 from functools import cache
 from numbers import Real
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
@@ -20,9 +20,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     import pint
 
-KMH = 1.0 / 3.6
-"""One kilometre per hour in m/s (exact)."""
-
+KMH = 1.0 / 3.6  #: one kilometre per hour in m/s (exact)
 _LONGEST_QUANTITY = 60  # characters: what is longer is not looked at
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
@@ -37,7 +35,7 @@ _UNIT_WORD = re.compile(
 _MOST_POWERS = 6
 
 # What Pint raises on an unknown name or on words in an impossible order, besides its own errors.
-_UNIT_PARSER_FAILURES = (
+_FAILURES = (
     ArithmeticError,
     AssertionError,
     AttributeError,
@@ -45,7 +43,7 @@ _UNIT_PARSER_FAILURES = (
     SyntaxError,
     TypeError,
     ValueError,
-    tokenize.TokenError,
+    TokenError,
 )
 
 
@@ -134,7 +132,7 @@ def _factor(given: str, unit: str, text: str) -> float:
         one, two = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
     except pint.DimensionalityError:
         raise InputError(f"{shown(text)} has the wrong dimension; it must be convertible to {unit!r}") from None
-    except _UNIT_PARSER_FAILURES:
+    except _FAILURES:
         raise _not_a_unit(given, unit, text) from None
     if "rad" in unit and "hertz" in str(parsed):  # to Pint a hertz is 1/s and a radian 1
         raise InputError(f"{shown(text)} may mean cycles or radians; give a number in {unit!r}")
@@ -151,8 +149,7 @@ def _not_a_unit(given: str, unit: str, text: str) -> InputError:
 def _unit_words(given: str) -> str | None:
     """`given` in the words that Pint may see, a product for every space; None if it holds others."""
     words: list[str] = []
-    previous = ""
-    position = 0
+    previous, position = "", 0
     while position < len(given):
         match = _UNIT_WORD.match(given, position)
         if match is None:

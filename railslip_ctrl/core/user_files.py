@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 _M = TypeVar("_M", bound=BaseModel)
 
-LARGEST_FILE = 1_000_000
-"""Bytes; a parameter file has a few thousand, and a parser should not be handed a disk image."""
+LARGEST_FILE = 1_000_000  #: bytes; a parameter file has a few thousand, and a parser should not be handed a disk image
 
 # pydantic's names of the range violations: (sign, key of the bound in the error's context)
 _RANGES = {
@@ -36,16 +35,10 @@ _RANGES = {
     "less_than_equal": ("<=", "le"),
 }
 _KINDS = {
-    "string_type": "text in quotes",
-    "int_type": "an integer",
-    "int_from_float": "an integer",
-    "int_parsing": "an integer",
-    "model_type": "a table of keys",
-    "model_attributes_type": "a table of keys",
-    "dict_type": "a table of keys",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "bool_type": "true or false",
+    **{"string_type": "text in quotes", "bool_type": "true or false"},
+    **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "an integer"),
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a table of keys"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
 }
 
 

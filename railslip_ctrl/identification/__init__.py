@@ -11,7 +11,7 @@ A newcomer begins with `identify`: a log goes through these modules in this orde
 - `models`, `fits`, `prediction`: what can be fitted; least squares over the cells; prediction-error fits
 - `results`: comparison, regimes, the peak and the slip to hold, parameters over the initial speed
 - `identify`: the models of a log compared, the best one chosen; several logs together
-- `observer_study`, `virtual_rig`: brake trials and a brake rig of known truth, to try all this on
+- `virtual_rig`: a brake rig and brake trials of known truth, to try all this on
 
 Imports `simulation` and what is below.
 """

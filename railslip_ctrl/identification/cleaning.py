@@ -258,7 +258,9 @@ class OutlierFilter(RowFilter):
         return bad
 
     def _stands_out(self, name: str, values: Floats) -> NDArray[np.bool_]:
-        deviation = np.abs(values - _median(values))
+        from scipy.ndimage import median_filter
+
+        deviation: Floats = np.abs(values - median_filter(values, size=2 * HALF_WINDOW + 1, mode="reflect"))
         if name not in self._scale:
             self._scale[name] = _SIGMA_PER_MAD * float(np.median(deviation))
         least = max(_OVERALL_LIMIT * self._scale[name], _FLOOR[name], _LEAST_STEPS * self.resolution[name])
@@ -268,14 +270,6 @@ class OutlierFilter(RowFilter):
             at = np.flatnonzero(bad)
             bad[at] = deviation[at] > limit * _SIGMA_PER_MAD * spread(of, at)
         return bad
-
-
-def _median(values: Floats) -> Floats:
-    """The median of every value's window; at the ends the window is mirrored."""
-    from scipy.ndimage import median_filter
-
-    result: Floats = median_filter(values, size=2 * HALF_WINDOW + 1, mode="reflect")
-    return result
 
 
 def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
@@ -345,21 +339,17 @@ class Alignment:
             yield from blocks
             return
         for rows in blocks:
-            yield self._add(self._without_zeros(rows))
+            for name in (*self._delays, *self._zeros):
+                if name not in rows.columns:
+                    raise InputError(f"{self._name}: no column {name} to correct; it has {', '.join(rows.columns)}")
+            columns = {name: values - self._zeros.get(name, 0.0) for name, values in rows.columns.items()}
+            rows = Rows(rows.line, columns)
+            held = rows if self._held is None else self._held.then(rows)
+            time = held.columns["time"]
+            known = time[-1] - max(0.0, *self._shifts(held).values()) if len(time) else 0.0
+            yield self._given(held, int(np.searchsorted(time, known, side="right")))
         if self._held is not None:
             yield self._given(self._held, len(self._held))
-
-    def _without_zeros(self, rows: Rows) -> Rows:
-        for name in (*self._delays, *self._zeros):
-            if name not in rows.columns:
-                raise InputError(f"{self._name}: no column {name} to correct; it has {', '.join(rows.columns)}")
-        return Rows(rows.line, {name: values - self._zeros.get(name, 0.0) for name, values in rows.columns.items()})
-
-    def _add(self, rows: Rows) -> Rows:
-        held = rows if self._held is None else self._held.then(rows)
-        time = held.columns["time"]
-        ahead = max(0.0, *self._shifts(held).values())
-        return self._given(held, int(np.searchsorted(time, time[-1] - ahead, side="right")) if len(time) else 0)
 
     def _shifts(self, rows: Rows) -> dict[str, float]:
         """By how much later than the wheel's sample each column shows the same moment, s."""

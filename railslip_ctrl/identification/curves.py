@@ -25,6 +25,7 @@ from railslip_ctrl.model.vehicle import Rail, Vehicle
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
 from .log_checks import (
     HIGHEST_MU,
+    OTHER_DECELERATION,
     ColumnStep,
     Finding,
     FreeRolling,
@@ -32,13 +33,12 @@ from .log_checks import (
     Rolling,
     WheelSpeeds,
     column_steps,
-    deceleration_findings,
+    deceleration_differs,
     deceleration_ratio,
     load_findings,
     mu_findings,
     rolling_fault,
     rolling_findings,
-    step_findings,
     survey_findings,
     time_fault,
     unit_hint,
@@ -156,14 +156,17 @@ _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", 
 
 
 class Accumulator:
-    """Sums over samples that come in blocks of any size; the result does not depend on how they come."""
+    """Sums over samples that come in blocks of any size; the result does not depend on how they come.
+
+    `slip_counts` are samples by slip, in steps of a millionth, so that any slip may part them.
+    """
 
     def __init__(self, time_constant: float) -> None:
         self._length = STRETCH * time_constant
         self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
         self._centre = 0.0  # mu is summed about it, so that squares do not cancel
         self._bins = np.zeros((4, BINS))
-        self._slips = np.zeros(_FINE, dtype=np.int64)
+        self.slip_counts = np.zeros(_FINE, dtype=np.int64)
         self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
         self._keys = np.empty(0, dtype=np.int64)
         self._entries = np.empty((2, 0))
@@ -175,21 +178,14 @@ class Accumulator:
             return
         if self._origin is None:
             self._origin, self._centre = float(samples.time[0]), float(samples.mu[0])
-        cell = _cell(samples)
+        slip_cell = np.clip((np.sqrt(samples.slip) * SLIP_CELLS).astype(np.int64), 0, SLIP_CELLS - 1)
+        speed_cell = np.clip((samples.speed / SPEED_CELL).astype(np.int64), 0, _SPEED_CELLS - 1)
+        cell = slip_cell * _SPEED_CELLS + speed_cell
         mu = samples.mu - self._centre
-        values = (
-            samples.slip,
-            samples.slip2,
-            samples.slip3,
-            samples.speed,
-            samples.slip_speed,
-            mu,
-            mu**2,
-            samples.load,
-        )
-        for row, weights in enumerate((None, *values, samples.step, samples.slip_step)):
+        given = {"count": None, **vars(samples), "mu": mu, "mu2": mu**2}
+        for row, weights in enumerate(given[name] for name in _SUMS):
             self._sums[row] += np.bincount(cell, weights, minlength=self._sums.shape[1])
-        self._slips += np.bincount((samples.slip * _FINE).astype(np.int64), minlength=_FINE)
+        self.slip_counts += np.bincount((samples.slip * _FINE).astype(np.int64), minlength=_FINE)
         self._add_to_bins(samples, mu)
         self._add_stretches(samples, cell, mu)
 
@@ -229,10 +225,6 @@ class Accumulator:
             least=self._least[full],
             most=self._most[full],
         )
-
-    def slip_counts(self) -> Integers:
-        """How many samples there are by slip, in steps of a millionth, so that any slip may part them."""
-        return self._slips
 
     def cells(self) -> Cells:
         """The cells so far."""
@@ -274,12 +266,6 @@ _CELLS = SLIP_CELLS * _SPEED_CELLS
 
 # Spread of slip, squared, that is rounding of moments of slips up to 1, not spread.
 _NO_SPREAD = 1e-13
-
-
-def _cell(samples: Observed) -> Integers:
-    slip = np.clip((np.sqrt(samples.slip) * SLIP_CELLS).astype(np.int64), 0, SLIP_CELLS - 1)
-    speed = np.clip((samples.speed / SPEED_CELL).astype(np.int64), 0, _SPEED_CELLS - 1)
-    return slip * _SPEED_CELLS + speed
 
 
 def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
@@ -499,15 +485,21 @@ class _Gathered:
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
         free = [*rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
         ratio = deceleration_ratio(record, self._vehicle)
+        differs = deceleration_differs(ratio) and not free  # else the cause is told
+        other = (Finding("deceleration", OTHER_DECELERATION.format(ratio)),) if differs else ()
         findings = (
             *self._left_out(broken, stamps),
             *survey_findings(survey),
             *free,
-            *step_findings(steps),
+            *(
+                Finding("steps", f"column {step}: what is finer is known from means alone")
+                for step in steps
+                if step.matters
+            ),
             *load_findings(record, self._vehicle.wheel_load),
             *self._speeds.findings(radius),
             *mu_findings(bins.mean, self._factors),
-            *(() if free else deceleration_findings(ratio)),  # else the cause is told
+            *other,
         )
         return AdhesionCurve(
             name=self._name,
@@ -516,7 +508,7 @@ class _Gathered:
             bins=bins,
             cells=cells,
             stretches=self._sums.stretches(),
-            slip_counts=self._sums.slip_counts(),
+            slip_counts=self._sums.slip_counts,
             record=record,
             record_stride=self._stream.recorder.stride,
             peak_slip=peak,

@@ -232,11 +232,11 @@ def profile_interval(
     best, unit = coordinates.followed(index, value), value**-2 if inverse else 1.0
     bounds = coordinates.range_of(index, coordinates.at(values))
     least, most = float(coordinates.least[index]), float(coordinates.most[index])
-    narrowest = unit * _alone(residuals, values, index, stderr, rise)
+    profile = _Profile(residuals, coordinates, values, index, rise)
+    narrowest = unit * profile.alone(stderr)
     found = []
-    for side, end, bound in zip(
-        (-1.0, 1.0), _ends(residuals, coordinates, values, index, stderr * unit, rise, bounds), bounds, strict=True
-    ):
+    ends = [profile.end(side, bound, stderr * unit) for side, bound in zip((-1.0, 1.0), bounds, strict=True)]
+    for side, end, bound in zip((-1.0, 1.0), ends, bounds, strict=True):
         outer = best + side * math.hypot(max(abs(best - end), narrowest), beside * unit)
         if end == bound or side * outer >= side * bound:
             found.append(least if (side < 0.0) != inverse else most)
@@ -245,92 +245,85 @@ def profile_interval(
     return min(found), max(found)
 
 
-def _alone(residuals: Residuals, values: Floats, index: int, stderr: float, rise: float) -> float:
-    """By how much a parameter alone moves while the sum of squares rises so far; 0 where it does not rise."""
-    value, step = float(values[index]), np.zeros_like(values)
-    step[index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
-    here = residuals(values)
-    slope = (residuals(values + step) - here) / step[index]
-    steepness, gradient = float(slope @ slope), abs(float(slope @ here))  # beside a bound the sum has a slope too
-    if not (steepness > 0.0 and math.isfinite(steepness)):
-        return 0.0
-    return rise / (gradient + math.sqrt(gradient**2 + steepness * rise))
+class _Profile:
+    """The least sum of squares over one parameter, or over its inverse where it is followed by that."""
 
+    def __init__(self, residuals: Residuals, coordinates: Coordinates, values: Floats, index: int, rise: float) -> None:
+        self._residuals, self._coordinates, self._values = residuals, coordinates, values
+        self._index, self._rise = index, rise
+        self._best, usual = (coordinates.followed(index, float(x[index])) for x in (values, coordinates.typical))
+        self._size = max(abs(self._best), abs(usual))
+        self._least = float(np.sum(residuals(values) ** 2))
+        self._above, self._ways = {self._best: -rise}, {self._best: coordinates.at(values)}
 
-def _ends(
-    residuals: Residuals,
-    coordinates: Coordinates,
-    values: Floats,
-    index: int,
-    stderr: float,
-    rise: float,
-    bounds: tuple[float, float],
-) -> tuple[float, float]:
-    """Of the interval of the parameter, or of its inverse where it is followed by that."""
-    best, usual = (coordinates.followed(index, float(x[index])) for x in (values, coordinates.typical))
-    size = max(abs(best), abs(usual))
-    least = float(np.sum(residuals(values) ** 2))
-    above, ways = {best: -rise}, {best: coordinates.at(values)}
+    def alone(self, stderr: float) -> float:
+        """By how much the parameter alone moves while the sum of squares rises so far; 0 where it does not rise."""
+        value, step = float(self._values[self._index]), np.zeros_like(self._values)
+        step[self._index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
+        here = self._residuals(self._values)
+        slope = (self._residuals(self._values + step) - here) / step[self._index]
+        steepness, gradient = float(slope @ slope), abs(float(slope @ here))  # beside a bound the sum has a slope too
+        if not (steepness > 0.0 and math.isfinite(steepness)):
+            return 0.0
+        return self._rise / (gradient + math.sqrt(gradient**2 + steepness * self._rise))
 
-    def excess(x: float) -> float:
-        if x in above:  # a search from elsewhere could end a little lower, and turn the sign
-            return above[x]
-        way = coordinates.values(np.clip(_between(ways, x), coordinates.lower, coordinates.upper))
-        for start in (way, coordinates.typical):  # the way may lead to a least that is not the least of all
-            squares, there = _held(residuals, coordinates, start, index, coordinates.followed(index, x), rise)
-            if not above.get(x, math.inf) <= squares - least - rise:
-                above[x], ways[x] = squares - least - rise, coordinates.at(there)
-            if above[x] <= 0.0:
-                break
-        return above[x]
-
-    def end(side: float, bound: float) -> float:
+    def end(self, side: float, bound: float, stderr: float) -> float:
+        """The end of the interval on one side."""
         from scipy.optimize import brentq
 
-        inside, distance = best, min(_REACH * stderr, size)
+        best = inside = self._best
+        distance = min(_REACH * stderr, self._size)
         for _ in range(_TRIALS):
             outside = max(best - distance, bound) if side < 0 else min(best + distance, bound)
-            if excess(outside) > 0.0:
-                return float(brentq(excess, inside, outside, xtol=_FINE * stderr))
+            if self._excess(outside) > 0.0:
+                return float(brentq(self._excess, inside, outside, xtol=_FINE * stderr))
             if outside == bound:
                 break
             inside, distance = outside, _FURTHER * distance
         return bound
 
-    return end(-1.0, bounds[0]), end(1.0, bounds[1])
+    def _excess(self, x: float) -> float:
+        """By how much the sum lies above the end of the interval."""
+        above, coordinates = self._above, self._coordinates
+        if x in above:  # a search from elsewhere could end a little lower, and turn the sign
+            return above[x]
+        way = coordinates.values(np.clip(self._way_to(x), coordinates.lower, coordinates.upper))
+        for start in (way, coordinates.typical):  # the way may lead to a least that is not the least of all
+            squares, there = self._held(start, coordinates.followed(self._index, x))
+            if not above.get(x, math.inf) <= squares - self._least - self._rise:
+                above[x], self._ways[x] = squares - self._least - self._rise, coordinates.at(there)
+            if above[x] <= 0.0:
+                break
+        return above[x]
 
+    def _way_to(self, x: float) -> Floats:
+        """Where the others are likely to be: on the line through the nearest that are known."""
+        known = sorted(self._ways)
+        if len(known) == 1:
+            return self._ways[known[0]]
+        place = min(max(bisect(known, x), 1), len(known) - 1)
+        low, high = known[place - 1], known[place]
+        share = (x - low) / (high - low)
+        return (1.0 - share) * self._ways[low] + share * self._ways[high]
 
-def _between(ways: Mapping[float, Floats], x: float) -> Floats:
-    """Where the way through points known by one number is likely to be at another: on the line through the nearest."""
-    known = sorted(ways)
-    if len(known) == 1:
-        return ways[known[0]]
-    place = min(max(bisect(known, x), 1), len(known) - 1)
-    low, high = known[place - 1], known[place]
-    share = (x - low) / (high - low)
-    return (1.0 - share) * ways[low] + share * ways[high]
+    def _held(self, start: Floats, value: float) -> tuple[float, Floats]:
+        """The least sum of squares with the parameter held at a value, and where it is."""
+        at = self._coordinates.moved(start, self._index, value)
+        others = np.arange(len(at)) != self._index
+        if not others.any():
+            return float(np.sum(self._residuals(at) ** 2)), at
+        rest = self._coordinates.without(self._index)
+        begin = rest.inside(rest.at(at[others]), _OFF_BOUND)
 
+        def held(values: Floats) -> Floats:
+            trial = at.copy()
+            trial[others] = values
+            return self._residuals(trial)
 
-def _held(
-    residuals: Residuals, coordinates: Coordinates, start: Floats, index: int, value: float, rise: float
-) -> tuple[float, Floats]:
-    """The least sum of squares with one parameter held at a value, and where it is."""
-    at = coordinates.moved(start, index, value)
-    others = np.arange(len(at)) != index
-    if not others.any():
-        return float(np.sum(residuals(at) ** 2)), at
-    rest = coordinates.without(index)
-    begin = rest.inside(rest.at(at[others]), _OFF_BOUND)
-
-    def held(values: Floats) -> Floats:
-        trial = at.copy()
-        trial[others] = values
-        return residuals(trial)
-
-    weight = PULL * math.sqrt(rise) / _REACH
-    squares, x = search(held, rest, begin, weight=weight, tolerance=_PROFILE_CONVERGED, most=_PROFILE_SEARCH)
-    at[others] = rest.values(x)
-    return squares, at
+        weight = PULL * math.sqrt(self._rise) / _REACH
+        squares, x = search(held, rest, begin, weight=weight, tolerance=_PROFILE_CONVERGED, most=_PROFILE_SEARCH)
+        at[others] = rest.values(x)
+        return squares, at
 
 
 # --- what is known of the parameters -------------------------------------------------------------------------------
@@ -659,11 +652,22 @@ def fit_of(
         mean = np.interp(cells.slip, *followed)
     # of the scatter in a cell, that which the model has there too is no residual
     inside = np.maximum(cells.squares - cells.count * spread, 0.0)
-    parameters = _parameters(model, known)
+    stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
+    parameters = []
+    for i, name in enumerate(model.names):
+        value, stderr, bounds = (
+            float(known.values[i]),
+            float(stderrs[i]),
+            (float(model.lower[i]), float(model.upper[i])),
+        )
+        low, high = value - NORMAL_QUANTILE * stderr, value + NORMAL_QUANTILE * stderr
+        cut_off = (max(low, bounds[0]), min(high, bounds[1])) if low < bounds[0] or high > bounds[1] else None
+        status = "not identifiable" if known.dead[i] else _STATUS[int(known.active[i])]
+        parameters.append(Parameter(name, value, stderr, status, known.limits.get(i) or cut_off))
     return Fit(
         model=model,
         law=model.make(known.values, setting.rail),
-        parameters=parameters,
+        parameters=tuple(parameters),
         known=known,
         residual_squares=float(np.sum(inside + cells.count * (cells.mu - mean) ** 2)),
         cell_coefficients=mean,
@@ -672,26 +676,6 @@ def fit_of(
         notes=(*model.notes, *_remarks(parameters, noise[0])),
         followed=followed,
     )
-
-
-def _parameters(model: FitModel, known: ParameterEstimate) -> tuple[Parameter, ...]:
-    stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
-    return tuple(
-        Parameter(
-            name,
-            float(known.values[i]),
-            float(stderrs[i]),
-            "not identifiable" if known.dead[i] else _STATUS[int(known.active[i])],
-            known.limits.get(i) or _inside(float(known.values[i]), float(stderrs[i]), model.lower[i], model.upper[i]),
-        )
-        for i, name in enumerate(model.names)
-    )
-
-
-def _inside(value: float, stderr: float, lower: float, upper: float) -> tuple[float, float] | None:
-    """The symmetric interval where a bound cuts it off; None where none does."""
-    low, high = value - NORMAL_QUANTILE * stderr, value + NORMAL_QUANTILE * stderr
-    return (max(low, float(lower)), min(high, float(upper))) if low < lower or high > upper else None
 
 
 def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:
@@ -763,7 +747,7 @@ def long_run_variance(
             return best
 
 
-def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
+def _remarks(parameters: Sequence[Parameter], variance: float) -> tuple[str, ...]:
     remarks = []
     dead = [p.name for p in parameters if p.status == "not identifiable"]
     if dead:

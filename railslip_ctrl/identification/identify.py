@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .cleaning import LONGEST_DELAY, check_corrections
 from .curves import AdhesionCurve, Cells, Options, read_curve
-from .fits import Fit, Parameter, fit
+from .fits import Fit, fit
 from .log_checks import (
     HIGHEST_MU,
     LOADS_DIFFER,
@@ -96,7 +97,8 @@ class ImpossibleFitError(InputError):
 def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
     """The highest adhesion coefficient of a fitted model, and what it is called: its peak or its limit of friction.
 
-    The peak is that at the lowest or the highest of `DRIFT_SPEEDS`. InputError for a law whose force nowhere brakes.
+    The peak is that at the lowest or the highest of `DRIFT_SPEEDS`, the limit what it tends to as it slides slowly.
+    InputError for a law whose force nowhere brakes.
     """
     speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
     law = found.model.make_force_law(found.values, found.law.rail)
@@ -106,21 +108,17 @@ def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
         raise InputError(
             "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load (--vehicle)"
         ) from None
-    limit = _limit_of_friction(found, setting.wheel_load)
-    return (f"limit of friction ({_LIMITS[found.model.name]})", limit) if limit > top else ("peak", top)
-
-
-def _limit_of_friction(found: Fit, wheel_load: float) -> float:
-    """Adhesion coefficient that a model tends to as it slides slowly; NaN for one without such a parameter."""
-    given = {**found.model.known, **{p.name: p.value for p in found.parameters}}
+    given: dict[str, Any] = {**found.model.known, **{p.name: p.value for p in found.parameters}}
     match found.model.name:
         case "beam" | "polach" as name:
-            return float(given[_LIMITS[name]])  # type: ignore[arg-type]
+            limit = given[_LIMITS[name]]
         case "lugre":
-            return float(given["Fs"]) / wheel_load  # type: ignore[arg-type]
+            limit = given["Fs"] / setting.wheel_load
         case "bristle" | "bristle_rest" | "curve":
-            return float(given["gamma"]) / float(given["beta"]) / wheel_load  # type: ignore[arg-type]
-    return math.nan
+            limit = given["gamma"] / given["beta"] / setting.wheel_load
+        case _:
+            limit = -math.inf
+    return (f"limit of friction ({_LIMITS[found.model.name]})", limit) if limit > top else ("peak", top)
 
 
 def check_fit(found: Fit, setting: Setting, curve: AdhesionCurve) -> None:
@@ -170,18 +168,15 @@ def fit_doubts(found: Fit, setting: Setting, curve: AdhesionCurve) -> tuple[str,
             f"the fitted {', '.join(untold)} may as well be any other by this log, and is near to where it was first "
             "looked for: give a log with more slip, a known value (--fix), or another --model"
         )
-    ends = zip(found.parameters, found.model.lower, found.model.upper, strict=True)
-    doubts += [_at_bound(p, low, high, setting, cause) for p, low, high in ends if "bound" in p.status]
+    for p, low, high in zip(found.parameters, found.model.lower, found.model.upper, strict=True):
+        if "bound" in p.status:
+            side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
+            by_user = bound in setting.bounds.get(p.name, ())
+            why = "which is given by --bound: the log asks for a value beyond it" if by_user else cause
+            # the smallest number stands for a 0 that is open
+            end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
+            doubts.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
     return tuple(f"{curve.name}: {text}" for text in doubts)
-
-
-def _at_bound(p: Parameter, low: float, high: float, setting: Setting, cause: str) -> str:
-    side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
-    if bound in setting.bounds.get(p.name, ()):
-        cause = "which is given by --bound: the log asks for a value beyond it"
-    # the smallest number stands for a 0 that is open
-    end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
-    return f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {cause}"
 
 
 _NOTHING = 1e-11  # stands for a bound of 0 that is open
@@ -213,36 +208,32 @@ def lag_of(fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) ->
     """
     if not is_followed(fit.model, record):
         return None
-    kept = replace(record, **{name: values[: _whole_runs(record)] for name, values in vars(record).items()})
+    ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
+    whole = ends[ends <= _MOST_ROWS]  # as many whole runs as there is room for, the first in any case
+    rows = int(whole[-1] if len(whole) else min(ends[0], _MOST_ROWS))
+    kept = replace(record, **{name: values[:rows] for name, values in vars(record).items()})
     if not is_followed(fit.model, kept):
         return None
+    start, known = fit.values, dict[float, float]()  # a search begins where the best one ended
+
+    def deviance(lag: float) -> float:
+        nonlocal start
+        if lag not in known:
+            problem = PredictionErrors(fit.model, earlier(kept, lag), vehicle, wheel_load)
+            known[lag], values = problem.likeliest(start)
+            start = values if known[lag] <= min(known.values()) else start
+        return known[lag]
+
     interval = float(np.median(np.diff(kept.time)[np.diff(kept.run) == 0]))
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
-            return _likeliest(_Shifted(fit, kept, vehicle, wheel_load), interval)
+            return _likeliest(deviance, interval)
     except ValueError:  # SciPy's and LAPACK's word for errors that are not finite: nothing can be told
         return None
 
 
-class _Shifted:
-    """-2 log likelihood of the motion over the lag, each value found once; fits begin where the best one ended."""
-
-    def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
-        self._fit, self._record, self._vehicle, self._wheel_load = fit, record, vehicle, wheel_load
-        self._start = fit.values
-        self._known: dict[float, float] = {}
-
-    def __call__(self, lag: float) -> float:
-        if lag not in self._known:
-            shifted = earlier(self._record, lag)
-            problem = PredictionErrors(self._fit.model, shifted, self._vehicle, self._wheel_load)
-            self._known[lag], values = problem.likeliest(self._start)
-            if self._known[lag] <= min(self._known.values()):
-                self._start = values
-        return self._known[lag]
-
-
 def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | None:
+    """Where -2 log likelihood of the motion is least over the lag, far below that without one; else None."""
     from scipy.optimize import minimize_scalar
 
     now, half = deviance(0.0), interval / 2.0
@@ -267,13 +258,6 @@ def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | Non
     lag, step = float(found.x), _CURVED * interval
     bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * deviance(lag)) / step**2
     return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
-
-
-def _whole_runs(record: BrakedRows) -> int:
-    """Rows of as many whole runs as there is room for, the first in any case."""
-    ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
-    fitting = ends[ends <= _MOST_ROWS]
-    return int(fitting[-1] if len(fitting) else min(ends[0], _MOST_ROWS))
 
 
 def earlier(record: BrakedRows, lag: float) -> BrakedRows:
@@ -441,7 +425,7 @@ class Identification:
     @property
     def own_peak(self) -> PeakSlip:
         """At the initial speed, on the log's own rail."""
-        return _own_peak(self.peaks, self.setting)
+        return [each for each in self.peaks if each.rail is self.setting.rail][-1]
 
     @property
     def no_reference(self) -> str | None:
@@ -525,7 +509,6 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     if not found.fits:
         raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
     scores, chosen, peaks, without = _chosen(compare(found.fits, curve.cells), candidates)
-    regimes = regimes_of(_own_peak(peaks, setting).slip, chosen.fit.model.name, curve.cells, candidates.regimes)
     left_out: tuple[str, ...] = ()
     if found.impossible:
         left_out = (
@@ -533,27 +516,35 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
             "unless it has too little slip for them, the brake torque's unit (--unit), wheel load or vehicle "
             "(--vehicle) is wrong",
         )
+    told = (*curve.warnings, *_against_the_log(curve, setting, options), *_late(chosen.fit, candidates, options))
+    of_model = _of_model(chosen, peaks, candidates)
     return Identification(
         vehicle=vehicle,
         options=options,
         curve=curve,
         setting=setting,
         scores=scores,
-        chosen=chosen,
         not_fitted=(*found.failures, *without),
-        peaks=peaks,
-        regimes=regimes,
-        reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(
-            *curve.warnings,
-            *_against_the_log(curve, setting, options),
-            *_late(chosen.fit, candidates, options),
-            *left_out,
-        ),
-        doubts=fit_doubts(chosen.fit, setting, curve),
-        train_lag=train_lag(curve.record, vehicle.wheel.radius, regimes.boundary),
+        warnings=(*told, *left_out),
+        train_lag=train_lag(curve.record, vehicle.wheel.radius, of_model["regimes"].boundary),
+        **of_model,
     )
+
+
+def _of_model(chosen: Score, peaks: tuple[PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
+    """What of an `Identification` follows from the model chosen: the last peaks of each rail are at v0."""
+    curve, setting = candidates.curve, candidates.setting
+    at_v0 = {peak.rail: peak for peak in peaks}
+    # of a wet log both slips to hold are the wet one
+    dry, wet = at_v0[setting.rail].reference, at_v0[Rail.WET].reference
+    return {
+        "chosen": chosen,
+        "peaks": peaks,
+        "regimes": regimes_of(at_v0[setting.rail].slip, chosen.fit.model.name, curve.cells, candidates.regimes),
+        "reference": ReferenceSlip(dry=dry, wet=wet) if math.isfinite(dry) and math.isfinite(wet) else None,
+        "doubts": fit_doubts(chosen.fit, setting, curve),
+    }
 
 
 def _chosen(
@@ -626,7 +617,10 @@ def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSl
     speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
     peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
     seen = float(curve.cells.slip.max())
-    return tuple(peak.without_reference() if peak.slip > seen else peak for peak in peaks)
+    return tuple(
+        replace(peak, reference=math.nan, reference_coefficient=math.nan) if peak.slip > seen else peak
+        for peak in peaks
+    )
 
 
 def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
@@ -653,17 +647,6 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Sett
         bounds=options.bounds,
         acceleration_spread=spread if ramped else None,
     )
-
-
-def _own_peak(peaks: Sequence[PeakSlip], setting: Setting) -> PeakSlip:
-    return [each for each in peaks if each.rail is setting.rail][-1]
-
-
-def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
-    """The slips to hold at the initial speed, the last of each rail; of a wet log both are the wet one."""
-    held = {peak.rail: peak.reference for peak in peaks}
-    dry, wet = held.get(rail, math.nan), held[Rail.WET]
-    return ReferenceSlip(dry=dry, wet=wet) if math.isfinite(dry) and math.isfinite(wet) else None
 
 
 @dataclass(frozen=True)
@@ -744,13 +727,5 @@ def _choosing(identification: Identification, name: str) -> Identification:
     candidates = Candidates(curve, identification.vehicle, setting, identification.regimes)
     score = next(s for s in identification.scores if s.fit.model.name == name)
     chosen = replace(score, fit=candidates.with_intervals(score.fit))
-    peaks = _peaks(chosen, setting, curve)
-    return replace(
-        identification,
-        scores=tuple(chosen if each is score else each for each in identification.scores),
-        chosen=chosen,
-        peaks=peaks,
-        regimes=regimes_of(_own_peak(peaks, setting).slip, name, curve.cells, identification.regimes),
-        reference=_reference(peaks, setting.rail),
-        doubts=fit_doubts(chosen.fit, setting, curve),
-    )
+    scores = tuple(chosen if each is score else each for each in identification.scores)
+    return replace(identification, scores=scores, **_of_model(chosen, _peaks(chosen, setting, curve), candidates))

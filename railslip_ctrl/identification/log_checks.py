@@ -83,22 +83,17 @@ class Rolling:
 
 
 class FreeRolling:
-    """Windows of rows in which torque and slip stand still; rows come in blocks of any size.
+    """Windows of rows in which torque and slip stand still, `_MOST_WINDOWS` at most, spread over the log.
 
-    Kept are `_MOST_WINDOWS` of them at most, spread over the log.
+    Rows come in blocks of any size.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
-        self._interval = math.nan
+        self._interval, self._size = math.nan, 0  # s; rows of a window, once there are some
         self._windows = np.empty((7, 0))  # columns as of `_steady`
         self._stride, self._seen = 1, 0
-
-    @property
-    def window(self) -> int:
-        """Rows of a window; 0 until there are rows."""
-        return 0 if math.isnan(self._interval) else max(_LEAST_ROWS, math.ceil(_SECONDS / self._interval - _ROUNDING))
 
     def add(self, rows: Floats) -> None:
         """Take rows in: 5 by k, s, m/s, rad/s, N*m, N, time growing also from block to block."""
@@ -106,21 +101,17 @@ class FreeRolling:
         if rows.shape[1] < 2:
             self._rows = rows
             return
-        if math.isnan(self._interval):
+        if not self._size:
             self._interval = float(np.median(np.diff(rows[0])))
+            self._size = max(_LEAST_ROWS, math.ceil(_SECONDS / self._interval - _ROUNDING))
         cuts = np.flatnonzero(np.diff(rows[0]) > _GAP_INTERVALS * self._interval) + 1
+        hop = self._size // 2  # windows lie half over each other
         for part in np.split(rows, cuts, axis=1):
-            self._rows = self._stretch(part)
-
-    def _stretch(self, rows: Floats) -> Floats:
-        """Windows of rows without a gap, half over each other; the rows that the next window begins with."""
-        size, hop = self.window, self.window // 2
-        count = (rows.shape[1] - size) // hop + 1
-        if count < 1:
-            return rows
-        views = np.lib.stride_tricks.sliding_window_view(rows, size, axis=1)[:, : (count - 1) * hop + 1 : hop]
-        self._keep(self._steady(views))
-        return rows[:, count * hop :]
+            count = max((part.shape[1] - self._size) // hop + 1, 0)
+            if count:
+                views = np.lib.stride_tricks.sliding_window_view(part, self._size, axis=1)
+                self._keep(self._steady(views[:, : (count - 1) * hop + 1 : hop]))
+            self._rows = part[:, count * hop :]  # that the next window begins with
 
     def _steady(self, views: Floats) -> Floats:
         """What is kept of the windows (5, m, rows) that are steady."""
@@ -130,17 +121,11 @@ class FreeRolling:
         still = _stands(time, slip, np.full(len(time), _STEADY_SLIP))
         still &= _stands(time, torque, _STEADY_MU * self._radius * load.mean(axis=1))
         time, v, omega, torque, load = (x[still] for x in (time, v, omega, torque, load))
-        return np.stack(
-            [
-                torque.mean(axis=1),
-                torque.std(axis=1) / math.sqrt(self.window),
-                v.mean(axis=1),
-                omega.mean(axis=1),
-                load.mean(axis=1),
-                -_slopes(time, v),
-                np.ptp(omega, axis=1) > 0.0,
-            ]
-        )
+        t = time - time.mean(axis=1, keepdims=True)
+        noise = torque.std(axis=1) / math.sqrt(self._size)
+        deceleration = -(np.sum(t * v, axis=1) / np.sum(t**2, axis=1))
+        means = (each.mean(axis=1) for each in (torque, v, omega, load))
+        return np.stack([*means, noise, deceleration, np.ptp(omega, axis=1) > 0.0])
 
     def _keep(self, windows: Floats) -> None:
         number = self._seen + np.arange(windows.shape[1])
@@ -155,16 +140,15 @@ class FreeRolling:
         windows = self._lowest()
         if windows is None:
             return None
-        torque, _, v, omega, load, deceleration, moves = windows
-        zero, centre = float(np.median(torque)), float(np.median(load))
-        speed, slows = float(np.median(v)), float(np.median(deceleration))
+        torque, v, omega, _, _, _, moves = windows
+        zero, speed, turning, centre, _, slows, _ = np.median(windows, axis=1).tolist()
         by_brake = slows - _resistance(self._vehicle, speed) / self._vehicle.effective_mass
         slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
         if zero >= _BRAKES * self._radius * centre and slowed:
             return None
         slip = 1.0 - self._radius * omega / v
         # an encoder's counts add up over a window; a speed that stands still may be off by its rounding all along
-        rounding = omega_step / _UNIFORM / (self.window if moves.any() else 1.0)
+        rounding = omega_step / _UNIFORM / (self._size if moves.any() else 1.0)
         of_steps = math.hypot(self._radius * rounding, speed_step / _UNIFORM) / speed
         return Rolling(
             slip=float(np.median(slip)),
@@ -172,7 +156,7 @@ class FreeRolling:
             torque=zero,
             torque_error=_error_of_median(torque),
             speed=speed,
-            omega=float(np.median(omega)),
+            omega=turning,
             load=centre,
             deceleration=slows,
             freedom=max(len(slip) / 2.0 - 1.0, 1.0),
@@ -180,9 +164,8 @@ class FreeRolling:
 
     def _lowest(self) -> Floats | None:
         """The windows at the lowest torque at which there are enough of them."""
-        order = np.argsort(self._windows[0])
-        windows = self._windows[:, order]
-        torque, noise, load = windows[0], windows[1], windows[4]
+        windows = self._windows[:, np.argsort(self._windows[0])]
+        torque, _, _, load, noise, _, _ = windows
         least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
         if len(torque) < least:
             return None
@@ -196,13 +179,6 @@ def _resistance(vehicle: Vehicle, speed: Any) -> Any:
     """The train's own, N, of the quarter car, at a speed in m/s."""
     r = vehicle.resistance
     return r.constant + r.linear * speed + r.quadratic * speed**2
-
-
-def _slopes(time: Floats, values: Floats) -> Floats:
-    """Of the straight lines through values, window by window."""
-    t = time - time.mean(axis=1, keepdims=True)
-    result: Floats = np.sum(t * values, axis=1) / np.sum(t**2, axis=1)
-    return result
 
 
 def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
@@ -255,22 +231,19 @@ class Known:
     wheel_column: str
     zeros: Mapping[str, float]
 
-    def excess(self, rolling: Rolling) -> float:
-        """Slip ratio beside that which the rail needs to turn the wheel against its friction, and to slow it down."""
-        return rolling.slip - self._creep(rolling)
-
-    def tolerance(self, rolling: Rolling) -> float:
-        """Slip ratio of `excess` up to which free rolling is as it should be."""
-        least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
-        return max(rolling.sure * rolling.slip_error + abs(self._creep(rolling)), least)
-
-    def _creep(self, rolling: Rolling) -> float:
+    def creep(self, rolling: Rolling) -> float:
+        """Slip ratio that the rail needs to turn the wheel against its friction, and to slow it down."""
         if not self.slope > 0.0:
             return 0.0
         vehicle, radius = self.vehicle, self.vehicle.wheel.radius
         friction = vehicle.effective_viscous_friction * rolling.omega / radius
         force = friction - vehicle.effective_inertia * rolling.deceleration / radius**2
         return min(max(force / (rolling.load * self.slope), -_MOST_CREEP), _MOST_CREEP)
+
+    def tolerance(self, rolling: Rolling) -> float:
+        """Slip ratio beside `creep` up to which free rolling is as it should be."""
+        least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
+        return max(rolling.sure * rolling.slip_error + abs(self.creep(rolling)), least)
 
 
 def is_wrong_wheel(rolling: Rolling | None) -> bool:
@@ -282,7 +255,7 @@ def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]
     """What a wheel without brake shows to be wrong."""
     if rolling is None:
         return
-    if abs(known.excess(rolling)) > known.tolerance(rolling):
+    if abs(rolling.slip - known.creep(rolling)) > known.tolerance(rolling):
         yield Finding("free rolling", _wrong_wheel(rolling, known))
     load = known.vehicle.wheel.radius * rolling.load
     if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
@@ -300,20 +273,37 @@ def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]
 
 def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     radius, slip = known.vehicle.wheel.radius, rolling.slip
-    shown = f"free rolling shows a slip of {_percent(slip, rolling.slip_error)} %"
-    for name, given in known.zeros.items():
-        without = _slip_without(rolling, known, name, given)
-        if without is not None and abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
-            option = f"--zero {name}={given:.4g}"
-            return f"{shown}, and without the {option} that is given {100.0 * without:.2g} %: leave it out"
-    likely = f"the wheel radius may be {radius / (1.0 - known.excess(rolling)):.4g} m, not {radius:.4g} m"
+    digits = 3 - 1 - math.floor(math.log10(abs(100.0 * slip)))  # as many as its error leaves, three at most
+    if rolling.slip_error > 0.0:
+        digits = min(digits, max(-math.floor(math.log10(100.0 * rolling.slip_error)), 1))
+    shown = f"free rolling shows a slip of {100.0 * slip:.{max(digits, 1)}f} %"
+    # the slip with a speed's zero put on again
+    rim, speed = radius * rolling.omega, rolling.speed
+    on_rim = radius if known.wheel_column == "wheel_angular_speed" else 1.0
+    again = {
+        "train_speed": lambda zero: rim / (speed + zero),
+        known.wheel_column: lambda zero: (rim + zero * on_rim) / speed,
+    }
+    for name, zero in known.zeros.items():
+        without = 1.0 - again[name](zero) if name in again else math.inf
+        if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
+            given = f"the --zero {name}={zero:.4g} that is given {100.0 * without:.2g} %"
+            return f"{shown}, and without {given}: leave it out"
+    likely = f"the wheel radius may be {radius / (1.0 - slip + known.creep(rolling)):.4g} m, not {radius:.4g} m"
+    ratio = 1.0 - slip
     if abs(slip) < _OTHER_UNIT:
         return f"{shown}: {likely}"
+    apart = next((f" ({units} are {x:.3g} apart)" for x, units in _UNITS_APART if _is_ratio(abs(ratio), x)), "")
     text = (
-        f"{shown}, the wheel's speed is {1.0 - slip:.3g} times the train's: "
-        f"check the units of {known.wheel_column} and train_speed{_apart(1.0 - slip)}, and that no columns are swapped"
+        f"{shown}, the wheel's speed is {ratio:.3g} times the train's: "
+        f"check the units of {known.wheel_column} and train_speed{apart}, and that no columns are swapped"
     )
     return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
+
+
+def _is_ratio(ratio: float, factor: float) -> bool:
+    """Whether a ratio of units is a factor, or one over it."""
+    return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _ALIKE
 
 
 def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
@@ -321,32 +311,6 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
     if rolling is None or abs(rolling.slip) <= MOST_FREE_SLIP:
         return None
     return _wrong_wheel(rolling, known)
-
-
-def _apart(ratio: float) -> str:
-    """The units whose ratio that of wheel and train is; empty for none."""
-    for factor, units in _UNITS_APART:
-        if min(abs(abs(ratio) * factor - 1.0), abs(abs(ratio) / factor - 1.0)) < _ALIKE:
-            return f" ({units} are {factor:.3g} apart)"
-    return ""
-
-
-def _slip_without(rolling: Rolling, known: Known, name: str, given: float) -> float | None:
-    """The slip with a speed's zero put on again; None for a zero of no speed."""
-    rim, speed = known.vehicle.wheel.radius * rolling.omega, rolling.speed
-    if name == "train_speed":
-        return 1.0 - rim / (speed + given)
-    if name != known.wheel_column:
-        return None
-    return 1.0 - (rim + given * (known.vehicle.wheel.radius if name == "wheel_angular_speed" else 1.0)) / speed
-
-
-def _percent(slip: float, error: float) -> str:
-    """A slip ratio in %, with as many digits as its error leaves, three at most."""
-    digits = 3 - 1 - math.floor(math.log10(abs(100.0 * slip)))
-    if error > 0.0:
-        digits = min(digits, max(-math.floor(math.log10(100.0 * error)), 1))
-    return f"{100.0 * slip:.{max(digits, 1)}f}"
 
 
 # --- the adhesion --------------------------------------------------------------------------------------------------
@@ -385,11 +349,8 @@ def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Findi
     """Whether the highest mean of mu, by bins, is one of steel on steel; `factors` as of `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
-        yield Finding(
-            "adhesion",
-            f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {LOWEST_MU:g} to "
-            f"{HIGHEST_MU:g}: {units_or(highest, factors)}",
-        )
+        ordinary = f"where steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(highest, factors)}"
+        yield Finding("adhesion", f"the highest mean adhesion coefficient is {highest:.3g}, {ordinary}")
 
 
 # --- the train's deceleration, and the unit of the time ------------------------------------------------------------
@@ -423,20 +384,16 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     return _lost(record) / asked if asked > 0.0 else math.nan
 
 
+OTHER_DECELERATION = (
+    "the train slows down {:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the scale of "
+    "the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, unless other brakes or "
+    "a slope act on the train"
+)
+
+
 def deceleration_differs(ratio: float) -> bool:
     """Whether a ratio of decelerations is another than 1; not where it is not known."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
-
-
-def deceleration_findings(ratio: float) -> Iterator[Finding]:
-    """Whether the train slows down as the adhesion of its wheel makes it."""
-    if deceleration_differs(ratio):
-        yield Finding(
-            "deceleration",
-            f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or "
-            "the scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, "
-            "unless other brakes or a slope act on the train",
-        )
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str | None:
@@ -534,10 +491,8 @@ class ColumnStep:
         return self.share >= _COARSE
 
     def __str__(self) -> str:
-        share = (
-            f"{self.share:.2g} of mu" if self.is_torque else f"{100.0 * self.share:.2g} % of slip at the initial speed"
-        )
-        return f"{self.label!r} in steps of {self.step:.4g}, {share}"
+        of_mu, of_slip = f"{self.share:.2g} of mu", f"{100.0 * self.share:.2g} % of slip at the initial speed"
+        return f"{self.label!r} in steps of {self.step:.4g}, {of_mu if self.is_torque else of_slip}"
 
 
 def column_steps(
@@ -552,13 +507,6 @@ def column_steps(
             label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
             found.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
     return tuple(found)
-
-
-def step_findings(steps: tuple[ColumnStep, ...]) -> Iterator[Finding]:
-    """The steps that matter."""
-    for step in steps:
-        if step.matters:
-            yield Finding("steps", f"column {step}: what is finer is known from means alone")
 
 
 # --- the train's speed ---------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import codecs
 import csv
 import gzip
 import io
+import itertools
 import os
 import re
 import stat
@@ -151,10 +152,9 @@ def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
 
 def is_unit(cell: str, quantity: str) -> bool:
     """Whether a cell is a unit of a quantity, in brackets or not."""
-    try:
+    with suppress(InputError):
         return _column(quantity, 0, f"x [{cell.strip(' []()')}]", None).unit_given
-    except InputError:
-        return False
+    return False
 
 
 def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
@@ -165,40 +165,31 @@ def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
         count = f"{len(at)} columns are" if at else "no column is"
         hint = close_match(wanted, header)
         raise InputError(
-            f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}{_places(at)}"
+            f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}{_by_place(at)}"
         )
     return at[0]
 
 
-def _places(at: Sequence[int]) -> str:
-    return f", or by its place: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
-
-
 def _recognised(header: Sequence[str], quantity: str) -> int | None:
-    names = {_plain(name) for name in NAMES[quantity]}
-    at = [
-        i
-        for i, cell in enumerate(header)
-        if {_plain(cell), _plain(_split(cell)[0])} & names and _may_be(cell, quantity)
-    ]
+    names, at = {_plain(name) for name in NAMES[quantity]}, []
+    for i, cell in enumerate(header):
+        name, unit = _split(cell)
+        # n is a letter for two quantities: n [1/min] is no load
+        other = _plain(name) == "n" and not (is_unit(unit, quantity) if unit else quantity == "wheel_load")
+        if {_plain(cell), _plain(name)} & names and not other:
+            at.append(i)
     if len(at) > 1:
         raise _several(quantity, header, at)
     return at[0] if at else None
 
 
 def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    cells = _cells([header[i] for i in at])
-    return InputError(
-        f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER{_places(at)}"
-    )
+    cells, option = _cells([header[i] for i in at]), f"--column {quantity}=HEADER"
+    return InputError(f"header: {quantity} may be any of {cells}; say which with {option}{_by_place(at)}")
 
 
-def _may_be(cell: str, quantity: str) -> bool:
-    """Whether a cell is not one of a letter that stands for another quantity: n [1/min] is no load."""
-    name, unit = _split(cell)
-    if _plain(name) != "n":
-        return True
-    return is_unit(unit, quantity) if unit else quantity == "wheel_load"
+def _by_place(at: Sequence[int]) -> str:
+    return f", or by its place: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
 
 
 def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
@@ -308,15 +299,11 @@ def split_cells(text: str, separator: str) -> list[str] | None:
         return None
 
 
-def is_number(text: str, decimal: str) -> bool:
-    """Whether a cell is a number with a decimal mark."""
-    if "_" in text:  # Python's digits, no log's
-        return False
-    try:
-        float(text.strip().replace(decimal, "."))
-    except ValueError:
-        return False
-    return True
+def number_in(cell: str, decimal: str) -> float | None:
+    """A cell as a number with a decimal mark; None where it is none."""
+    with suppress(ValueError):
+        return None if "_" in cell else float(cell.strip().replace(decimal, "."))  # 1_0 is Python's, no log's
+    return None
 
 
 def _from_comments(
@@ -357,7 +344,7 @@ def _separator_of(row: str, count: int) -> str | None:
 
 
 def _has_numbers(cells: Sequence[str]) -> bool:
-    return any(is_number(cell, ",") for cell in cells)
+    return any(number_in(cell, ",") is not None for cell in cells)
 
 
 def _passed_over(line: bytes) -> bool:
@@ -399,7 +386,10 @@ class LogFile:
         self.name = "standard input" if standard else file_name(path)
         self.damage = ""
         self._position = 0
-        self._raw = io.BufferedReader(self._standard_input() if standard else self._regular(path))
+        if standard and sys.stdin is None:
+            raise InputError(f"{self.name}: is closed; give a CSV file, or pipe one in")
+        opened = io.FileIO(sys.stdin.fileno(), closefd=False) if standard else self._regular(path)
+        self._raw = io.BufferedReader(opened)
         self._size = 0 if standard else os.fstat(self._raw.fileno()).st_size
         self._file: Any = self._raw
         try:
@@ -412,11 +402,6 @@ class LogFile:
         except InputError:
             self._raw.close()
             raise
-
-    def _standard_input(self) -> io.FileIO:
-        if sys.stdin is None:
-            raise InputError(f"{self.name}: is closed; give a CSV file, or pipe one in")
-        return io.FileIO(sys.stdin.fileno(), closefd=False)
 
     def _regular(self, path: Path) -> io.FileIO:
         """A regular file, opened; nothing else, as a pipe may never end, nor even begin."""
@@ -519,7 +504,7 @@ class Rows:
 
 @dataclass
 class Broken:
-    """The lines that were no rows: how many, the first of them with what was wrong, and the last."""
+    """What is counted and named by its line: how many, the first of them with what was wrong, and the last line."""
 
     count: int = 0
     last: int = 0
@@ -675,10 +660,6 @@ class Log:
         """The rows of whole lines; the others are taken note of."""
         self._count = self._count or self._usual_count(block)
         number = np.arange(first, first + block.count(b"\n"))
-        if not self._is_regular(block):
-            lines = block.split(b"\n")
-            kept = [i for i, at in enumerate(number.tolist()) if self._is_row(at, lines[i])]
-            number, block = number[kept], b"".join(lines[i] + b"\n" for i in kept)
         number, table = self._numbers(number, block, self._has_comma(block))
         values = {name: column.factor * table[:, i] for i, (name, column) in enumerate(self.columns.items())}
         finite = np.asarray(np.isfinite(table).all(axis=1))
@@ -688,23 +669,6 @@ class Log:
         for at in np.flatnonzero(finite & ~possible):
             self.broken.add(int(number[at]), f"time {values['time'][at]:.9g} s is beyond any clock; check its unit")
         return Rows(number, values).where(possible)
-
-    def _is_regular(self, block: bytes) -> bool:
-        """Whether every line has the usual cells and nothing that is to be looked at: most blocks of most logs."""
-        if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
-            return False
-        codes = np.frombuffer(block, dtype=np.uint8)
-        ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
-        return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
-
-    def _is_row(self, number: int, line: bytes) -> bool:
-        """Whether a line has the usual cells; one that should have, and has not, is taken note of."""
-        text = line.strip(b" \t")
-        if not text or text.startswith(COMMENT):
-            return False
-        if fault := self._fault(line):
-            self.broken.add(number, fault)
-        return not fault
 
     def _usual_count(self, block: bytes) -> int:
         """Cells of a row: the header's, but rows may end in one separator more, or without its last empty cells.
@@ -718,26 +682,20 @@ class Log:
         usual = [count for (count, ends), _ in counts.most_common() if least <= count <= most + (1 if ends else 0)]
         return usual[0] if usual else 0
 
-    def _fault(self, line: bytes) -> str:
-        """What is wrong with a line that should be a row; empty for one with the usual cells."""
-        if _STRANGE.search(line):
-            nulls = line.count(b"\0")  # as a power cut leaves them
-            if nulls < 2:
-                return "a control character or a carriage return within the line"
-            return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
-        line = _QUOTED.sub(b"", line)  # a separator in quotes is none
-        if b'"' in line:
-            return "a quotation mark without its other one"
-        separator, own = self._separator.encode(), len(self._header.cells)
-        count = line.count(separator) + 1
-        whole = count == self._count and (count <= own or line.endswith(separator))
-        return "" if whole else f"{count} cells where the header has {own}"
-
     def _numbers(self, number: Lines, text: bytes, comma: bool) -> tuple[Lines, Floats]:
         """The columns of rows in the file's units, (rows, columns), with the numbers of the lines that are rows.
 
         Where a cell is no number they are gone through in pieces, and the piece that it is in line by line.
         """
+        if not self._is_regular(text):
+            lines, kept = text.split(b"\n"), []
+            for i, at in enumerate(number.tolist()):
+                if lines[i].strip() and not lines[i].strip(b" \t").startswith(COMMENT):
+                    if fault := self._fault(lines[i]):
+                        self.broken.add(at, fault)
+                    else:
+                        kept.append(i)
+            number, text = number[kept], b"".join(lines[i] + b"\n" for i in kept)
         with suppress(ValueError):
             return number, self._table(number, text, comma)
         lines = text.split(b"\n")[:-1]
@@ -745,12 +703,20 @@ class Log:
             parts = [slice(i, i + _PIECE) for i in range(0, len(lines), _PIECE)]
             found = [self._numbers(number[at], b"\n".join([*lines[at], b""]), comma) for at in parts]
             return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
-        rows = {at: self._row(line, comma) for at, line in zip(number.tolist(), lines, strict=True)}
-        for at, fault in rows.items():
-            if isinstance(fault, str):
-                self.broken.add(at, fault)
-        kept = {at: row for at, row in rows.items() if not isinstance(row, str)}
-        return np.array([*kept], dtype=np.int64), np.array([*kept.values()], dtype=float).reshape(-1, len(self.columns))
+        rows = [self._row(line, comma) for line in lines]
+        for at, row in zip(number.tolist(), rows, strict=True):
+            if isinstance(row, str):
+                self.broken.add(at, row)
+        good = [not isinstance(row, str) for row in rows]
+        return number[good], np.array(list(itertools.compress(rows, good)), dtype=float).reshape(-1, len(self.columns))
+
+    def _is_regular(self, block: bytes) -> bool:
+        """Whether every line has the usual cells and nothing that is to be looked at: most blocks of most logs."""
+        if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
+            return False
+        codes = np.frombuffer(block, dtype=np.uint8)
+        ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
+        return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
 
     def _table(self, number: Lines, text: bytes, comma: bool) -> Floats:
         """The columns of rows, (rows, columns); ValueError where a cell is no number, and where there is no row."""
@@ -780,6 +746,21 @@ class Log:
     def _cells(self, line: bytes) -> list[str] | None:
         return split_cells(line.decode("latin-1"), self._separator)
 
+    def _fault(self, line: bytes) -> str:
+        """What is wrong with a line that should be a row; empty for one with the usual cells."""
+        if _STRANGE.search(line):
+            nulls = line.count(b"\0")  # as a power cut leaves them
+            if nulls < 2:
+                return "a control character or a carriage return within the line"
+            return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
+        line = _QUOTED.sub(b"", line)  # a separator in quotes is none
+        if b'"' in line:
+            return "a quotation mark without its other one"
+        separator, own = self._separator.encode(), len(self._header.cells)
+        count = line.count(separator) + 1
+        whole = count == self._count and (count <= own or line.endswith(separator))
+        return "" if whole else f"{count} cells where the header has {own}"
+
     def _row(self, line: bytes, comma: bool) -> list[float] | str:
         """The log's columns of a line, as they stand; or what is wrong with it."""
         cells, values, decimal = self._cells(line), [], "," if comma else "."
@@ -787,12 +768,13 @@ class Log:
             return "quotation marks within a cell"
         for column in self.columns.values():
             cell = cells[column.index].strip()
-            if cell and not is_number(cell, decimal):
+            value = number_in(cell, decimal) if cell else np.nan
+            if value is None:
                 if column.quantity == "time" and _DATE.match(cell):
                     return (
                         f"{shown(cell)} is a date or a time of day, not a number, column {column.header!r}; give the "
                         "time in s, from any beginning, or in another unit that the header names"
                     )
                 return f"{shown(cell)} is not a number, column {column.header!r}"
-            values.append(float(cell.replace(decimal, ".")) if cell else np.nan)
+            values.append(value)
         return values

@@ -14,7 +14,6 @@ import itertools
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .logs import Lines, Rows
-from .observer import FilterObserver, Form, KalmanObserver, TorqueObserver
+from .observer import FilterObserver, Form, KalmanObserver, ObserverState, TorqueObserver
 
 Floats = NDArray[np.float64]
 
@@ -35,13 +34,14 @@ Floats = NDArray[np.float64]
 class Channels:
     """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
 
-    def __init__(self, observer: TorqueObserver[Any]) -> None:
+    def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
-        self._states: list[Any] | None = None
+        self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
         """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
-        still, before = np.zeros(len(time)), self._states or [None] * len(channels)
+        still = np.zeros(len(time))
+        before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
         self._states = [each.state for each in found]
         return np.stack([each.adhesion_torque for each in found])
@@ -58,7 +58,7 @@ class Readhesion:
     the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
     """
 
-    def __init__(self, low_pass: TorqueObserver[Any]) -> None:
+    def __init__(self, low_pass: TorqueObserver) -> None:
         self._once, self._twice = Channels(low_pass), Channels(low_pass)
         self._falls_back = False
 
@@ -105,7 +105,7 @@ class Recorder:
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
-        self._stride = 1
+        self.stride = 1
         self._kept = np.empty((6, 0))
         self._run, self._place = -1, 0  # of the last row used: its run, and its place in it
         self._last_used = False
@@ -122,16 +122,11 @@ class Recorder:
         begins = used & (~follows | (place % _LONGEST_RUN == 0))
         run = self._run + np.cumsum(begins)
         self._run, self._place, self._last_used = int(run[-1]), int(place[-1]), bool(used[-1])
-        keep = used & (run % self._stride == 0)
+        keep = used & (run % self.stride == 0)
         self._kept = np.concatenate([self._kept, np.vstack([rows[:, keep], run[keep]])], axis=1)
-        while self._kept.shape[1] > self._most and self._stride <= self._run:
-            self._stride *= 2
-            self._kept = self._kept[:, self._kept[5] % self._stride == 0]
-
-    @property
-    def stride(self) -> int:
-        """Of how many runs one is kept."""
-        return self._stride
+        while self._kept.shape[1] > self._most and self.stride <= self._run:
+            self.stride *= 2
+            self._kept = self._kept[:, self._kept[5] % self.stride == 0]
 
     def record(self) -> BrakedRows:
         """The rows kept so far."""
@@ -190,21 +185,10 @@ class Survey:
         """Of the rows under brake, those lost to settling."""
         return self.lost / max(self.lost + self.used, 1)
 
-    def note_gap(self, line: int, seconds: float) -> None:
-        self.gap_count += 1
-        if len(self.gaps) < _MOST_NAMED:
-            self.gaps.append((line, seconds))
-
     @property
     def is_mixed(self) -> bool:
         """Whether the runs begin at speeds so different that one v0 stands for several."""
         return self.slowest_start * _MIXED < self.fastest_start
-
-    def note_starts(self, speeds: Floats) -> None:
-        """Take note of the train speeds at which runs begin, m/s."""
-        if len(speeds):
-            self.slowest_start = float(np.fmin(self.slowest_start, speeds.min()))
-            self.fastest_start = float(np.fmax(self.fastest_start, speeds.max()))
 
 
 # --- adhesion over slip --------------------------------------------------------------------------------------------
@@ -291,8 +275,8 @@ class AdhesionStream:
         self.recorder = Recorder()
         self.wheel_column = ""
         self._tau = time_constant
-        self._observer: TorqueObserver[Any] | None = None
-        self._state: Any = None
+        self._observer: TorqueObserver | None = None
+        self._state: ObserverState | None = None
         self._channels: Channels | None = None
         self._readhesion: Readhesion | None = None
         self._last = self._settled = -math.inf
@@ -413,7 +397,9 @@ class AdhesionStream:
         self.survey.longest_bridged = max(self.survey.longest_bridged, float(bridged.max(initial=0.0)))
         for i in new:
             if math.isfinite(steps[i]):
-                self.survey.note_gap(int(line[i]), float(steps[i]))
+                self.survey.gap_count += 1
+                if len(self.survey.gaps) < _MOST_NAMED:
+                    self.survey.gaps.append((int(line[i]), float(steps[i])))
         return new
 
     def _stretch(self, signals: Floats, *, fresh: bool) -> Observed:
@@ -452,7 +438,9 @@ class AdhesionStream:
         if len(found):
             apart = np.diff(found.time, prepend=self._last_run) > _SETTLING * self.time_constant
             survey.runs += int(apart.sum())
-            survey.note_starts(found.speed[apart])
+            starts = found.speed[apart]
+            survey.slowest_start = float(np.fmin(survey.slowest_start, starts.min(initial=math.inf)))
+            survey.fastest_start = float(np.fmax(survey.fastest_start, starts.max(initial=-math.inf)))
             survey.used += len(found)
             survey.load_sum += float(found.load.sum())
             self._last_run = float(found.time[-1])

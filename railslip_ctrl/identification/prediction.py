@@ -38,7 +38,7 @@ from .curves import Cells, Stretches
 from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
 from .models import FitModel, Setting
 from .observed import BrakedRows
-from .observer import linear_recursion
+from .observer import linear_recursion, mean_phi, phi
 
 Floats = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class PredictionErrors:
 
     def errors(self, values: Floats) -> Errors:
         """The predictions' errors."""
-        return self._bristle_errors(values) if self.model.name in DYNAMIC else self._static_errors(values)
+        return self._bristles(values)[0] if self.model.name in DYNAMIC else self._static_errors(values)
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
         slip = np.minimum(np.abs(sigma) / v, _LARGEST_SLIP)
@@ -199,15 +199,12 @@ class PredictionErrors:
             q = np.maximum(q, -_WILDEST)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
             change = self.B * dv + self.radius * dtorque - self.radius**2 * (later - force)
-            phi, mean_phi = _phi(q), _mean_phi(q)
-            sigma = sigma + (dv + h / self.J * turning) * phi + h / self.J * change * mean_phi
-            sigma = sigma + bend * (mean_phi - phi / 2.0)
+            decayed, mean = phi(q), mean_phi(q)
+            sigma = sigma + (dv + h / self.J * turning) * decayed + h / self.J * change * mean
+            sigma = sigma + bend * (mean - decayed / 2.0)
             decay = decay * np.exp(-q)
             v, torque, dv = v + dv, torque + dtorque, dv + bend
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
-
-    def _bristle_errors(self, values: Floats) -> Errors:
-        return self._bristles(values)[0]
 
     def followed(self, values: Floats) -> Floats:
         """mu over slip as the bristles had it in the runs, means in cells of the slip's root: (2, cells)."""
@@ -239,14 +236,14 @@ class PredictionErrors:
         v, omega = (i.speed0 + i.speed1) / 2, (i.omega0 + i.omega1) / 2
         sigma = v - self.radius * omega
         q = i.step * alpha * beta * np.abs(sigma) / np.maximum(gamma - np.abs(sigma), 1e-3 * gamma)
-        share = _phi(q)
+        share = phi(q)
         begins = i.begins
         z1 = linear_recursion(
             np.where(begins, 0.0, np.exp(-q))[:, None, None], (i.step * sigma * share)[:, None], _ZERO
         )
         z0 = np.where(begins, 0.0, np.concatenate([_ZERO, z1[:-1, 0]]))
         # mean over the interval: of what was there, and of what is added
-        mean = z0 * share + i.step * sigma * _mean_phi(q)
+        mean = z0 * share + i.step * sigma * mean_phi(q)
         worn = np.cumsum(q) - q
         left = np.exp(-(worn - worn[begins][i.run]))  # of the deflection at the start of the run
         gain = i.step / self.J * self.radius * alpha
@@ -282,7 +279,7 @@ class PredictionErrors:
         """The errors' covariance, banded: of a random force of effect 1, of a pickup of variance 1; `A` the decay."""
         i = self.intervals
         # a force held for a nominal interval; over another its mean is the surer the longer
-        gain = _phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
+        gain = phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
         force, pickup = np.zeros((2, len(i))), np.zeros((2, len(i)))
         force[0], pickup[0] = gain**2, 1 + A**2
         pickup[1, :-1] = np.where(i.begins[1:], 0.0, -A[1:])
@@ -376,20 +373,6 @@ def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
 
     force, pickup = bands
     return np.asarray(cholesky_banded(force + ratio * pickup, lower=True))
-
-
-def _phi(q: Floats) -> Floats:
-    """(1 - exp(-q))/q, 1 at 0."""
-    small = np.abs(q) < 1e-8
-    result: Floats = np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
-    return result
-
-
-def _mean_phi(q: Floats) -> Floats:
-    """(1 - phi(q))/q, the mean of 1 - exp(-q x) over 0 < x < 1 by q; 1/2 at 0."""
-    small = np.abs(q) < 1e-4  # where the difference cancels: series to rounding of 1e-12
-    result: Floats = np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - _phi(q)) / np.where(small, 1.0, q))
-    return result
 
 
 # --- a fit to the cells, fitted again to the prediction errors -----------------------------------------------------

@@ -177,10 +177,6 @@ class PeakSlip:
         source = "rule" if self.by_rule else "log"
         return f"{source}, extrapolated" if self.extrapolated else source
 
-    def without_reference(self) -> PeakSlip:
-        """The same peak, with no slip to hold."""
-        return replace(self, reference=math.nan, reference_coefficient=math.nan)
-
 
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
     """The peak of a law whose parameters are taken as exact, at a speed in m/s and a wheel load in N."""
@@ -265,7 +261,10 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     variance = np.diag(gradient @ covariance[np.ix_(known, known)] @ gradient.T).copy()
     for name, stderr in fit.known_stderrs.items():
         step = _STEP * stderr
-        ends = [np.array(at(_knowing(fit.model, name, side * step), fit.values)) for side in (1.0, -1.0)]
+        value = fit.model.known[name]
+        assert isinstance(value, float)
+        changed = (replace(fit.model, known={**fit.model.known, name: value + side * step}) for side in (1.0, -1.0))
+        ends = [np.array(at(model, fit.values)) for model in changed]
         variance += ((ends[0] - ends[1]) / (2.0 * _STEP)) ** 2
     slip, coefficient = np.sqrt(variance)
     return float(slip), float(coefficient)
@@ -281,13 +280,6 @@ def _stderrs_of_table(fit: Fit) -> tuple[float, float]:
     near = np.flatnonzero(~lower)
     low, high = slips[max(near[0] - 1, 0)], slips[min(near[-1] + 1, len(slips) - 1)]
     return float(max(slips[top] - low, high - slips[top])) / NORMAL_QUANTILE, float(deviation[top])
-
-
-def _knowing(model: FitModel, name: str, change: float) -> FitModel:
-    """The model with a known parameter changed."""
-    value = model.known[name]
-    assert isinstance(value, float)
-    return replace(model, known={**model.known, name: value + change})
 
 
 def _with_reference(

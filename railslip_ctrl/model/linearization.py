@@ -121,18 +121,14 @@ def operating_point(
 
     Parameters
     ----------
-    law : AdhesionLaw
-        With parameters for the rail meant.
-    vehicle : Vehicle
-        Quarter car, SI: its wheel radius, wheel load, masses and friction.
+    law, vehicle : AdhesionLaw, Vehicle
+        The law with parameters for the rail meant; the quarter car, SI.
     speed : float
         v, m/s, > 0.
     slip : float
         lambda, a ratio, 0 <= slip < 1; positive in braking.
-    rail : Rail, optional
-        A label; left out, the law's own.
-    initial_speed_kmh : float, optional
-        A label: v0 the law's parameters were made for, km/h.
+    rail, initial_speed_kmh : Rail, float, optional
+        Labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
 
     Returns
     -------
@@ -266,15 +262,8 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
 
     A braked wheel begins there. A dynamic law without damping at rest, as the railway bristle model, is then a spring
     between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)): what damps the wheel is the loop alone.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a published law made for another wheel load.
-    DomainError
-        The speed is not finite and positive.
-    KinkError
-        The law has no derivative there.
+    InputError as of `operating_point`; DomainError for a speed that is not finite and positive; KinkError where the law
+    has no derivative.
     """
     if not law.has_state:
         return linearize(operating_point(law, vehicle, speed, 0.0))
@@ -301,8 +290,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     Returns
     -------
     LinearPlant
-        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s), of shapes
-        (n, n), (n, 1), (3, n), (3, 1) with n states.
+        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
 
     Raises
     ------
@@ -344,14 +332,8 @@ def _linear_plant(point: OperatingPoint, full: NDArray[np.float64], *, speed_sta
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
-    return LinearPlant(
-        point=point,
-        A=full[np.ix_(indices, indices)],
-        B=full[np.ix_(indices, [3])],
-        C=outputs[:, indices],
-        D=np.zeros((3, 1)),
-        states=tuple(STATES[index] for index in indices),
-    )
+    A, B = full[np.ix_(indices, indices)], full[np.ix_(indices, [3])]
+    return LinearPlant(point, A, B, outputs[:, indices], np.zeros((3, 1)), tuple(STATES[index] for index in indices))
 
 
 # --- the nonlinear plant as a python-control system ----------------------------------------------------------------
@@ -366,10 +348,8 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
 
     Parameters
     ----------
-    law : AdhesionLaw
-        With parameters for the rail meant.
-    vehicle : Vehicle
-        Quarter car, SI.
+    law, vehicle : AdhesionLaw, Vehicle
+        The law with parameters for the rail meant; the quarter car, SI.
     reference_slip : float
         lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 
@@ -399,11 +379,5 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
         v, sigma = x[:2]
         return np.array([sigma, sigma / v, reference_slip * v - sigma, v, (v - sigma) / radius])
 
-    return control.nlsys(
-        update,
-        output,
-        states=list(states),
-        inputs=list(NONLINEAR_INPUTS),
-        outputs=list(NONLINEAR_OUTPUTS),
-        name=f"{law.name}_plant",
-    )
+    labels = {"states": list(states), "inputs": list(NONLINEAR_INPUTS), "outputs": list(NONLINEAR_OUTPUTS)}
+    return control.nlsys(update, output, name=f"{law.name}_plant", **labels)

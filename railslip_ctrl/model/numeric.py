@@ -1,7 +1,7 @@
 """Numeric functions of the plant, generated from its SymPy statement: one text a law, for arrays and for kernels.
 
 `make generate` writes it to `_generated/`, so that evaluating numbers needs no SymPy. It carries a hash of its sources
-(`plant.py`, `notation.py`, the law's file); where that does not fit, it is generated in memory: an edited plant or a
+(`plant.py`, `notation.toml`, the law's file); where that does not fit, it is generated in memory: an edited plant or a
 new law works at once, only slower.
 
 The functions are those of `plant.ClosedPlant` by name, and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m, N*m three
@@ -33,24 +33,14 @@ WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance"
 """What takes energy from train and wheel, in the order of `plant.powers`."""
 
 
-NumericPlant: TypeAlias = ModuleType
-"""The module of these functions of a law, and `lag_rate`."""
+NumericPlant: TypeAlias = ModuleType  #: the module of these functions of a law, and `lag_rate`
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
     """The flat tuple `p`: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters; SI."""
-    resistance = vehicle.resistance
-    return (
-        vehicle.effective_mass,
-        vehicle.effective_inertia,
-        vehicle.effective_viscous_friction,
-        vehicle.wheel.radius,
-        resistance.constant,
-        resistance.linear,
-        resistance.quadratic,
-        vehicle.wheel_load,
-        *law.parameters(),
-    )
+    inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
+    resistance = (vehicle.resistance.constant, vehicle.resistance.linear, vehicle.resistance.quadratic)
+    return (*inertias, vehicle.wheel.radius, *resistance, vehicle.wheel_load, *law.parameters())
 
 
 @cache
@@ -87,7 +77,7 @@ def sources_hash(law: type[AdhesionLaw]) -> str:
     """SHA-256 of the text of the sources a law's generated module depends on."""
     law_file = Path(sys.modules[law.__module__].__file__ or "")
     digest = hashlib.sha256()
-    for path in (PACKAGE / "model" / "plant.py", PACKAGE / "core" / "notation.py", law_file):
+    for path in (PACKAGE / "model" / "plant.py", PACKAGE / "core" / "notation.toml", law_file):
         digest.update(path.read_text(encoding="utf-8").encode("utf-8"))  # read as text: line ends do not count
     return digest.hexdigest()
 

@@ -29,11 +29,8 @@ ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")
 VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")
 """Vehicle parameters, in order; a law's own follow them."""
 
-STATES = ("v", "sigma", "z")
-"""States, in order. A static law has no z; its z' is 0."""
-
-JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")
-"""What the rates are differentiated by, in order."""
+STATES = ("v", "sigma", "z")  #: states, in order. A static law has no z; its z' is 0
+JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")  #: what the rates are differentiated by, in order
 
 v, omega, sigma, slip, z = (symbol(name) for name in ("v", "omega", "sigma", "slip", "z"))
 Fa, Ta, Tb, Td, Tr, Fr = (symbol(name) for name in ("Fa", "Ta", "Tb", "Td", "Tr", "Fr"))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import tomllib
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import cache, partial
+from importlib.resources import files
+from operator import attrgetter
 from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
 
@@ -58,9 +61,7 @@ def _type_words(annotation: Any) -> str:
 
 # --- records --------------------------------------------------------------------------------------------------------
 
-GRAVITY = 9.80665
-"""Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
-
+GRAVITY = 9.80665  #: standard acceleration of free fall, m/s^2 (exact, CGPM 1901)
 _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
@@ -279,9 +280,7 @@ class Vehicle(Record):
 # --- the published vehicle and gains of [Park2008], in SI ------------------------------------------------------------
 
 
-INITIAL_SPEED_KMH = 100.0
-"""v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)."""
-
+INITIAL_SPEED_KMH = 100.0  #: v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)
 AS_PUBLISHED_INERTIA_SCALE = 3.6
 """The inertia scale under which the published results come out: speeds in km/h, forces in N, no factor."""
 
@@ -345,74 +344,27 @@ def table4_gains(adhesion: str) -> PIGains:
 _SPEED = 100.0 * KMH  # at which travelling resistance is looked at
 
 
-class UsualRange(NamedTuple):
-    """The bounds between which a quantity of vehicles lies."""
-
-    key: str  # of the vehicle's file
-    unit: str
-    low: float  # the bounds, as multiples of `of`
-    high: float
-    why: str  # where they come from
-    value: Callable[[Vehicle], float]  # in `unit`
-    of: Callable[[Vehicle], float] = lambda _: 1.0  # in `unit`
-    other_units: Mapping[str, float] = MappingProxyType({})  # that may have been meant, each with its size in `unit`
-    after: tuple[str, ...] = ()  # keys that it is computed from: what follows from an implausible number is not told
-    remedy: str = "check the number and its unit"  # where none of the other units gives a usual value
-
-
 def _resistance(vehicle: Vehicle) -> float:
     terms = vehicle.resistance
     return terms.constant + terms.linear * _SPEED + terms.quadratic * _SPEED * _SPEED
 
 
-_QUARTER = "the quarter car is what one wheelset carries: 3 to 6 t of a tram, 22.5 t on main lines, 40 t of heavy haul"
-_ONE_WHEELSET = "divide the mass of a whole vehicle by the number of its axles, and give the unit"
-_CARRIES = "a wheelset carries the weight of the quarter car, in braking somewhat more or less"
+_VALUES: Mapping[str, Callable[[Vehicle], float]] = {
+    **{name: attrgetter(name) for name in ("mass", "mass_loaded", "wheel_load", "wheel_load_loaded")},
+    **{name: attrgetter(f"wheel.{name}") for name in ("radius", "inertia", "viscous_friction")},
+    **{name: attrgetter(f"actuator.{name}") for name in ("dead_time", "lag")},
+    "resistance": _resistance,
+}
+_COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
+    "wheel_load": lambda v: v.mass * GRAVITY,
+    "wheel_load_loaded": lambda v: v.mass_loaded * GRAVITY,
+    "inertia": lambda v: v.mass * v.wheel.radius**2,
+    "viscous_friction": lambda v: v.wheel_load * v.wheel.radius**2 / _SPEED,
+    "resistance": lambda v: v.wheel_load,
+}
 
-USUAL_RANGES = (
-    UsualRange(
-        "mass", "kg", 1000.0, 45_000.0, _QUARTER, lambda v: v.mass, other_units={"t": 1000.0}, remedy=_ONE_WHEELSET,
-    ),
-    UsualRange(
-        "mass_loaded", "kg", 1000.0, 45_000.0, _QUARTER, lambda v: v.mass_loaded, other_units={"t": 1000.0},
-        after=("mass",), remedy=_ONE_WHEELSET,
-    ),
-    UsualRange(
-        "wheel_load", "N", 0.5, 1.5, _CARRIES, lambda v: v.wheel_load, lambda v: v.mass * GRAVITY, {"kN": 1000.0},
-        ("mass",),
-    ),
-    UsualRange(
-        "wheel_load_loaded", "N", 0.5, 1.5, _CARRIES, lambda v: v.wheel_load_loaded,
-        lambda v: v.mass_loaded * GRAVITY, {"kN": 1000.0}, ("mass", "mass_loaded", "wheel_load"),
-    ),
-    UsualRange(
-        "radius", "m", 0.15, 0.75, "half the diameter: 0.36 m on rolling-road wagons, 1.25 m on locomotives",
-        lambda v: v.wheel.radius, other_units={"mm": 1e-3, "cm": 1e-2},
-    ),
-    UsualRange(
-        # rotation_mass - 1 of the railtoolkit schema, 0.02 of a loaded wagon to 0.3 of a motored axle, with room
-        "inertia", "kg*m^2", 0.005, 0.5, "what turns adds 2 % to 30 % to the mass, as J/r^2",
-        lambda v: v.wheel.inertia, lambda v: v.mass * v.wheel.radius**2, after=("mass", "radius"),
-    ),
-    UsualRange(
-        "viscous_friction", "N*m*s", 0.0, 0.01, "at 100 km/h drag takes less than a hundredth of the weight",
-        lambda v: v.wheel.viscous_friction, lambda v: v.wheel_load * v.wheel.radius**2 / _SPEED,
-        after=("mass", "wheel_load", "radius"),
-    ),
-    UsualRange(
-        "resistance", "N at 100 km/h", 0.0, 0.05, "on the level trains roll with 0.2 % to 2 % of their weight",
-        _resistance, lambda v: v.wheel_load, after=("mass", "wheel_load"),
-    ),
-    UsualRange(
-        "dead_time", "s", 0.0, 2.0, "pneumatic brakes begin to act within a second, electric ones at once",
-        lambda v: v.actuator.dead_time, other_units={"ms": 1e-3},
-    ),
-    UsualRange(
-        "lag", "s", 0.0, 10.0, "brake cylinders fill in 3 to 5 s, of goods trains in 18 to 30 s, about three lags",
-        lambda v: v.actuator.lag, other_units={"ms": 1e-3},
-    ),
-)  # fmt: skip
-"""The ranges, those that others are computed from first."""
+USUAL_RANGES: Mapping[str, Any] = tomllib.loads(files(__package__).joinpath("usual_ranges.toml").read_text("utf-8"))
+"""By key of the vehicle's file; the file says what is in it."""
 
 
 @checked
@@ -422,13 +374,14 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
     Its own M, J and B are looked at, not those times `inertia_scale`. InputError for what is no vehicle.
     """
     found: dict[str, str] = {}
-    for usual in USUAL_RANGES:
-        value, scale = usual.value(vehicle), usual.of(vehicle)
-        low, high = usual.low * scale, usual.high * scale
-        if not low <= value <= high and not found.keys() & set(usual.after):
-            found[usual.key] = (
-                f"{usual.key} = {_plain(value, 6)} {usual.unit} is taken as given, but is outside the usual "
-                f"{_plain(low)} to {_plain(high)} {usual.unit} ({usual.why}); {_remedy(usual, value, low, high)}."
+    for key, usual in USUAL_RANGES.items():
+        value, unit = _VALUES[key](vehicle), usual["unit"]
+        scale = _COMPARED_WITH[key](vehicle) if key in _COMPARED_WITH else 1.0
+        low, high = (bound * scale for bound in usual["range"])
+        if not low <= value <= high and not found.keys() & set(usual.get("after", ())):
+            found[key] = (
+                f"{key} = {_plain(value, 6)} {unit} is taken as given, but is outside the usual {_plain(low)} to "
+                f"{_plain(high)} {unit} ({usual['why']}); {_remedy(usual, value, low, high)}."
             )
     return tuple(found.values())
 
@@ -439,11 +392,11 @@ def remarks(vehicle: Vehicle) -> tuple[str, ...]:
     return (*vehicle.notes, *doubts(vehicle))
 
 
-def _remedy(usual: UsualRange, value: float, low: float, high: float) -> str:
-    for unit, size in usual.other_units.items():
+def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> str:
+    for unit, size in usual.get("other_units", {}).items():
         if low <= value * size <= high:
             return f'if {_plain(value, 6)} {unit} is meant, give "{_plain(value, 6)} {unit}"'
-    return usual.remedy
+    return str(usual.get("remedy", "check the number and its unit"))
 
 
 def _plain(value: float, digits: int = 3) -> str:

@@ -30,8 +30,7 @@ from .derivation import Derivation
 from .law import HOLD_TIME, KEPT, file_hash, sources_hash
 from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, PREFIX, Assignment, SampledLaw, sampled_law
 
-WIDTH = 99
-"""Largest length of a line of generated code."""
+WIDTH = 99  #: largest length of a line of generated code
 
 NOT_HOLDING = (
     *("V' <= 0, disturbed", "invariant-set theorem", "theta_hat converges", "scalar gain k"),
@@ -289,8 +288,7 @@ def _unbreakable(found: re.Match[str]) -> str:
 # --- an adhesion law's own numbers ------------------------------------------------------------------------------------
 
 
-_DIGITS = 6
-"""Significant digits of a number in a formula; the code has all of them."""
+_DIGITS = 6  #: significant digits of a number in a formula; the code has all of them
 
 
 @dataclass(frozen=True)

@@ -11,20 +11,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, get_args
+from typing import Literal
 
 import sympy as sp
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 
 from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
 
-Reference = Literal["proportional", "constant"]
-"""sigma_d = lambda_d v, or sigma_d constant."""
+Reference = Literal["proportional", "constant"]  #: sigma_d = lambda_d v, or sigma_d constant
 
 s, e, e_integral, rho = (sliding_symbol(name) for name in ("s", "e", "e_integral", "rho"))
 lambda_d, sigma_d = sliding_symbol("lambda_d"), sliding_symbol("sigma_d")
@@ -48,22 +46,18 @@ UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 
 
 def derive_surface(reference: Reference) -> Surface:
-    """s and s' for a reference; InputError for another word."""
-    if reference not in get_args(Reference):
-        raise InputError(f"reference: {reference!r} is not known; choose one of {', '.join(get_args(Reference))}")
+    """s and s' for a reference."""
     plant_step, train, wheel = _accelerations()
     slip_step, sigma_rate = _slip_rate(train, wheel)
     error, error_rate, definition, surface_step, rate_form = _differentiated(reference)
     rate = sp.expand(rate_form.subs(_SIGMA_RATE, sigma_rate))
-    reference_rate = sp.expand(error_rate + _SIGMA_RATE)
-    rate_step = step(
-        "rate of s", (sliding_symbol("s_rate"), grouped_rate(rate)), _rate_is_the_plant_s(reference, error, rate, train)
-    )
+    own = _rate_is_the_plant_s(error, rate, train)
+    rate_step = step("rate of s", (sliding_symbol("s_rate"), grouped_rate(rate)), own)
     return Surface(
         steps=(plant_step, slip_step, surface_step, rate_step),
         s=definition,
         error=error,
-        reference_rate=reference_rate,
+        reference_rate=sp.expand(error_rate + _SIGMA_RATE),
         s_rate=grouped_rate(rate),
         disturbance=grouped_rate(sp.expand(rate - rate.subs(UNCERTAIN))),
     )
@@ -129,21 +123,15 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, De
 def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
     """Ta, Fr and omega replaced by Fa, the resistance's formula and (v - sigma)/r, as `plant.motion` has them."""
     wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
-    return expression.subs(
-        {
-            plant.Ta: plant.ADHESION_TORQUE.rhs,
-            plant.Fr: plant.RESISTANCE.rhs,
-            plant.omega: wheel_speed,
-        }
-    )
+    stated = {plant.Ta: plant.ADHESION_TORQUE.rhs, plant.Fr: plant.RESISTANCE.rhs}
+    return expression.subs({**stated, plant.omega: wheel_speed})
 
 
-def _rate_is_the_plant_s(reference: Reference, error: sp.Expr, rate: sp.Expr, train: sp.Expr) -> bool:
+def _rate_is_the_plant_s(error: sp.Expr, rate: sp.Expr, train: sp.Expr) -> bool:
     motion = plant.motion()
     slope = sp.diff(error, plant.v) * motion.v_rate + sp.diff(error, plant.sigma) * motion.sigma_rate
-    expected = slope + rho * error
     derived = _in_plant_variables(rate.subs({plant.v_rate: train, e: error}))
-    return identical(derived, expected)
+    return identical(derived, slope + rho * error)
 
 
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
@@ -228,8 +216,7 @@ def _robust(reaching: sp.Expr) -> sp.Expr:
     sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
     asked = -D0 * s - K0 * sign
     in_rates = linear_solution(reaching.subs(UNCERTAIN) - asked, Ur)
-    ratio = plant.r / plant.J
-    return sp.expand(in_rates.subs({D0: ratio * D, K0: ratio * K})).subs(sign, sp.sign(s))
+    return sp.expand(in_rates.subs({D0: plant.r / plant.J * D, K0: plant.r / plant.J * K})).subs(sign, sp.sign(s))
 
 
 # --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
@@ -243,9 +230,7 @@ THETA_TILDE = tuple(sliding_symbol(f"theta{i}_tilde") for i in (1, 2))
 THETA_HAT_RATE = tuple(sliding_symbol(f"theta{i}_hat_rate") for i in (1, 2))
 PHI = (plant.Ta, plant.omega)
 
-TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}
-"""The true parameters in nominal and perturbation."""
-
+TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}  #: the true parameters in nominal and perturbation
 NOMINAL = {plant.M: Mn, plant.B: Bn}
 _V_RATE = sliding_symbol("V_rate")
 
@@ -379,32 +364,18 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
 
 @cache
 def _statement_steps() -> tuple[DerivationStep, ...]:
-    """The steps, one an equation."""
-    return _slip_ratio(), _resistance(), _actuator()
-
-
-def _slip_ratio() -> DerivationStep:
+    """The steps, one an equation: slip ratio, resistance, actuator."""
     ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
-    rolling = ratio.subs(plant.omega, plant.v / plant.r)
-    return step(
-        "slip ratio",
-        (plant.slip, ratio),
-        rolling == 0,
-        ratio.subs(plant.omega, 0) == 1,
-        bool(sp.diff(ratio, plant.omega).is_negative),
-    )
-
-
-def _resistance() -> DerivationStep:
-    coefficients = (plant.Fr0, plant.Fr1, plant.Fr2)
-    power = sp.expand(plant.v * plant.RESISTANCE.rhs)
+    rolls, locks = (ratio.subs(plant.omega, omega) for omega in (plant.v / plant.r, 0))
+    grows = bool(sp.diff(ratio, plant.omega).is_negative)
+    power, coefficients = sp.expand(plant.v * plant.RESISTANCE.rhs), (plant.Fr0, plant.Fr1, plant.Fr2)
     parts = [sp.diff(power, coefficient) for coefficient in coefficients]
     whole = sum(part * coefficient for part, coefficient in zip(parts, coefficients, strict=True))
-    return step(
-        "travelling resistance",
-        (plant.Fr, plant.RESISTANCE.rhs),
-        all(part.is_positive for part in parts),
-        identical(power, whole),
+    brakes = all(part.is_positive for part in parts) and identical(power, whole)
+    return (
+        step("slip ratio", (plant.slip, ratio), rolls == 0, locks == 1, grows),
+        step("travelling resistance", (plant.Fr, plant.RESISTANCE.rhs), brakes),
+        _actuator(),
     )
 
 
@@ -416,10 +387,7 @@ def _actuator() -> DerivationStep:
     poles = sp.solve(sp.denom(sp.together(from_rate)), s)
     return step(
         "actuator",
-        (
-            sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]),
-            sp.Matrix([transfer, rate]),
-        ),
+        (sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]), sp.Matrix([transfer, rate])),
         vanishes(transfer - from_rate),
         transfer.subs(s, 0) == 1,
         len(poles) == 1 and bool(poles[0].is_negative),

@@ -80,8 +80,8 @@ KEPT = ("command", "missing", "ready")
 PACKAGE = Path(__file__).parents[1]
 
 SOURCES = (
-    *("model/plant.py", "core/notation.py", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
-    *("sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
+    *("model/plant.py", "core/notation.toml", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
+    *("sliding/notation.toml", "sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
 """What the text of the law without adhesion follows from."""
 

@@ -12,63 +12,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
 
 import sympy as sp
 
-from railslip_ctrl.core.notation import Notation, latex_names
+from railslip_ctrl.core.notation import latex_names, notation_in
 from railslip_ctrl.core.sources import cite
-
-_ENTRIES = (
-    Notation("s", "s", "m/s", "sliding variable e + rho * integral of e"),
-    Notation("e", "e", "m/s", "tracking error sigma_d - sigma"),
-    Notation(
-        "e_integral",
-        r"\left({\textstyle\int_0^t e\,\mathrm{d}t}\right)",
-        "m",
-        "integral of the tracking error since the brake was applied",
-    ),
-    Notation("sigma_d", r"\sigma_d", "m/s", "reference slip velocity"),
-    Notation("lambda_d", r"\lambda_d", "1", "reference slip ratio; sigma_d = lambda_d v", positive=True),
-    Notation("sigma_d_rate", r"\dot\sigma_d", "m/s^2", "rate of the reference slip velocity"),
-    Notation("v_rate_hat", r"\hat{\dot v}", "m/s^2", "estimate of the acceleration of the train"),
-    Notation("Ta_hat", r"\hat T_a", "N*m", "estimate of the adhesion torque"),
-    Notation("rho", r"\rho", "1/s", "weight of the integral in the sliding variable", positive=True),
-    Notation("Ueq", "U_{eq}", "N*m", "equivalent control"),
-    Notation("Ur", "U_r", "N*m", "robust control"),
-    Notation("D", "D", "N*m/(m/s)", "gain of the robust control on s", positive=True),
-    Notation("K", "K", "N*m", "gain of the robust control on sgn s", positive=True),
-    Notation("D0", "D_0", "1/s", "rate at which s is made to fall, per s", positive=True),
-    Notation("K0", "K_0", "m/s^2", "rate at which s is made to fall", positive=True),
-    Notation("Mn", "M_n", "kg", "nominal mass", positive=True),
-    Notation("Mp", "M_p", "kg", "perturbation of the mass, M = Mn + Mp > 0"),
-    Notation("Bn", "B_n", "N*m*s", "nominal viscous torque coefficient"),
-    Notation("Bp", "B_p", "N*m*s", "perturbation of the viscous torque coefficient, B = Bn + Bp"),
-    Notation("theta1", r"\theta_1", "1/(kg*m)", "unknown coefficient of Ta in s'"),
-    Notation("theta2", r"\theta_2", "m/s", "unknown coefficient of omega in s' (m/s^2 per rad/s)"),
-    Notation("theta1_hat", r"\hat\theta_1", "1/(kg*m)", "estimate of theta1"),
-    Notation("theta2_hat", r"\hat\theta_2", "m/s", "estimate of theta2"),
-    Notation("theta1_tilde", r"\tilde\theta_1", "1/(kg*m)", "estimation error theta1 - theta1_hat"),
-    Notation("theta2_tilde", r"\tilde\theta_2", "m/s", "estimation error theta2 - theta2_hat"),
-    Notation("theta1_hat_rate", r"\dot{\hat\theta}_1", "1/(kg*m*s)", "rate of theta1_hat"),
-    Notation("theta2_hat_rate", r"\dot{\hat\theta}_2", "m/s^2", "rate of theta2_hat"),
-    Notation("s_rate", r"\dot s", "m/s^2", "rate of s"),
-    Notation("s_rate_change", r"\Delta\dot s", "m/s^2", "what estimates in the law add to the rate of s"),
-    Notation("s_times_s_rate", r"s\dot s", "m^2/s^3", "s times its rate: negative where s approaches 0"),
-    Notation("sigma_rate", r"\dot\sigma", "m/s^2", "rate of the slip velocity"),
-    Notation("Ga", "G_a", "1", "transfer function of the actuator, commanded to acting brake torque"),
-    Notation("Tb_rate", r"\dot T_b", "N*m/s", "rate of the acting brake torque"),
-    Notation("V", "V", "m^2/s^2", "Lyapunov function"),
-    Notation("V_rate", r"\dot V", "m^2/s^3", "rate of V"),
-    Notation("k", "k", "mixed", "scalar adaptation gain; its unit cannot fit both components", positive=True),
-    Notation("k1", "k_1", "s^2/(kg^2*m^4)", "adaptation gain of theta1: theta1_hat' = k1 s Ta", positive=True),
-    Notation("k2", "k_2", "1", "adaptation gain of theta2: theta2_hat' = k2 s omega", positive=True),
-)
 
 _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d"))
 
-SLIDING_NOTATION = MappingProxyType({entry.name: entry for entry in _ENTRIES})
-"""The table, by name."""
+_TABLES = tomllib.loads(Path(__file__).with_name("notation.toml").read_text("utf-8"))
+
+SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: the table, by name
+CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
+"""Unit and meaning of what the generated code has besides, by name."""
 
 
 def sliding_symbol(name: str) -> sp.Symbol:
@@ -80,7 +36,7 @@ def sliding_symbol(name: str) -> sp.Symbol:
 def latex(expression: sp.Basic) -> str:
     """LaTeX of an expression in the source's letters."""
     own = {sp.Symbol(name, positive=True): text for name, text in _OTHER_LATEX}
-    names = {**latex_names(), **own, **{sliding_symbol(entry.name): entry.latex for entry in _ENTRIES}}
+    names = {**latex_names(), **own, **{sliding_symbol(entry.name): entry.latex for entry in SLIDING_NOTATION.values()}}
     return str(sp.latex(expression, symbol_names=names)).replace(r"\operatorname{sign}", r"\operatorname{sgn}")
 
 
@@ -94,9 +50,7 @@ def plain(expression: sp.Basic) -> str:
 # --- identities -------------------------------------------------------------------------------------------------------
 
 
-POINTS = 32
-"""Random points of the numeric check."""
-
+POINTS = 32  #: random points of the numeric check
 _TOLERANCE = 1e-9
 _SEED = 2008
 

@@ -42,15 +42,11 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 
 from .derivation import Derivation
 from .law import file_hash
-from .proof import SLIDING_NOTATION, sliding_symbol
+from .proof import CODE_NOTATION, SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
-SWITCHING = sp.Symbol("switching", real=True)
-"""What stands for sgn s."""
-
-LIMITED = sp.Function("limited")
-"""limited(x, limit): x held to -limit .. limit."""
-
+SWITCHING = sp.Symbol("switching", real=True)  #: what stands for sgn s
+LIMITED = sp.Function("limited")  #: limited(x, limit): x held to -limit .. limit
 DOMAIN_SHARE = 0.999
 """Of an adhesion law's `sigma_limit`, to which |sigma| is held: there the bristle law has 1/1000 of Fs left."""
 
@@ -61,30 +57,6 @@ _LEAK, _DEAD_ZONE = sp.Symbol("leak", nonnegative=True), sp.Symbol("dead_zone", 
 LARGEST = 1e12
 """What numbers of the generated code are held to, SI: far beyond a train's, far from overflow in products of them."""
 
-_OWN_MEANINGS = {
-    "period": ("s", "sampling period"),
-    "filter_time": ("s", "time constant of the filter of v'"),
-    "boundary": ("m/s", "half width of the boundary layer; 0: sgn"),
-    "torque_min": ("N*m", "least torque"),
-    "torque_max": ("N*m", "largest torque"),
-    "v_filtered": ("m/s", "state of the filter of v'"),
-    "leak": ("1/s", "rate at which the estimates leak; 0: none"),
-    "dead_zone": ("1", "1: the adaptation rests within the boundary layer; 0: not"),
-    "theta1_min": ("1/(kg*m)", "least theta1_hat, in force where below the largest"),
-    "theta1_max": ("1/(kg*m)", "largest theta1_hat"),
-    "theta2_min": ("m/s", "least theta2_hat, in force where below the largest"),
-    "theta2_max": ("m/s", "largest theta2_hat"),
-    "anti_windup": ("1", "1: at a torque limit integral and estimates rest; 0: not"),
-    "command": ("N*m", "torque commanded last"),
-    "missing": ("s", "time since the last valid sample"),
-    "ready": ("1", "1: init took the parameters; else the brake stays released"),
-    "from_adhesion": ("m/s^2", "what the adhesion adds to s'"),
-    "from_friction": ("m/s^2", "what the wheel's friction adds to s'"),
-    "s_drift": ("m/s^2", "s' without a brake, as the law knows it"),
-    "drive": ("m/s", "what stands for s in the adaptation"),
-    "z_decay": ("1/s", "rate at which z is forgotten"),
-    "z_limit": ("m", "largest deflection that slip builds up"),
-}
 EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
 """Intermediate values that have a comment in the code."""
 
@@ -101,9 +73,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
 }
 """What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
-PREFIX = "adhesion_"
-"""Before the names of an adhesion law's parameters."""
-
+PREFIX = "adhesion_"  #: before the names of an adhesion law's parameters
 Assignment = tuple[str, sp.Expr]
 
 
@@ -132,8 +102,8 @@ class SampledLaw:
 
     def meaning(self, name: str) -> str:
         """Unit and meaning of a parameter, a state or one of `EXPLAINED`."""
-        if name in _OWN_MEANINGS:
-            unit, text = _OWN_MEANINGS[name]
+        if name in CODE_NOTATION:
+            unit, text = CODE_NOTATION[name]
             return f"{text}, {unit}"
         if name in self.meanings:
             return self.meanings[name]
@@ -211,13 +181,12 @@ def _own_expressions(derivation: Derivation) -> _Own:
         low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered' ; it is also v' seen through s/(filter_time s + 1)
         prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
         states.append("v_filtered")
-    if derivation.adhesion is None or derivation.adhesion_torque is None:
-        note = ("Ta is an argument: an observer's or a model's estimate.",)
-        return _Own(tuple(prepare), tuple(states), False, note)
-    law = law_class(derivation.adhesion)
-    if law.statement().functions:
-        note = (f"Ta is an argument: the adhesion law {law.name!r} has no closed form; evaluate it outside.",)
-        return _Own(tuple(prepare), tuple(states), False, note)
+    law = None if derivation.adhesion is None else law_class(derivation.adhesion)
+    if law is None or law.statement().functions or derivation.adhesion_torque is None:
+        note = "an observer's or a model's estimate."
+        if law is not None:
+            note = f"the adhesion law {law.name!r} has no closed form; evaluate it outside."
+        return _Own(tuple(prepare), tuple(states), False, (f"Ta is an argument: {note}",))
     if law.has_state:
         states.append("z")
     adhesion = _adhesion(law, derivation.adhesion_torque, derivation.adhesion_state_rate)

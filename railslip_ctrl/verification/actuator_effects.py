@@ -15,18 +15,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.core.errors import DomainError, InputError, UnstableLoopError
-from railslip_ctrl.model.vehicle import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    INITIAL_SPEED_KMH,
-    PARK2008,
-    Actuator,
-    Rail,
-    Vehicle,
-)
+from railslip_ctrl.core.errors import DomainError, UnstableLoopError
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
 
 from .layered import SPEEDS_KMH, RailAdhesion
@@ -50,9 +45,7 @@ from .verdict import Condition
 _RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
 _STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
 _TOLERANCE = 1e-9  # relative, of the bisection: far above the rounding of the root count
-SLIP_AMPLITUDE = 0.02
-"""Half of the slip's swing, a ratio, within which a relay is to hold the wheel."""
-
+SLIP_AMPLITUDE = 0.02  #: half of the slip's swing, a ratio, within which a relay is to hold the wheel
 _FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation with a period of 10 minutes
 _RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
 
@@ -70,11 +63,9 @@ def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> fl
 def first_limit(stable: Callable[[float], bool], start: float) -> float:
     """Smallest value above `start` (> 0) at which `stable` is lost, bisected to 1e-9; inf beyond 1e6 start.
 
-    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. InputError for a start that is
-    not positive, UnstableLoopError where the loop is not stable there.
+    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. UnstableLoopError where the
+    loop is not stable at the start.
     """
-    if not (math.isfinite(start) and start > 0):
-        raise InputError(f"start: {start} is not allowed; give a finite value > 0")
     if not stable(start):
         raise UnstableLoopError(
             f"largest gain: the loop is unstable at {start:.6g}, where the search starts; start where it is stable",
@@ -115,31 +106,28 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 
     inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
     """
-    k = loop.gains.k
-    if loop.is_stable(adaptation=k):
+
+    def helps(relay_gain: float) -> bool:
+        return loop.is_stable(relay_gain=relay_gain, adaptation=loop.gains.k)
+
+    if helps(0.0):
         return math.inf
     top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
-    tried: list[float] = np.linspace(0.0, top, _RELAY_SAMPLES).tolist()
-    helped = [n for n in tried if loop.is_stable(relay_gain=n, adaptation=k)]
-    if not helped:
+    helped = next(filter(helps, np.linspace(0.0, top, _RELAY_SAMPLES).tolist()), None)
+    if helped is None:
         return 0.0
-    low, high = 0.0, helped[0]
-    while high - low > _TOLERANCE * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if loop.is_stable(relay_gain=middle, adaptation=k) else (middle, high)
-    return 4 * loop.gains.K / (math.pi * high)
+    return 4 * loop.gains.K / (math.pi * _bisected(lambda gain: not helps(gain), 0.0, helped, _TOLERANCE))
 
 
 @dataclass(frozen=True)
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
-    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k:
-    largest k. K: largest, N*m, for a limit cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it
-    smaller; 0 where no K gives a stable cycle, inf where none oscillates. linear_change: `linearisation_change` over
-    that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho, D: 1/s, N*m/(m/s); inf without bound.
-    relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest without limit cycle at the gains' own K,
-    m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. K: N*m,
+    for a limit cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it smaller; 0 where no K gives a
+    stable cycle, inf where none oscillates; linear_change: `linearisation_change` over that amplitude. k; rho, 1/s; D,
+    N*m/(m/s); relay_gain: largest that may replace the relay, N*m/(m/s); layer: smallest without limit cycle at the
+    gains' own K, m/s; inf where there is no bound, or no layer. excursion: see `survivable_excursion`, m/s.
     """
 
     stable: bool
@@ -155,9 +143,7 @@ class Survivors:
 
 def survivors(loop: SurfaceLoop) -> Survivors:
     """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
-    gains = loop.gains
-    stable = loop.is_stable()
-    gain = largest_relay_gain(loop)
+    gains, stable, gain = loop.gains, loop.is_stable(), largest_relay_gain(loop)
     # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
     relay = SLIP_AMPLITUDE / linear_limit_cycle(loop, K=1.0).slip_amplitude if 0.0 < gain < math.inf else gain
     finite = 0.0 < relay < math.inf
@@ -177,12 +163,8 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 # --- gains that were checked together ---------------------------------------------------------------------------------
 
 
-MARGIN = 0.5
-"""Share of a joint limit that is advised."""
-
-FIT_MS = 2.0
-"""Largest sensitivity peak with which a loop is called fit for service, as of the design checks."""
-
+MARGIN = 0.5  #: share of a joint limit that is advised
+FIT_MS = 2.0  #: largest sensitivity peak with which a loop is called fit for service, as of the design checks
 _FIRST_K = 1e-4  # 1/s^2 of k |phi|^2 the search starts with: an oscillation with a period of 10 minutes
 _LARGEST_K = 1.0  # 1/s^2: a period of 6 s, that of the loop itself
 _LEAST_D = 0.1  # N*m/(m/s): nothing beside (J/r) rho
@@ -194,11 +176,10 @@ class JointAdvice:
     """Gains decided together over `points` operating points.
 
     unstable: points that are unstable without relay and adaptation; with any, the gains below are 0. relay_limit,
-    relay_gain: largest K/layer, N*m/(m/s), that all points bear with k = 0; the advised one. k_limit, k: largest k, as
-    printed, that all points bear with `relay_gain`, and the advised one. ms, ms_with_k, ms_without: largest sensitivity
-    peak over the points with `relay_gain`, with `k` too, and with neither; inf where unstable. worst: the point of
-    `ms`. D_limit: largest D, N*m/(m/s), with which no point is unstable; 0 where there is none, NaN where none is
-    unstable.
+    k_limit: largest K/layer, N*m/(m/s), that all points bear with k = 0, and k, as printed, beside `relay_gain`;
+    relay_gain, k: those advised. ms, ms_with_k, ms_without: largest sensitivity peak over the points with `relay_gain`,
+    with `k` too, and with neither; inf where unstable. worst: the point of `ms`. D_limit: largest D, N*m/(m/s), with
+    which no point is unstable; 0 where there is none, NaN where none is unstable.
     """
 
     points: int
@@ -280,8 +261,8 @@ def published_loop(
 ) -> SurfaceLoop:
     """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
-    `inertia_scale` is a factor on M, J, B and, as a change of units demands, the stiffness of the bristle model.
-    Its gains are Table 4's bristle column (beam for the beam law).
+    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model. Its gains are Table 4's bristle
+    column (beam for the beam law).
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
@@ -293,9 +274,9 @@ def published_loop(
 class RelayCycle:
     """The limit cycle for one K, with the load the law leaves out.
 
-    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: change of
-    the wheel's response over the swing of `linear`, a ratio, see `linearisation_change`; actual: of the wheel with its
-    adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated; None where the wheel is lost.
+    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: see
+    `linearisation_change`; actual: of the wheel with its adhesion curve, adaptation off and speed frozen; where it
+    leaves 0 to v, as simulated; None where the wheel is lost.
     """
 
     predicted: LimitCycle
@@ -324,9 +305,8 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    cycles: one for each K compared that has one, ascending; unstable_ideal, unstable_actual: number of
-    right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: of
-    those with actuator and without adaptation.
+    cycles: one for each K compared that has one, ascending; unstable_ideal, unstable_actual: right-half-plane poles of
+    the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: with it, no adaptation.
     """
 
     loop: SurfaceLoop
@@ -397,8 +377,8 @@ def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycl
 class PublishedBehind:
     """What is concluded of the published law from beside the verdicts; see `report.verification`.
 
-    advice: over a stop; as_published: largest k that is stable over the printed one in the as-published reading, by
-    adhesion and rail, the relay's help left out; empty where nothing is published of the vehicle.
+    as_published: largest k that is stable over the printed one in the as-published reading, by adhesion and rail, the
+    relay's help left out; empty where nothing is published of the vehicle.
     """
 
     effects: tuple[ActuatorEffect, ...]
@@ -420,18 +400,15 @@ class PublishedBehind:
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], PublishedBehind]:
     """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
-    Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
-    cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
+    At the published reference slip of the bristle model at 100 km/h; the advice over the whole stop.
     """
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     ratios = {}
     if is_published(vehicle) and not effects[0].existence.exists:
-        for adhesion in ("bristle", "curve"):
-            for rail in Rail:
-                loop = published_loop(
-                    rail, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion=adhesion, vehicle=vehicle
-                ).with_gains(D=D)
-                ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
+        for adhesion, rail in product(("bristle", "curve"), Rail):
+            scale: dict[str, Any] = {"inertia_scale": AS_PUBLISHED_INERTIA_SCALE, "vehicle": vehicle}
+            loop = published_loop(rail, adhesion=adhesion, **scale).with_gains(D=D)
+            ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
     found = PublishedBehind(effects, joint_advice(stop_loops(K, D, vehicle)), ratios)
     return _conditions(effects), found
 
@@ -458,37 +435,20 @@ def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float 
 
 
 def _conditions(effects: tuple[ActuatorEffect, ...]) -> tuple[Condition, ...]:
-    first = effects[0]
+    first, about = effects[0], {"effects": effects}
     actuator, gains = first.loop.actuator, first.loop.gains
     runs = {effect.name: law_runs(effect.loop) for effect in effects}
+    slides = all(effect.existence.exists for effect in effects)
+    spares = all(effect.holds_the_wheel for effect in effects)
+    law_spares = all(one.spared for pair in runs.values() for one in pair)
+    stable = all(effect.unstable_actual == 0 for effect in effects)
+    acting = {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence}
+    ran = {"runs": runs, "K": gains.K, "k": gains.k}
     return (
-        Condition(
-            "sliding exists behind the actuator",
-            all(effect.existence.exists for effect in effects),
-            "symbolic",
-            {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence},
-            claimed=True,
-        ),
-        Condition(
-            "the relay's own cycle spares the wheel",
-            all(effect.holds_the_wheel for effect in effects),
-            "sampled",
-            {"effects": effects},
-        ),
-        Condition(
-            "the law behind the actuator spares the wheel",
-            all(one.spared for pair in runs.values() for one in pair),
-            "simulated",
-            {"runs": runs, "K": gains.K, "k": gains.k},
-            claimed=True,
-        ),
-        Condition(
-            "the adaptive loop is stable behind the actuator",
-            all(effect.unstable_actual == 0 for effect in effects),
-            "sampled",
-            {"effects": effects},
-            claimed=True,
-        ),
+        Condition("sliding exists behind the actuator", slides, "symbolic", acting, claimed=True),
+        Condition("the relay's own cycle spares the wheel", spares, "sampled", about),
+        Condition("the law behind the actuator spares the wheel", law_spares, "simulated", ran, claimed=True),
+        Condition("the adaptive loop is stable behind the actuator", stable, "sampled", about, claimed=True),
     )
 
 

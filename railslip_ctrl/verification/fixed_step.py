@@ -48,13 +48,9 @@ from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
 
 Floats = NDArray[np.float64]
 
-END_SPEED = 5.0 * KMH
-"""m/s, where a stop ends ([Park2008] p. 56)."""
-
+END_SPEED = 5.0 * KMH  #: m/s, where a stop ends ([Park2008] p. 56)
 STEP = 0.002  # s, without an actuator
-RUNS = 8
-"""Runs of a simulated condition; seeds follow the one asked for."""
-
+RUNS = 8  #: runs of a simulated condition; seeds follow the one asked for
 _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
@@ -89,7 +85,7 @@ class IdealDisturbances:
 
     random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
     lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
-    of the noise on the measured slip velocity, m/s, white over the steps.
+    of the measured slip velocity, m/s, white over the steps.
     """
 
     random_share: float = 0.0
@@ -99,8 +95,7 @@ class IdealDisturbances:
 
 
 UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
-"""The published run's."""
+PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)  #: the published run's
 
 
 @dataclass(frozen=True)
@@ -280,13 +275,11 @@ def simulate_fine(
     frozen: bool = True,
     end_speed: float = 0.0,
 ) -> FineRun:
-    """Run from an operating point, held until t = 0 by its own torque, `duration` seconds or until the speed is
-    `end_speed`.
+    """Run from an operating point, held until t = 0 by its own torque, `duration` s or until the speed is `end_speed`.
 
     The controller is called once a step, s, which is made smaller so that it divides the dead time. `disturbance`:
     torque at the wheel, N*m, over time, s; adds to the brake's. `offset`: initial slip velocity above the point's, m/s.
-    `frozen`: the speed is held; else it falls as it brakes. DomainError where the wheel locked or
-    left the adhesion law's domain on either side (or is not a number). Slip below 0, a wheel released, is within it.
+    `frozen`: the speed is held. DomainError where the wheel locked or left the adhesion law's domain on either side.
     """
     delay = math.ceil(actuator.dead_time / step - 1e-9)
     h = actuator.dead_time / delay if delay else step

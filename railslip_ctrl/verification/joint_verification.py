@@ -21,14 +21,10 @@ from .published_law import lyapunov_conditions, reaching_conditions
 from .robust import design_gain, robust_conditions
 from .verdict import Verification
 
-LARGEST_GAIN = 10_000.0
-"""Of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law."""
-
+LARGEST_GAIN = 10_000.0  #: of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law
 LEAST_D = 0.1  # N m/(m/s): below it D0 is less than 1e-3 1/s and nothing is reached in a stop
 
-INERTIA_SCALES = (0.5, 10.0)
-"""Between them a stop takes seconds to minutes."""
-
+INERTIA_SCALES = (0.5, 10.0)  #: between them a stop takes seconds to minutes
 LARGEST_SEED = 2**31
 
 Law = Literal["paper", "robust", "layered"]
@@ -79,33 +75,17 @@ def verify_with_actuator(
 ) -> FullVerification:
     """Decide every condition of a law, the actuator's included, from 100 km/h on.
 
-    Parameters
-    ----------
-    law : str
-        "paper": the published law's conditions and, after them, the robust variants'; "robust": these alone;
-        "layered": the design that accounts for the actuator (`layered`), tuned for the vehicle.
-    vehicle : Vehicle
-        Its `inertia_scale` is the reading: 1 SI, 3.6 as published.
-    K, D : float, optional
-        Gains of the law, N m (0 to 1e4) and N m/(m/s) (0.1 to 1e4). Left out: Table 4's, bristle column; for the
-        robust law K is 1.1 times what (40) asks for over the published run, Ta and v' estimated to 10 %. K of the
-        layered law is its authority, > 0, 1.05 times what its bound and a holding torque known to 10 % ask for if
-        left out; it has no D.
-    seed : int
-        First seed of sampled and simulated conditions, 0 to 2^31.
-    adhesion : RailAdhesion
-        Law, rails and reference slip of the layered law. The others are verified for the published bristle model on
-        dry and wet rail alone.
-    ki_min : float, optional
-        Least integral gain of the layered law, N*m/m, > 0; left out, 100 times the inertia scale. The others have none.
+    law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
+    "layered", the design that accounts for the actuator (`layered`), tuned for the vehicle, whose `inertia_scale` is
+    the reading. K (0 to 1e4 N m), D (0.1 to 1e4 N m/(m/s)): gains of the law; left out, Table 4's, bristle column; K of
+    the robust law 1.1 times what (40) asks over the published run, Ta and v' estimated to 10 %; of the layered law,
+    which has no D, 1.05 times what its bound and a holding torque known to 10 % ask. seed: first of sampled and
+    simulated conditions, 0 to 2^31. adhesion: law, rails and reference slip of the layered law; the others are verified
+    for the published bristle model on both rails alone. ki_min: least integral gain of the layered law, N*m/m, > 0;
+    left out, 100 times the inertia scale.
 
-    Raises
-    ------
-    InputError
-        A value outside its range, D for the layered law, another adhesion or a `ki_min` for the other laws, or an
-        adhesion without a reference slip.
-    DomainError, KinkError
-        A reference slip at which the adhesion law does not hold, or cannot be linearised.
+    InputError for a value outside its range, or an argument that the law does not have; DomainError, KinkError for a
+    reference slip at which the adhesion law does not hold, or cannot be linearised.
     """
     if law == "layered":
         if D is not None:

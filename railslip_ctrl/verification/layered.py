@@ -2,25 +2,23 @@
 
     s = e + rho int e,    s_lead = (lead s + 1)/(lead_filter s + 1) s,    Tb = hold + K sat(s_lead/layer)
 
-With lead = the actuator's lag, s_lead is a surface in which the actuator's state counts. Within the layer the law is
-the linear controller C = (K/layer)(1 + rho/s)(lead s + 1)/(lead_filter s + 1), whose margins with the dead time are
-exact.
-A torque |d| <= d_max at the wheel, from rest at the operating point, then gives for all times
+With lead = the actuator's lag, the actuator's state counts in s_lead. Within the layer the law is the linear controller
+C = (K/layer)(1 + rho/s)(lead s + 1)/(lead_filter s + 1), whose margins with the dead time are exact. A torque
+|d| <= d_max at the wheel, from rest at the operating point, then gives for all times
 
     |x| <= ||h_x||_1 d_max,    x = sigma error, s, Tb - hold,
 
-h_x the impulse responses from d. The layer is not left, and so the bounds hold, if K >= ||h_Tb||_1 d_max. This
-replaces [Park2008] (40): with the actuator K must exceed the disturbance by the factor ||T||_1, T = L/(1 + L). (L1 norm
-as gain between bounded signals: [DahlehPearson1987].)
+h_x the impulse responses from d (L1 norm as gain between bounded signals: [DahlehPearson1987]). The layer is not left,
+and so the bounds hold, if K >= ||h_Tb||_1 d_max. This replaces [Park2008] (40): with the actuator K must exceed the
+disturbance by the factor ||T||_1, T = L/(1 + L).
 
-What the wheel's nonlinearity adds to the linearisation counts as a torque too; it depends on the size of the error,
-so that the bound solves R = ||h||_1 (d_max + remainder(R)). The remainder is sampled over the box |sigma error| <= R.
-Speed frozen throughout.
+What the wheel's nonlinearity adds to the linearisation counts as a torque too; it depends on the size of the error, so
+that the bound solves R = ||h||_1 (d_max + remainder(R)), the remainder sampled over the box |sigma error| <= R. Speed
+frozen throughout.
 
-Gains: the PI of least worst Ms over the rails with the lead in the loop, as layer and rho .
-Integral gain and disturbance grow with the inertia scale, which leaves the error that is guaranteed about as it is.
-K only widens the layer, and costs nothing within it: it is what the bound asks, and what a holding torque that is
-known to `HOLD_ERROR` asks.
+Gains: the PI of least worst Ms over the rails with the lead in the loop, as layer and rho. Integral gain and
+disturbance grow with the inertia scale, which leaves the guaranteed error about as it is. K only widens the layer: it
+is what the bound asks, and what a holding torque known to `HOLD_ERROR` asks.
 """
 
 from __future__ import annotations
@@ -29,6 +27,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,11 +57,10 @@ Floats = NDArray[np.float64]
 class RailAdhesion:
     """An adhesion law, the rails it is taken on, and the reference slip.
 
-    `law`: a published law by name, whose parameters follow rail, wheel load and initial speed and, as a change of units
-    demands, the inertia scale (the stiffness of a dynamic law); or a law with parameters of its own, taken as they are,
-    on wet rail by `AdhesionLaw.wet`. `rails`: one or both, in any order. `slip`: reference slip ratio on every rail, 0
-    to 1; left out, the law's own. `initial_speed_kmh`: v0 of a published law, 30 to 140. InputError for a value outside
-    its range, no rail, a name that is no law, or dry rail asked of parameters for wet rail.
+    `law`: a published law by name, whose parameters follow rail, wheel load, initial speed (30 to 140 km/h) and, in the
+    stiffness of a dynamic law, the inertia scale, as a change of units demands; or a law with parameters of its own,
+    taken as they are, on wet rail by `AdhesionLaw.wet`. `slip`: reference slip ratio on every rail, 0 to 1; left out,
+    the law's own. InputError for a value outside its range, no rail, or dry rail asked of parameters for wet rail.
     """
 
     law: AdhesionLaw | str = "bristle"
@@ -100,13 +99,14 @@ class RailAdhesion:
             raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
         return slip
 
+    def point(self, rail: Rail, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> OperatingPoint:
+        """The reference slip on a rail."""
+        slip = self.reference(rail, vehicle)
+        return operating_point(self.on(rail, vehicle), vehicle, speed_kmh * KMH, slip, rail=rail)
+
     def plants(self, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> dict[Rail, LinearPlant]:
         """The linear plants at the reference slip on each rail, speed frozen."""
-        found = {}
-        for rail in self.rails:
-            slip = self.reference(rail, vehicle)
-            found[rail] = linearize(operating_point(self.on(rail, vehicle), vehicle, speed_kmh * KMH, slip, rail=rail))
-        return found
+        return {rail: linearize(self.point(rail, vehicle, speed_kmh=speed_kmh)) for rail in self.rails}
 
     @property
     def name(self) -> str:
@@ -127,13 +127,11 @@ class RailAdhesion:
 
     def tells_rails_apart(self, vehicle: Vehicle) -> bool:
         """Whether there are two rails, and the law or its reference slip differs between them."""
-        if len(self.rails) < len(Rail):
-            return False
-        return len({(self.on(rail, vehicle).parameters(), self.reference(rail, vehicle)) for rail in self.rails}) > 1
+        kinds = {(self.on(rail, vehicle).parameters(), self.reference(rail, vehicle)) for rail in self.rails}
+        return len(kinds) > 1
 
 
-PUBLISHED_ADHESION = RailAdhesion()
-"""The published bristle model at its reference slips, on both rails."""
+PUBLISHED_ADHESION = RailAdhesion()  #: the published bristle model at its reference slips, on both rails
 
 
 def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
@@ -196,16 +194,15 @@ class LayeredDesign:
     @property
     def controller(self) -> Rational:
         """C(s) within the layer."""
-        integral = self.ki > 0
-        pi = Rational(np.array([-self.rho] if integral else []), np.array([0.0] if integral else []), self.kp)
+        zero, pole = ([-self.rho], [0.0]) if self.ki > 0 else ([], [])
         zeros = np.array([-1 / self.lead]) if self.lead > 0 else np.array([])
-        return pi * Rational(zeros, np.array([-1 / self.lead_filter]), (self.lead or 1.0) / self.lead_filter)
+        lead = Rational(zeros, np.array([-1 / self.lead_filter]), (self.lead or 1.0) / self.lead_filter)
+        return Rational(np.array(zero), np.array(pole), self.kp) * lead
 
 
 def layer_loop(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> DeadTimeLoop:
     """The loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`, dead time exact."""
-    system = design.controller * actuator_lag(actuator) * _wheel(plant)
-    return DeadTimeLoop(system, actuator.dead_time)
+    return DeadTimeLoop(design.controller * actuator_lag(actuator) * _wheel(plant), actuator.dead_time)
 
 
 def _wheel(plant: LinearPlant) -> Rational:
@@ -230,10 +227,8 @@ class Impulse:
     @property
     def norms(self) -> tuple[float, float, float]:
         """L1 norms of error, surface, (m/s)/(N*m), and command: gains from a torque at the wheel, to 1e-4."""
-        error, surface, command = (
-            float(np.sum(np.diff(self.time) * 0.5 * (np.abs(signal[1:]) + np.abs(signal[:-1]))))
-            for signal in (self.error, self.surface, self.command)
-        )
+        sizes = np.abs([self.error, self.surface, self.command])
+        error, surface, command = np.sum(np.diff(self.time) * 0.5 * (sizes[:, 1:] + sizes[:, :-1]), axis=1).tolist()
         return error, surface, command
 
 
@@ -249,15 +244,10 @@ def torque_impulse(design: LayeredDesign, plant: LinearPlant, actuator: Actuator
             "tune them for this plant and actuator"
         )
     slowest = -float(loop.closed_loop_poles(4)[0].real)
-    time = _times(actuator.dead_time or actuator.lag or _IDEAL_SCALE, _DECAYS / slowest)
-    wheel = _wheel(plant)
+    time, wheel = _times(actuator.dead_time or actuator.lag or _IDEAL_SCALE, _DECAYS / slowest), _wheel(plant)
+    lag, start = actuator_lag(actuator), realise(wheel).b  # what an impulse of torque leaves
     response = closed_loop_response(
-        design.controller,
-        wheel,
-        actuator.dead_time,
-        time=time,
-        actuator=actuator_lag(actuator),
-        initial_plant_state=realise(wheel).b,  # what an impulse of torque leaves
+        design.controller, wheel, actuator.dead_time, time=time, actuator=lag, initial_plant_state=start
     )
     e = -response.output
     integral = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(time) * (e[1:] + e[:-1]))])
@@ -315,34 +305,25 @@ def layer_bound(
     offset: float = 0.0,
     impulse: Impulse | None = None,
 ) -> LayerBound:
-    """What a layered design guarantees at one operating point, speed frozen; `disturbance` and `offset` as of
-    `LayerBound`.
+    """What a layered design guarantees at one operating point, speed frozen; arguments as of `LayerBound`.
 
     `impulse`: `torque_impulse` of the three, where it is known already. InputError for a disturbance or offset that is
     negative or not finite; InfeasibleDesignError where the loop within the layer is unstable, or the wheel's
-    nonlinearity outgrows it: no bound follows.
+    nonlinearity outgrows it.
     """
     number("disturbance", disturbance, ge=0)
     number("offset", offset, ge=0)
     impulse = impulse or torque_impulse(design, plant, actuator)
-    of_error, of_surface, of_command = impulse.norms
-    start = offset / plant.gain
-    of_offset = start * float(np.abs(impulse.error).max())
-    remainder = _fixed_remainder(plant, of_error, disturbance, of_offset)
-    total = disturbance + remainder
+    gains, start = np.array(impulse.norms), offset / plant.gain
+    peaks = start * np.array([np.abs(one).max() for one in (impulse.error, impulse.surface, impulse.command)])
+    remainder = _fixed_remainder(plant, gains[0], disturbance, peaks[0])
+    at_rest = gains * (disturbance + remainder)
+    largest, surface, command = (at_rest + peaks).tolist()
     late = np.flatnonzero(start * np.abs(impulse.error) > _NEGLIGIBLE * offset)
-    return LayerBound(
-        margins=layer_loop(design, plant, actuator).margins(),
-        disturbance=disturbance,
-        offset=offset,
-        remainder=remainder,
-        error=of_error * total,
-        largest_error=of_error * total + of_offset,
-        surface=of_surface * total + start * float(np.abs(impulse.surface).max()),
-        command=of_command * total + start * float(np.abs(impulse.command).max()),
-        reaching_time=float(impulse.time[late[-1]]) if offset > 0 else 0.0,
-        K=design.K,
-    )
+    reaching_time = float(impulse.time[late[-1]]) if offset > 0 else 0.0
+    margins, error = layer_loop(design, plant, actuator).margins(), float(at_rest[0])
+    known = (margins, disturbance, offset, remainder, error, largest, surface, command, reaching_time)
+    return LayerBound(*known, design.K)
 
 
 def _fixed_remainder(plant: LinearPlant, gain: float, disturbance: float, of_offset: float) -> float:
@@ -366,15 +347,14 @@ def _remainder_torque(plant: LinearPlant, radius: float) -> float:
         point.law.check_domain(point.speed, np.array([point.sigma - radius, point.sigma + radius]))
     except DomainError:
         raise InfeasibleDesignError(_OUTGROWN.format(radius)) from None
+    side = np.linspace(-1.0, 1.0, _BOX_POINTS)
     if not point.law.has_state:
-        sigma = np.linspace(-radius, radius, _BOX_POINTS)
-        return float(np.abs(_left_out(plant, sigma, np.zeros_like(sigma))[0]).max()) / plant.gain
+        return float(np.abs(_left_out(plant, radius * side, 0.0 * side)[0]).max()) / plant.gain
     (_, a_z), (z_sigma, decay) = plant.A
     left_out, extent = 0.0, 0.0
     for _ in range(_ROUNDS):
         new = (abs(z_sigma) * radius + left_out) / abs(decay)
-        sigma, z = np.meshgrid(np.linspace(-radius, radius, _BOX_POINTS), np.linspace(-new, new, _BOX_POINTS))
-        of_sigma, of_z = _left_out(plant, sigma, z)
+        of_sigma, of_z = _left_out(plant, *np.meshgrid(radius * side, new * side))
         left_out = float(np.abs(of_z).max())
         if abs(new - extent) <= _SETTLED * new or not math.isfinite(left_out):
             break
@@ -382,18 +362,15 @@ def _remainder_torque(plant: LinearPlant, radius: float) -> float:
     return (float(np.abs(of_sigma).max()) + abs(float(a_z / decay)) * left_out) / plant.gain
 
 
-def _left_out(plant: LinearPlant, sigma: Floats, z: Floats) -> tuple[Floats, Floats]:
+def _left_out(plant: LinearPlant, sigma: Floats, z: Floats) -> Floats:
     """sigma' and z' of the wheel less those at the point and less the linear ones; deviations in m/s and m."""
     point: OperatingPoint = plant.point
     functions, p = numeric_plant(type(point.law)).rates, plant_parameters(point.law, point.vehicle)
     rest = point.adhesion_state or 0.0
     here = functions(point.speed, point.sigma + sigma, rest + z, point.brake_torque, 0.0, 0.0, p)
     at = functions(point.speed, point.sigma, rest, point.brake_torque, 0.0, 0.0, p)
-    a = plant.A
-    of_sigma = here[1] - at[1] - a[0, 0] * sigma
-    if not point.law.has_state:
-        return np.asarray(of_sigma), np.zeros_like(sigma)
-    return np.asarray(of_sigma - a[0, 1] * z), np.asarray(here[2] - at[2] - a[1, 0] * sigma - a[1, 1] * z)
+    a = plant.A if point.law.has_state else np.diag([plant.A[0, 0], 0.0])
+    return np.array([here[i] - at[i] - a[i - 1, 0] * sigma - a[i - 1, 1] * z for i in (1, 2)])
 
 
 # --- tuned for a vehicle and its adhesion -----------------------------------------------------------------------------
@@ -407,27 +384,15 @@ def bounded_disturbance(vehicle: Vehicle) -> float:
     return DISTURBANCE * vehicle.wheel_load * vehicle.wheel.radius * vehicle.inertia_scale
 
 
-SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
-"""Where the stability of a stop is decided, of any law."""
+SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)  #: where the stability of a stop is decided, of any law
+LEAD_FILTER_SHARE = 0.1  #: time constant of the lead's filter over that of the lag, as in designs/pi_lead.py
+LEAST_INTEGRAL_GAIN = 100.0  #: N*m/m, times the inertia scale
+DISTURBANCE = 20.0 / (PARK2008.wheel_load * PARK2008.wheel.radius)  # the published vehicle's is 20 N*m
+"""Torque at the wheel the bound is asked for, over wheel load and radius, times the inertia scale."""
 
-LEAD_FILTER_SHARE = 0.1
-"""Time constant of the lead's filter over that of the lag, as in designs/pi_lead.py."""
-
-LEAST_INTEGRAL_GAIN = 100.0
-"""N*m/m, times the inertia scale."""
-
-DISTURBANCE = 20.0 / (PARK2008.wheel_load * PARK2008.wheel.radius)
-"""Torque at the wheel the bound is asked for, over wheel load and radius, times the inertia scale: of the published
-vehicle 20 N*m."""
-
-OFFSET = 0.1
-"""Error at t = 0 that must be taken in, m/s."""
-
-HOLD_ERROR = 0.1
-"""Share of the holding torque by which it may be known wrongly."""
-
-AUTHORITY_MARGIN = 1.05
-"""K over what is asked of it."""
+OFFSET = 0.1  #: error at t = 0 that must be taken in, m/s
+HOLD_ERROR = 0.1  #: share of the holding torque by which it may be known wrongly
+AUTHORITY_MARGIN = 1.05  #: K over what is asked of it
 
 DURATION, STEP = 15.0, 5e-3  # s; the step is a twelfth of the lead's filter
 _NOISE_HELD = 0.02  # s
@@ -497,18 +462,17 @@ def rail_bounds(
     """Bounds at 100 km/h for |d| <= `bounded_disturbance`; InfeasibleDesignError where none exists."""
     found = {}
     for rail, plant in adhesion.plants(vehicle).items():
-        rest, away = (_bound(design, plant, offset) for offset in (0.0, OFFSET))
-        if isinstance(rest, InfeasibleDesignError):
-            raise rest
-        if isinstance(away, InfeasibleDesignError):
-            raise away
+        rest, away = (_bound(design, plant.point, offset) for offset in (0.0, OFFSET))
+        for one in (rest, away):
+            if isinstance(one, InfeasibleDesignError):
+                raise one
         found[rail] = RailBounds(plant, rest, away)
     return found
 
 
-def _bound(design: LayeredDesign, plant: LinearPlant, offset: float) -> LayerBound | InfeasibleDesignError:
+def _bound(design: LayeredDesign, point: OperatingPoint, offset: float) -> Any:
     """The bound, or why there is none. K only enters what it is compared with, and a stop's points come up again."""
-    found = _bound_of(replace(design, K=1.0), plant.point, offset)
+    found = _bound_of(replace(design, K=1.0), point, offset)
     return found if isinstance(found, InfeasibleDesignError) else replace(found, K=design.K)
 
 
@@ -540,12 +504,12 @@ def lowest_speeds(
     kept: float | None = None
     keeps = True
     for speed_kmh in reversed(SPEEDS_KMH):
-        for laden in load_cases(vehicle).values():
-            for plant in adhesion.plants(laden, speed_kmh=speed_kmh).values():
-                rest, away = (_bound(design, plant, offset) for offset in (0.0, OFFSET))
-                if isinstance(rest, InfeasibleDesignError) or rest.error >= plant.point.sigma:
-                    return held, kept
-                keeps &= rest.layer_kept and isinstance(away, LayerBound) and away.layer_kept
+        for rail, laden in product(adhesion.rails, load_cases(vehicle).values()):
+            point = adhesion.point(rail, laden, speed_kmh=speed_kmh)
+            rest, away = (_bound(design, point, offset) for offset in (0.0, OFFSET))
+            if isinstance(rest, InfeasibleDesignError) or rest.error >= point.sigma:
+                return held, kept
+            keeps &= rest.layer_kept and isinstance(away, LayerBound) and away.layer_kept
         held, kept = speed_kmh, speed_kmh if keeps else kept
     return held, kept
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,11 +19,11 @@ import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.linearization import OperatingPoint, operating_point
+from railslip_ctrl.model.linearization import OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
 
-from .fixed_step import END_SPEED, simulate_fine, slip_range
+from .fixed_step import END_SPEED, FineRun, SteppedLaw, simulate_fine, slip_range
 from .layered import (
     DURATION,
     HOLD_ERROR,
@@ -47,6 +48,7 @@ from .layered import (
     random_torque,
     run_errors,
 )
+from .reaching import with_friction
 from .robust import LOWEST_FRICTION
 from .verdict import Condition, Verification
 
@@ -96,16 +98,14 @@ def verify_layered(
     """
     found = LayeredFindings(vehicle, adhesion)
     about = {"adhesion": adhesion, "loads": found.loads, "disturbance": bounded_disturbance(vehicle)}
+    of_bound = ("authority", "bounds kept, simulated")
     try:
         design = layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
     except InfeasibleDesignError as error:
-        undecided = (
-            *(_BOUND, "authority", "bounds kept, simulated", _DISTURBED, _CUT_OUT, "speed falling, simulated"),
-            *(HOLD_NAME, uncertain_name(vehicle)),
-        )
+        stops = (_DISTURBED, _CUT_OUT, "speed falling, simulated", HOLD_NAME, uncertain_name(vehicle))
         conditions = [
             Condition(_STABLE, False, "sampled", {**about, "reason": str(error)}),
-            *(Condition(name, None, None, {**about, "missing": "law"}) for name in undecided),
+            *(Condition(name, None, None, {**about, "missing": "law"}) for name in (_BOUND, *of_bound, *stops)),
         ]
         return Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions)), found
     conditions = [layered_stability(design, vehicle, adhesion)]
@@ -113,10 +113,9 @@ def verify_layered(
     try:
         bounds = rail_bounds(design, vehicle, adhesion)
     except InfeasibleDesignError as error:
-        missing = {**about, "missing": "bound"}
         conditions += [
             Condition(_BOUND, False, "sampled", {**about, "reason": str(error)}),
-            *(Condition(name, None, None, missing) for name in ("authority", "bounds kept, simulated")),
+            *(Condition(name, None, None, {**about, "missing": "bound"}) for name in of_bound),
         ]
     else:
         held, kept = lowest_speeds(design, vehicle, adhesion)
@@ -126,7 +125,7 @@ def verify_layered(
             Condition("authority", kept is not None, "sampled", numbers, down_to_kmh=kept),
             bounds_kept(design, bounds),
         ]
-    tolerances = {rail: tolerated(design, plant.point) for rail, plant in adhesion.plants(vehicle).items()}
+    tolerances = {rail: tolerated(design, adhesion.point(rail, vehicle)) for rail in adhesion.rails}
     unknown = uncertainties(design, tolerances, vehicle, adhesion)
     disturbed, cut_out = held_under_published_disturbances(design, vehicle, seed, adhesion)
     conditions += [
@@ -145,22 +144,30 @@ def layered_stability(
 ) -> Condition:
     """The loop within the layer over the stop, by the exact root count."""
     margins, unstable = {}, {}
-    loads = load_cases(vehicle)
     for speed_kmh in SPEEDS_KMH:
-        for load, laden in loads.items():
-            for rail, plant in adhesion.plants(laden, speed_kmh=speed_kmh).items():
-                loop = layer_loop(design, plant, vehicle.actuator)
-                name = f"{rail}, {speed_kmh:g} km/h, {load}"
-                if loop.is_stable():
-                    margins[name] = loop.margins().ms
-                else:
-                    unstable[name] = speed_kmh
-    numbers = {
-        **{"design": design, "adhesion": adhesion, "loads": tuple(loads), "margins": margins, "unstable": unstable},
-        "worst": max(margins, key=lambda name: margins[name], default=None),
-    }
+        for name, point in _points(adhesion, vehicle, speed_kmh=speed_kmh).items():
+            loop = layer_loop(design, linearize(point), vehicle.actuator)
+            name = name.replace(", ", f", {speed_kmh:g} km/h, ")
+            if loop.is_stable():
+                margins[name] = loop.margins().ms
+            else:
+                unstable[name] = speed_kmh
+    about = {"design": design, "adhesion": adhesion, "loads": tuple(load_cases(vehicle))}
+    worst = max(margins, key=lambda name: margins[name], default=None)
     down_to = min((one for one in SPEEDS_KMH if one > max(unstable.values(), default=0.0)), default=None)
+    numbers = {**about, "margins": margins, "unstable": unstable, "worst": worst}
     return Condition(_STABLE, not unstable, "sampled", numbers, down_to_kmh=down_to)
+
+
+def _points(
+    adhesion: RailAdhesion, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH
+) -> dict[str, OperatingPoint]:
+    """The reference slip on every rail, empty and loaded, by "rail, load"."""
+    return {
+        f"{rail}, {load}": adhesion.point(rail, laden, speed_kmh=speed_kmh)
+        for load, laden in load_cases(vehicle).items()
+        for rail in adhesion.rails
+    }
 
 
 def bounds_kept(design: LayeredDesign, bounds: Mapping[Rail, RailBounds]) -> Condition:
@@ -178,10 +185,8 @@ def bounds_kept(design: LayeredDesign, bounds: Mapping[Rail, RailBounds]) -> Con
         largest, command = errors[worst][0], max(command for _, command in errors.values())
         kept &= largest <= one.at_rest.error and command <= one.at_rest.command
         kept &= all(e <= one.from_offset.largest_error and c <= one.from_offset.command for e, c in start)
-        found[rail] = {
-            **{"bounds": one, "worst": worst, "error": largest, "command": command},
-            **{"lost": None, "offset_command": max(c for _, c in start)},
-        }
+        measured = {"worst": worst, "error": largest, "command": command, "offset_command": max(c for _, c in start)}
+        found[rail] = {"bounds": one, "lost": None, **measured}
     numbers = {"found": found, "duration": DURATION}
     down_to = INITIAL_SPEED_KMH if kept else None
     return Condition("bounds kept, simulated", kept, "simulated", numbers, down_to_kmh=down_to)
@@ -195,14 +200,9 @@ _LONGEST_SHARE = 2.0  # of the time that the adhesion at the reference takes to 
 _TABLE = 24  # speeds of the hold's table, between which it is linear: it bends by a tenth over the stop
 _FARTHEST = 0.5  # share of the hold by which errors are tried, either way
 _RESOLUTION = 0.005  # of the tolerated error, found by bisection
-RUNS = 4
-"""Disturbed stops of each rail and load."""
-
-LARGEST_CUT_OUT_KMH = 30.0
-"""Above it a law is no slide protection: a tenth of the stop's energy would be left."""
-
-CUT_OUT_SHARE = 0.8
-"""Of the holding torque, below the cut-out speed."""
+RUNS = 4  #: disturbed stops of each rail and load
+LARGEST_CUT_OUT_KMH = 30.0  #: above it a law is no slide protection: a tenth of the stop's energy would be left
+CUT_OUT_SHARE = 0.8  #: of the holding torque, below the cut-out speed
 
 # over the highest speed at which a run left the range (40 seeds reach 1.3 times what 4 do); rounded up to
 _CUT_OUT_MARGIN, _CUT_OUT_STEP_KMH = 1.4, 5.0
@@ -245,16 +245,20 @@ def stop(
     believed = known or point
     hold = hold_table(believed)
     law = LayeredLaw(believed.slip, lambda v: share * hold(v), design=design)
-    actuator = point.vehicle.actuator
-    longest = _longest(point)
     try:
-        run = simulate_fine(point, law, actuator, duration=longest, step=STEP, frozen=False, end_speed=END_SPEED)
+        run = _run(point, law)
     except DomainError as error:
         return LayeredStop((0.0, 1.0), float("nan"), str(error), False, ended=False)
     low, high = slip_range(run)
     end = float(run.time[-1])
-    ended = end < longest - 2.0 * STEP
+    ended = end < _longest(point) - 2.0 * STEP
     return LayeredStop((low, high), end, None, ended and low > 0.0 and high < 2.0 * believed.slip, ended)
+
+
+def _run(point: OperatingPoint, law: SteppedLaw, torque: Torque | None = None) -> FineRun:
+    """A stop of the wheel behind its actuator; DomainError where it is lost."""
+    known: dict[str, Any] = {"frozen": False, "end_speed": END_SPEED, "disturbance": torque}
+    return simulate_fine(point, law, point.vehicle.actuator, duration=_longest(point), step=STEP, **known)
 
 
 def _longest(point: OperatingPoint) -> float:
@@ -280,52 +284,41 @@ class _Watched:
         return self.law.command(v, sigma, v_rate, step)
 
 
+@dataclass(frozen=True)
 class _OpenLoop:
-    """`CUT_OUT_SHARE` of a torque of the speed, whatever the slip; the largest slip ratio seen."""
+    """`CUT_OUT_SHARE` of a torque of the speed, whatever the slip."""
 
-    def __init__(self, hold: Callable[[float], float]) -> None:
-        self.hold, self.slip = hold, 0.0
+    hold: Callable[[float], float]
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
         """See `fixed_step.SteppedLaw`."""
-        self.slip = max(self.slip, sigma / v)
         return CUT_OUT_SHARE * self.hold(v), 0.0
 
 
 def range_left(design: LayeredDesign, point: OperatingPoint, seed: int) -> float:
     """Speed, km/h, at which the slip of a stop with the published disturbances first leaves its range; 0 if never."""
     law = _Watched(LayeredLaw(point.slip, hold_table(point), design=design))
-    _disturbed(point, law, published_torque(design, point, seed, _longest(point)))
+    with suppress(DomainError):  # the speed stands by then
+        _run(point, law, published_torque(design, point, seed, _longest(point)))
     return law.left / KMH
 
 
 def open_loop_slip(point: OperatingPoint, seed: int) -> float:
     """Largest slip ratio from the cut-out at the point's speed and reference slip on; 1 for a wheel that locks."""
-    law = _OpenLoop(hold_table(point))
-    return law.slip if _disturbed(point, law, random_torque(point, seed, _longest(point))) else 1.0
-
-
-def _disturbed(point: OperatingPoint, law: _Watched | _OpenLoop, torque: Torque) -> bool:
-    """Run a stop; whether the wheel was not lost."""
-    longest, actuator = _longest(point), point.vehicle.actuator
     try:
-        simulate_fine(
-            point, law, actuator, duration=longest, step=STEP, disturbance=torque, frozen=False, end_speed=END_SPEED
-        )
+        run = _run(point, _OpenLoop(hold_table(point)), random_torque(point, seed, _longest(point)))
     except DomainError:
-        return False
-    return True
+        return 1.0
+    return max(0.0, slip_range(run)[1])
 
 
 def held_under_published_disturbances(
     design: LayeredDesign, vehicle: Vehicle, seed: int, adhesion: RailAdhesion = PUBLISHED_ADHESION
 ) -> tuple[Condition, float | None]:
     """Whole stops with the published disturbances, which no L1 bound covers; and the cut-out, km/h, None without."""
-    seeds = range(seed, seed + RUNS)
     left = {
-        f"{rail}, {load}": max(range_left(design, plant.point, one) for one in seeds)
-        for load, laden in load_cases(vehicle).items()
-        for rail, plant in adhesion.plants(laden).items()
+        name: max(range_left(design, point, one) for one in range(seed, seed + RUNS))
+        for name, point in _points(adhesion, vehicle).items()
     }
     steps = math.ceil(_CUT_OUT_MARGIN * max(left.values()) / _CUT_OUT_STEP_KMH)
     lowest = max(_LOWEST_KMH, steps * _CUT_OUT_STEP_KMH)
@@ -342,9 +335,8 @@ def cut_out_condition(
     if cut_out is None:
         return Condition(_CUT_OUT, None, None, {"missing": "cut_out"})
     slips = {
-        f"{rail}, {load}": max(open_loop_slip(plant.point, one) for one in range(seed, seed + RUNS))
-        for load, laden in load_cases(vehicle).items()
-        for rail, plant in adhesion.plants(laden, speed_kmh=cut_out).items()
+        name: max(open_loop_slip(point, one) for one in range(seed, seed + RUNS))
+        for name, point in _points(adhesion, vehicle, speed_kmh=cut_out).items()
         if cut_out > _LOWEST_KMH
     }
     holds = max(slips.values(), default=0.0) < 1.0
@@ -356,11 +348,7 @@ def held_while_the_speed_falls(
     design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
 ) -> Condition:
     """Whole stops, which the bound, at frozen speed, leaves out."""
-    stops = {
-        f"{rail}, {load}": stop(design, plant.point)
-        for load, laden in load_cases(vehicle).items()
-        for rail, plant in adhesion.plants(laden).items()
-    }
+    stops = {name: stop(design, point) for name, point in _points(adhesion, vehicle).items()}
     held = all(one.held for one in stops.values())
     down_to = _LOWEST_KMH if held else None
     return Condition("speed falling, simulated", held, "simulated", {"stops": stops}, down_to_kmh=down_to)
@@ -435,17 +423,14 @@ def uncertainties(
 
     Without a second rail that differs from the first, `mistaken` is empty.
     """
-    points = {rail: plant.point for rail, plant in adhesion.plants(vehicle).items()}
-    friction = vehicle.wheel.viscous_friction - _FRICTION_FALL
-    worn = vehicle.model_copy(update={"wheel": vehicle.wheel.model_copy(update={"viscous_friction": friction})})
-    worn_name = "friction of the longest stop" if is_published(vehicle) else f"friction {_FRICTION_FALL:g} N m s lower"
-    others = {worn_name: worn}
-    if len(load_cases(vehicle)) > 1:
-        others = {"loaded taken for empty": vehicle.loaded(), **others}
+    points = {rail: adhesion.point(rail, vehicle) for rail in adhesion.rails}
+    worn = "friction of the longest stop" if is_published(vehicle) else f"friction {_FRICTION_FALL:g} N m s lower"
+    others = {"loaded taken for empty": vehicle.loaded()} if len(load_cases(vehicle)) > 1 else {}
+    others[worn] = with_friction(vehicle, vehicle.wheel.viscous_friction - _FRICTION_FALL)
     errors = []
     for name, other in others.items():
-        for rail, plant in adhesion.plants(other).items():
-            error = points[rail].brake_torque / plant.point.brake_torque - 1.0
+        for rail in adhesion.rails:
+            error = points[rail].brake_torque / adhesion.point(rail, other).brake_torque - 1.0
             below, above = tolerances[rail]
             errors.append(TorqueError(name, rail, error, -below <= error <= above))
     pairs = {Rail.WET: Rail.DRY, Rail.DRY: Rail.WET} if adhesion.tells_rails_apart(vehicle) else {}

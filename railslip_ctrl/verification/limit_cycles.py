@@ -10,10 +10,9 @@ With every harmonic, so exactly for the linearised plant: v = K on a share of th
 harmonics through W, s = 0 at both switches, and D s0 + K (2 share - 1) = load. Without load: Tsypkin's locus.
 
 Both are the wheel's own only while the swing is small beside what the adhesion curve bends over. The nonlinear cycle
-is the periodic solution of the wheel's own rates, the law with its model, lag, dead time and relay, the speed frozen:
-slip velocity and adhesion state at equidistant instants of a period, so that the rates hold at each of them
-(derivatives, lag, dead time and relay by Fourier series), with s = 0 at both switches. The unknowns are these samples,
-the frequency, the relay's share and the mean of s; Newton's method, from the linearised cycle or a lower relay's.
+is the periodic solution of the wheel's own rates, the speed frozen: slip velocity and adhesion state at equidistant
+instants of a period, so that the rates hold at each (derivatives, lag, dead time and relay by Fourier series), with
+s = 0 at both switches; by Newton's method, from the linearised cycle or a lower relay's.
 
 Slip below 0 is a wheel that the brake has released and that runs ahead; the adhesion laws are odd in it. A wheel is
 lost where it locks or leaves its adhesion law's domain.
@@ -26,6 +25,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,7 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
 from .fixed_step import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
-from .relay_loop import (
-    SurfaceLoop,
-    actuator_response,
-)
+from .relay_loop import SurfaceLoop, actuator_response
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -58,12 +55,11 @@ _FARTHEST_GAIN = 1e3  # cycles a thousandth as large as the first, from higher t
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """A periodic solution of the loop with its relay.
+    """A stable periodic solution of the loop with its relay (Loeb, by the describing function).
 
     K, load: N*m; frequency: rad/s; relay_gain: N at the cycle, N*m/(m/s), first harmonic over first harmonic;
     surface_amplitude, sigma_amplitude (m/s), torque_amplitude (N*m, acting): half of peak to peak; surface_mean: m/s;
-    slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity, m/s; stable: by the describing
-    function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
+    slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity, m/s.
     """
 
     K: float
@@ -76,7 +72,6 @@ class LimitCycle:
     surface_mean: float
     slip_amplitude: float
     sigma_range: tuple[float, float]
-    stable: bool
 
     @property
     def period(self) -> float:
@@ -99,8 +94,8 @@ class CriticalGain:
 def critical_gains(loop: SurfaceLoop) -> list[CriticalGain]:
     """Every N > 0 with 1 + N W(j omega) = 0 of a `loop`, ascending; empty where the relay cannot oscillate.
 
-    Crossings are bracketed on a grid from 1e-3 to 1e3 rad/s and refined to rounding; which side is stable is decided
-    by the exact root count. Gains beyond a thousand times the smallest are left out.
+    Crossings are bracketed on a grid from 1e-3 rad/s and refined to rounding; which side is stable is decided by the
+    exact root count. Gains beyond a thousand times the smallest are left out.
     """
     dead_time = loop.actuator.dead_time
     scan = np.geomspace(_LOWEST, max(_HIGHEST, _TURNS / dead_time if dead_time > 0 else 0.0), _SCAN_POINTS)
@@ -146,33 +141,21 @@ def predict_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: floa
     K: height of the relay, N*m, left out the gains' own; load: constant torque that the relay has to carry, N*m.
     DomainError where the relay does not oscillate, or is not high enough to carry its share of the load.
     """
-    height = loop.gains.K if K is None else K
-    critical = _oscillation(loop)
+    height, point = loop.gains.K if K is None else K, loop.plant.point
+    critical = next((one for one in critical_gains(loop) if one.stable_below), None)
+    if critical is None:
+        raise DomainError(
+            "limit cycle: no relay gain takes the loop from stable to unstable, so there is no stable limit cycle"
+        )
     ratio = _mean_over_amplitude(loop, height, load, critical.gain)
     amplitude = 4 * height / (math.pi * critical.gain) * math.sqrt(1 - ratio**2)
     omega, relay = critical.frequency, critical.gain * amplitude
-    sigma, point = relay * abs(complex(loop.slip_response(omega))), loop.plant.point
+    sigma, torque = (relay * abs(complex(one(omega))) for one in (loop.slip_response, loop.torque_response))
     return LimitCycle(
-        K=height,
-        load=load,
-        frequency=omega,
-        relay_gain=critical.gain,
-        surface_amplitude=amplitude,
-        sigma_amplitude=sigma,
-        torque_amplitude=relay * abs(complex(loop.torque_response(omega))),
+        *(height, load, omega, critical.gain, amplitude, sigma, torque),
         surface_mean=ratio * amplitude,
         slip_amplitude=sigma / point.speed,
         sigma_range=(point.sigma - sigma, point.sigma + sigma),
-        stable=critical.stable_below,
-    )
-
-
-def _oscillation(loop: SurfaceLoop) -> CriticalGain:
-    for critical in critical_gains(loop):
-        if critical.stable_below:
-            return critical
-    raise DomainError(
-        "limit cycle: no relay gain takes the loop from stable to unstable, so there is no stable limit cycle"
     )
 
 
@@ -198,17 +181,15 @@ def _mean_over_amplitude(loop: SurfaceLoop, K: float, load: float, gain: float) 
 
 
 def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
-    """The linearised loop's periodic solution with two switches a period, every harmonic counted.
+    """The linearised loop's periodic solution with two switches a period, every harmonic counted, to about 1e-5.
 
-    Exact for the linearised plant to the truncation of its Fourier series, about 1e-5. The solution found is the one
-    the describing function starts from; s is checked to have one sign between switches. K, load and errors as of
-    `predict_limit_cycle`; DomainError too where no such solution exists.
+    That which the describing function starts from; K, load and errors as of `predict_limit_cycle`; DomainError too
+    where no such solution exists.
     """
     from scipy.optimize import root
 
     first = predict_limit_cycle(loop, K=K, load=load)
-    height = first.K
-    bias = first.surface_mean / height
+    height, bias = first.K, first.surface_mean / first.K
     share = 0.5 + math.asin(first.surface_mean / first.surface_amplitude) / math.pi
 
     def residual(x: Floats) -> Floats:
@@ -229,15 +210,9 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
             f"limit cycle: with K = {height:g} N*m and a load of {load:g} N*m there is none with two switches a period "
             "(s would change sign in between); change K or the load"
         )
-    return _of_signals(
-        loop,
-        (height, load, omega, 1.0 / abs(complex(loop.surface_response(omega)))),
-        height * surface,
-        loop.plant.point.sigma + height * _series(loop.slip_response, omega, part, turns),
-        height * _series(loop.torque_response, omega, part, turns),
-        mean=height * mean,
-        stable=first.stable,
-    )
+    sigma, torque = (height * _series(one, omega, part, turns) for one in (loop.slip_response, loop.torque_response))
+    known = (height, load, omega, 1.0 / abs(complex(loop.surface_response(omega))))
+    return _of_signals(loop, known, height * surface, loop.plant.point.sigma + sigma, torque, mean=height * mean)
 
 
 def _of_signals(
@@ -248,20 +223,12 @@ def _of_signals(
     torque: Floats,
     *,
     mean: float,
-    stable: bool,
 ) -> LimitCycle:
-    """The cycle of signals over a period; known: K, load, frequency and relay gain."""
-    swing = _half_range(sigma)
-    return LimitCycle(
-        *known,
-        surface_amplitude=_half_range(surface),
-        sigma_amplitude=swing,
-        torque_amplitude=_half_range(torque),
-        surface_mean=mean,
-        slip_amplitude=swing / loop.plant.point.speed,
-        sigma_range=(float(sigma.min()), float(sigma.max())),
-        stable=stable,
-    )
+    """The stable cycle of signals over a period; known: K, load, frequency and relay gain."""
+    surface_amplitude, swing, torque_amplitude = (float(np.ptp(one)) / 2 for one in (surface, sigma, torque))
+    limits = (float(sigma.min()), float(sigma.max()))
+    amplitudes = (surface_amplitude, swing, torque_amplitude, mean, swing / loop.plant.point.speed)
+    return LimitCycle(*known, *amplitudes, sigma_range=limits)
 
 
 def _series(response: Callable[[Floats], Complexes], omega: float, share: float, turns: Complexes) -> Floats:
@@ -282,10 +249,6 @@ def _over_a_period() -> tuple[Floats, Complexes]:
     """The phases at which peaks are looked for, and their turns: the same for every cycle, and slow to work out."""
     phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
     return phase, _turns(phase)
-
-
-def _half_range(values: Floats) -> float:
-    return float(0.5 * (values.max() - values.min()))
 
 
 # --- with the adhesion curve as it is ---------------------------------------------------------------------------------
@@ -398,7 +361,7 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
     """How much the wheel's response to torque at the cycle's frequency changes over the swing, relative to its middle.
 
     The larger of |P0/P - 1| at the two ends of the slip's swing, adhesion at rest there; inf where an end is outside
-    0 to v or the adhesion law's domain. Up to `LINEAR_CHANGE` the linearised `cycle` of the `loop` is the wheel's.
+    0 to v or the adhesion law's domain.
     """
     point = loop.plant.point
     s = np.asarray(1j * cycle.frequency)
@@ -421,14 +384,12 @@ def nonlinear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: fl
     vehicle's own.
     """
     height, torque = loop.gains.K if K is None else K, loop.load if load is None else load
-    linear = linear_limit_cycle(loop, K=height, load=torque)
-    start = _start(loop, linear)
+    linear, found = linear_limit_cycle(loop, K=height, load=torque), None
     if linear.sigma_amplitude < loop.plant.point.sigma:
-        direct = _solve(loop, height, torque, start)
-        if direct is not None:
-            return _cycle(loop, height, torque, direct, linear.stable)
-    found = _climb(loop, height, torque, linear)
-    return None if found is None else _cycle(loop, height, torque, found, linear.stable)
+        found = _solve(loop, height, torque, _start(loop, linear))
+    if found is None:
+        found = _climb(loop, height, torque, linear)
+    return None if found is None else _cycle(loop, height, torque, found)
 
 
 def _climb(loop: SurfaceLoop, K: float, load: float, linear: LimitCycle) -> Floats | None:
@@ -500,21 +461,16 @@ def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:
     return np.array([*sigma / scale, *adhesion, math.log(linear.frequency), share, linear.surface_mean / scale])
 
 
-def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats, stable: bool) -> LimitCycle:
+def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats) -> LimitCycle:
     point = loop.plant.point
     equations = _Equations(loop, K, load, point.sigma)
     sigma, _, omega, share, mean = equations.split(x)
     surface = equations.surface_series(sigma, omega, mean)
     phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
-    return _of_signals(
-        loop,
-        (K, load, float(omega[0]), K * abs(complex(equations.relay_series(share)[1] / surface[1]))),
-        equations.at(surface, phase),
-        point.sigma + equations.at(equations.series(sigma), phase),
-        equations.at(equations.torque_series(x), phase),
-        mean=float(mean[0]),
-        stable=stable,
-    )
+    slips = point.sigma + equations.at(equations.series(sigma), phase)
+    torques = equations.at(equations.torque_series(x), phase)
+    known = (K, load, float(omega[0]), K * abs(complex(equations.relay_series(share)[1] / surface[1])))
+    return _of_signals(loop, known, equations.at(surface, phase), slips, torques, mean=float(mean[0]))
 
 
 # --- as simulated -----------------------------------------------------------------------------------------------------
@@ -545,8 +501,7 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     turn = np.exp(-2j * math.pi / period * run.time)
     gain = abs(np.sum(height * np.sign(run.surface) * turn) / np.sum(run.surface * turn))
     known = (height, loop.load, 2 * math.pi / period, float(gain))
-    mean = float(run.surface.mean())
-    return _of_signals(loop, known, run.surface, run.sigma, run.torque, mean=mean, stable=True)
+    return _of_signals(loop, known, run.surface, run.sigma, run.torque, mean=float(run.surface.mean()))
 
 
 @dataclass(frozen=True)
@@ -575,17 +530,9 @@ def _law_run(loop: SurfaceLoop, *, frozen: bool) -> LawRun:
     name = f"{point.speed / KMH:.3g} km/h frozen" if frozen else "speed falling"
     law = PublishedLaw(point, loop.gains, frozen=frozen)
     duration = (_FROZEN if frozen else _STOP) * point.vehicle.inertia_scale
+    known: dict[str, Any] = {"offset": _OFFSET * point.sigma, "frozen": frozen, "end_speed": END_SPEED}
     try:
-        run = simulate_fine(
-            point,
-            law,
-            loop.actuator,
-            duration=duration,
-            step=_LAW_STEP,
-            offset=_OFFSET * point.sigma,
-            frozen=frozen,
-            end_speed=END_SPEED,
-        )
+        run = simulate_fine(point, law, loop.actuator, duration=duration, step=_LAW_STEP, **known)
     except DomainError as error:
         return LawRun(name, (math.nan, math.nan), str(error), False)
     low, high = slip_range(run)

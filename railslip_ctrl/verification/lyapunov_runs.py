@@ -24,18 +24,16 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-TAIL = 1.0 / 3.0
-"""Share of a stage, at its end, over which the ultimate bound of |s| is taken."""
+TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of |s| is taken
 
 
 @dataclass(frozen=True)
 class LyapunovSignals:
     """Along a run, arrays over its samples but the last, which has no next one for V' to be taken to.
 
-    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, + theta_tilde' Gamma^-1 theta_tilde/2
-    (46), (m/s)^2 and (m/s)^2/s; V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add;
-    asked and available: |d| of (40) and K + D|s| in its place, both as torque at the wheel,
-    (J/r) times (40), N*m; theta_hat, theta: (n, 2), 1/(kg m) and m/s.
+    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, (46), (m/s)^2 and (m/s)^2/s;
+    V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add; asked and available: |d| of
+    (40) and K + D|s| in its place, N*m, (J/r) times (40); theta_hat, theta: (n, 2), 1/(kg m) and m/s.
     """
 
     time: Floats
@@ -86,15 +84,13 @@ class LyapunovRun:
 
     def condition(self, name: str) -> AlongRun:
         """One of the conditions by name; KeyError for another."""
-        found = {condition.name: condition for condition in self.conditions}
-        return found[name]
+        return {condition.name: condition for condition in self.conditions}[name]
 
 
 def judge_run(
     scenario: Scenario, controller: SlidingControl, *, actuator: bool = True, seed: int | None = 0
 ) -> LyapunovRun:
-    """Simulate the scenario and judge the conditions along it; the adhesion state of a dynamic law counts as the run
-    has it.
+    """Simulate the scenario and judge the conditions along it.
 
     `actuator=False` takes lag and dead time away: the torque acts at once, as the proof assumes. `seed` is the noise's;
     None without it.
@@ -109,15 +105,13 @@ def judge_run(
 
 def lyapunov_signals(run: Run) -> LyapunovSignals:
     """V and what belongs to it along a run of a `SlidingControl` that was recorded at every sample."""
-    controller, signals = run.controller, run.signals
-    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
-    assert signals is not None, "the run must be recorded"
+    controller, signals = _recorded(run)
     vehicle, gains = run.scenario.vehicle, controller.gains
     J, r = vehicle.effective_inertia, vehicle.wheel.radius
     s = run.controller_signals["s"]
-    s_rate, undisturbed_rate = (_surface_rate(run, signals, disturbed=flag) for flag in (True, False))
+    s_rate, undisturbed_rate = (_surface_rate(run, disturbed=flag) for flag in (True, False))
     theta_hat = np.column_stack([run.controller_signals[f"theta{i}_hat"] for i in (1, 2)])
-    theta = _theta(run, signals)
+    theta = _theta(run)
     V, V_rate, V_rate_constant = 0.5 * s**2, s * s_rate, s * s_rate
     for i, gain in enumerate((gains.k1, gains.k2)):
         if gain > 0:
@@ -125,40 +119,32 @@ def lyapunov_signals(run: Run) -> LyapunovSignals:
             V = V + error**2 / (2 * gain)
             V_rate = V_rate + error * _forward_rate(signals.time, error) / gain
             V_rate_constant = V_rate_constant - error * _forward_rate(signals.time, theta_hat[:, i]) / gain
-    kept = slice(0, -2)  # the last row is the stop itself, between samples
-    return LyapunovSignals(
-        time=signals.time[kept],
-        s=s[kept],
-        s_rate=s_rate[kept],
-        V=V[kept],
-        V_rate=V_rate[kept],
-        V_rate_constant=V_rate_constant[kept],
-        asked=(J / r) * np.abs(s_rate - undisturbed_rate)[kept],
-        available=(gains.K + gains.D * np.abs(s))[kept],
-        theta_hat=theta_hat[kept],
-        theta=theta[kept],
-    )
+    asked, available = (J / r) * np.abs(s_rate - undisturbed_rate), gains.K + gains.D * np.abs(s)
+    found = (signals.time, s, s_rate, V, V_rate, V_rate_constant, asked, available, theta_hat, theta)
+    return LyapunovSignals(*(one[:-2] for one in found))  # the last row is the stop itself, between samples
 
 
-def _surface_rate(run: Run, signals: Signals, *, disturbed: bool) -> Floats:
+def _recorded(run: Run) -> tuple[SlidingControl, Signals]:
+    assert isinstance(run.controller, SlidingControl), "the law must be the sliding-mode law"
+    assert run.signals is not None, "the run must be recorded"
+    return run.controller, run.signals
+
+
+def _surface_rate(run: Run, *, disturbed: bool) -> Floats:
     """s' = lambda_d v' - sigma' + rho e, m/s^2, from the plant's rates; without Tr, Td and Fr if not `disturbed`."""
-    scenario, controller = run.scenario, run.controller
-    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
+    scenario, (controller, signals) = run.scenario, _recorded(run)
     rate = np.empty(signals.time.size)
-    for rail, factor, part in _stages(run, signals):
+    for rail, factor, part in _stages(run):
         law = scenario.law(rail, factor)
         p: list[Any] = list(plant_parameters(law, scenario.vehicle))
-        p[0] = signals.mass[part]
-        p[2] = _viscous(scenario, signals.time[part])
+        p[0], p[2] = signals.mass[part], _viscous(scenario, signals.time[part])
         if not disturbed:
             p[4] = p[5] = p[6] = 0.0
         Tr = scenario.vehicle.wheel.radius * signals.random_force[part] * disturbed
         Td = signals.disturbance[part] * disturbed
-        v, sigma = signals.speed[part], signals.slip_velocity[part]
-        rates = numeric_plant(type(law)).rates(
-            v, sigma, signals.adhesion_state[part], signals.torque[part], Td, Tr, tuple(p)
-        )
-        reference = signals.reference[part]
+        v, sigma, reference = signals.speed[part], signals.slip_velocity[part], signals.reference[part]
+        state = (v, sigma, signals.adhesion_state[part], signals.torque[part])
+        rates = numeric_plant(type(law)).rates(*state, Td, Tr, tuple(p))
         rate[part] = reference * rates[0] - rates[1] + controller.gains.rho * (reference * v - sigma)
     return rate
 
@@ -170,9 +156,9 @@ def _viscous(scenario: Scenario, time: Floats) -> Floats:
     return np.asarray(scenario.vehicle.inertia_scale * np.maximum(own, least))
 
 
-def _stages(run: Run, signals: Signals) -> list[tuple[Rail, float, slice]]:
+def _stages(run: Run) -> list[tuple[Rail, float, slice]]:
     """Rail, adhesion factor and the samples of each stretch between events that change the rail."""
-    scenario = run.scenario
+    scenario, (_, signals) = run.scenario, _recorded(run)
     changes: list[tuple[int, Rail, float]] = [(0, scenario.rail, scenario.adhesion_factor)]
     for event in sorted(scenario.events, key=lambda event: _first_sample(event, signals)):
         if event.rail is not None or event.adhesion_factor is not None:
@@ -189,10 +175,9 @@ def _first_sample(event: Any, signals: Signals) -> int:
     return int(np.searchsorted(axis, place - 1e-9 * max(1.0, place)))
 
 
-def _theta(run: Run, signals: Signals) -> Floats:
+def _theta(run: Run) -> Floats:
     """The true theta along the run, (n, 2): it steps with the mass and drifts with B(t)."""
-    scenario, controller = run.scenario, run.controller
-    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
+    scenario, (controller, signals) = run.scenario, _recorded(run)
     vehicle, scale = scenario.vehicle, scenario.vehicle.inertia_scale
     Mn = scale * (vehicle.mass if controller.nominal_mass is None else controller.nominal_mass)
     given = controller.nominal_viscous_friction
@@ -230,16 +215,13 @@ def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
 
 
 def _ultimate(run: Run) -> tuple[UltimateBound, ...]:
-    signals, s = run.signals, run.controller_signals["s"]
-    assert signals is not None, "the run must be recorded"
-    bounds = []
-    for _, _, part in _stages(run, signals):
+    (_, signals), s, bounds = _recorded(run), run.controller_signals["s"], []
+    for _, _, part in _stages(run):
         time = signals.time[part]
         if time.size < 2:  # an event after the end
             continue
         late = time >= time[-1] - TAIL * (time[-1] - time[0])
         error = np.abs(signals.slip[part] - signals.reference[part])
-        bounds.append(
-            UltimateBound(float(time[0]), float(time[-1]), float(np.abs(s[part][late]).max()), float(error[late].max()))
-        )
+        largest = (float(np.abs(s[part][late]).max()), float(error[late].max()))
+        bounds.append(UltimateBound(float(time[0]), float(time[-1]), *largest))
     return tuple(bounds)

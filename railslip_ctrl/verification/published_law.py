@@ -7,11 +7,10 @@ the one generated for the controller.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
 from inspect import signature
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
+from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
@@ -31,7 +30,6 @@ from .fixed_step import PUBLISHED, RUNS, IdealDisturbances, IdealRun, simulate_i
 from .reaching import (
     ADHESION_NOISE,
     TORQUE_FRACTION,
-    ReachingSet,
     WorstPoint,
     bristle_plant,
     law_parameters,
@@ -44,6 +42,7 @@ from .reaching import (
     surface_needed,
     surface_rate,
     true_theta,
+    with_friction,
 )
 from .robust import LAYER_WIDTH, RATE, TILDE, gain_units
 from .verdict import Condition
@@ -63,7 +62,7 @@ def operating_box(vehicle: Vehicle) -> Box:
     """Bounds of `AXES` over the published run: 5 to 100 km/h, empty to loaded, slips up to twice the reference."""
     force = 3.0 * ADHESION_NOISE * vehicle.wheel_load
     masses, fraction = (vehicle.mass, vehicle.mass_loaded), TORQUE_FRACTION
-    return (5.0, 100.0), (0.01, 0.264), masses, (-force, force), (-fraction, fraction), (-1.0, 1.0)
+    return (5.0, 100.0), (0.01, 2.0 * reference_slip()), masses, (-force, force), (-fraction, fraction), (-1.0, 1.0)
 
 
 def rate_at(points: Floats, vehicle: Vehicle, gains: LawGains, *, estimated: bool = True) -> Floats:
@@ -89,9 +88,8 @@ def worst_point(box: Box, vehicle: Vehicle, gains: LawGains, *, seed: int, estim
     """Maximise s' sgn s over a box by differential evolution from its corners and random points, then locally."""
     from scipy.optimize import differential_evolution
 
-    generator = np.random.default_rng(seed)
     low, high = np.array(box).T
-    inside = low + (high - low) * generator.random((_RANDOM_STARTS, len(AXES)))
+    inside = low + (high - low) * np.random.default_rng(seed).random((_RANDOM_STARTS, len(AXES)))
     evaluated = 0
 
     def value(x: Floats) -> Any:
@@ -101,60 +99,34 @@ def worst_point(box: Box, vehicle: Vehicle, gains: LawGains, *, seed: int, estim
         values = -np.sign(points[-1]) * rate_at(points, vehicle, gains, estimated=estimated)
         return values if np.ndim(x) > 1 else float(values[0])
 
-    found = differential_evolution(
-        value,
-        box,
-        init=np.vstack((list(product(*box)), inside)),
-        seed=seed,
-        maxiter=_GENERATIONS,
-        tol=1e-8,
-        vectorized=True,
-        updating="deferred",
-    )
-    return WorstPoint(-float(found.fun), tuple(float(x) for x in found.x), evaluated)
+    start = np.vstack((list(product(*box)), inside))
+    many: dict[str, Any] = {"vectorized": True, "updating": "deferred"}
+    found = differential_evolution(value, box, init=start, seed=seed, maxiter=_GENERATIONS, tol=1e-8, **many)
+    return WorstPoint(-float(found.fun), tuple(found.x.tolist()), evaluated)
 
 
 # --- identity of the closed loop ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class IdentityErrors:
-    """Largest relative differences of s' and V', plant against derivation, over the samples."""
-
-    surface_rate: float
-    lyapunov_rate: float
-    samples: int
-
-
-def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> IdentityErrors:
+def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, float]:
     """s' and V' of the plant's rates under (45) and (49) against the derived ones, at random states and parameters.
 
-    States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice that at rest, |s| < 2 m/s; parameters: M, J, B, gains,
+    The largest differences, relative to the sum of the sizes of the terms, so that cancellation does not count as
+    error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice that at rest, |s| < 2 m/s; parameters: M, J, B, gains,
     theta_hat and disturbances within a factor of 2 about the published ones, both signs where both make sense.
-    Relative to the sum of the sizes of the terms, so that cancellation does not count as error.
     """
     generator = np.random.default_rng(seed)
-    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+    functions, base = bristle_plant(vehicle)
     draw = {name: generator.uniform(low, high, samples) for name, (low, high) in _ranges(vehicle).items()}
-    v, slip = draw.pop("v"), draw.pop("slip")
-    sigma, r = slip * v, vehicle.wheel.radius
-    base = plant_parameters(law, vehicle)
+    v, slip, r = draw.pop("v"), draw.pop("slip"), vehicle.wheel.radius
+    sigma, omega = slip * v, (v - slip * v) / r
     mass, friction = draw["Mn"] + draw["Mp"], draw["Bn"] + draw["Bp"]
     p = (mass, draw["J"], friction, *base[3:])
-    functions = numeric_plant(type(law))
     z = draw.pop("z") * functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p)
-    force = functions.force(v, sigma, z, 0.0, 0.0, draw["Tr"], p)
+    Ta = r * functions.force(v, sigma, z, 0.0, 0.0, draw["Tr"], p)
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
-    known = {
-        **draw,
-        "Ta": r * force,
-        "omega": (v - sigma) / r,
-        "Fr": resistance_force(vehicle, v),
-        "r": r,
-        "e": e,
-        "v_rate": v_rate,
-    }
+    known = {**draw, "Ta": Ta, "omega": omega, "Fr": resistance_force(vehicle, v), "r": r, "e": e, "v_rate": v_rate}
     Tb, known["s"], *hat_rates = _generated_law(known)
     rates = functions.rates(v, sigma, z, Tb, draw["Td"], draw["Tr"], p)
     surface = draw["lambda_d"] * rates[0] - rates[1] + draw["rho"] * e
@@ -162,38 +134,26 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> I
     known |= {f"theta{i}_tilde": theta[i - 1] - draw[f"theta{i}_hat"] for i in (1, 2)}
     lyapunov = known["s"] * surface
     lyapunov -= sum(known[f"theta{i}_tilde"] * rate / draw["k"] for i, rate in zip((1, 2), hat_rates, strict=True))
-    names, derived = _derived_functions()
-    derived_s, derived_V = derived(*(known[name] for name in names))
+    pair = (derive().error_dynamics, derive().V_rate_disturbed)
+    symbols = sorted(set().union(*(one.free_symbols for one in pair)), key=str)
+    derived = sp.lambdify(symbols, pair, "numpy", cse=True)
+    derived_s, derived_V = derived(*(known[str(one)] for one in symbols))
     scale = np.abs(rates[0]) + np.abs(rates[1]) + r / draw["J"] * np.abs(Tb) + np.abs(surface)
     scale += sum(np.abs(known[f"theta{i}_tilde"] * known[name]) for i, name in ((1, "Ta"), (2, "omega")))
-    return IdentityErrors(
-        float(np.max(np.abs(surface - derived_s) / scale)),
-        float(np.max(np.abs(lyapunov - derived_V) / (np.abs(draw["s"]) * scale + 1e-300))),
-        samples,
-    )
+    return {
+        "surface_rate": float(np.max(np.abs(surface - derived_s) / scale)),
+        "lyapunov_rate": float(np.max(np.abs(lyapunov - derived_V) / (np.abs(draw["s"]) * scale + 1e-300))),
+        "samples": samples,
+    }
 
 
 def _ranges(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
     return {
-        "v": (5 * KMH, 140 * KMH),
-        "slip": (0.01, 0.5),
-        "z": (0.0, 2.0),
-        "lambda_d": (0.02, 0.3),
-        "s": (-2.0, 2.0),
-        "rho": (0.5, 3.0),
-        "D": (1.0, 50.0),
-        "K": (10.0, 2000.0),
-        "k": (1e-9, 1e-6),
-        "J": (0.5 * J, 2.0 * J),
-        "Mn": (0.5 * M, 2.0 * M),
-        "Mp": (-0.4 * M, 2.0 * M),
-        "Bn": (0.0, 2.0 * B),
-        "Bp": (-2.0 * B, 2.0 * B),
-        "theta1_hat": (-1e-3, 1e-3),
-        "theta2_hat": (-1e-2, 1e-2),
-        "Tr": (-600.0, 600.0),
-        "Td": (-300.0, 300.0),
+        **{"v": (5 * KMH, 140 * KMH), "slip": (0.01, 0.5), "z": (0.0, 2.0), "lambda_d": (0.02, 0.3), "s": (-2.0, 2.0)},
+        **{"rho": (0.5, 3.0), "D": (1.0, 50.0), "K": (10.0, 2000.0), "k": (1e-9, 1e-6), "J": (0.5 * J, 2.0 * J)},
+        **{"Mn": (0.5 * M, 2.0 * M), "Mp": (-0.4 * M, 2.0 * M), "Bn": (0.0, 2.0 * B), "Bp": (-2.0 * B, 2.0 * B)},
+        **{"theta1_hat": (-1e-3, 1e-3), "theta2_hat": (-1e-2, 1e-2), "Tr": (-600.0, 600.0), "Td": (-300.0, 300.0)},
     }
 
 
@@ -206,15 +166,6 @@ def _generated_law(known: dict[str, Any]) -> Floats:
     signals = {**known, "e_integral": (known["s"] - known["e"]) / known["rho"]}
     columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
     return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
-
-
-@cache
-def _derived_functions() -> tuple[tuple[str, ...], Any]:
-    """Arguments, and the derived s' and V'."""
-    made = derive()
-    pair = (made.error_dynamics, made.V_rate_disturbed)
-    symbols = sorted(set().union(*(one.free_symbols for one in pair)), key=str)
-    return tuple(str(one) for one in symbols), sp.lambdify(symbols, pair, "numpy", cse=True)
 
 
 # --- the Lyapunov argument --------------------------------------------------------------------------------------------
@@ -273,9 +224,9 @@ def cross_term_vanishes(made: Derivation) -> Condition:
 
 def _identity(vehicle: Vehicle, seed: int) -> Condition:
     errors = identity_errors(vehicle, seed=seed)
-    worst = max(errors.surface_rate, errors.lyapunov_rate)
-    numbers = {**vars(errors), "seed": seed, "tolerance": _IDENTITY_TOLERANCE}
-    return Condition("closed loop identity", worst <= _IDENTITY_TOLERANCE, "sampled", numbers)
+    holds = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
+    numbers = {**errors, "seed": seed, "tolerance": _IDENTITY_TOLERANCE}
+    return Condition("closed loop identity", holds, "sampled", numbers)
 
 
 def negative_semidefinite(made: Derivation) -> Condition:
@@ -288,8 +239,7 @@ def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Co
     """What (47) drops."""
     # with the resistance alone at (J/r) d = K + x, V' at s = x/(2 D) is (r/J) x^2/(4 D) > 0
     x = sp.Symbol("x", positive=True)
-    resistance = (_Mn + _Mp) * plant.r / plant.J * (_K + x)
-    chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: resistance}
+    chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: (_Mn + _Mp) * plant.r / plant.J * (_K + x)}
     rate = sp.simplify(made.V_rate_disturbed.subs(chosen).subs(_s, x / (2 * _D)))
     mildest = reference_set(vehicle, sigmas=1.0)
     asked, surface = least_gain(vehicle, mildest), surface_needed(vehicle, mildest, K=gains.K, D=gains.D)
@@ -346,15 +296,9 @@ def one_unit() -> Condition:
 # --- reaching, the boundary layer, theta as it is ---------------------------------------------------------------------
 
 
-STEP_TIME = 25.0
-"""s, when mass and rail change ([Park2008] p. 55)."""
-
-FRICTION_RATE = -0.01
-"""N m s per s, of B = 0.25 - 0.01 t ([Park2008] p. 55); before the inertia scale."""
-
-DRIFT_NOISE = 0.1
-"""Standard deviation, m/s, of the slip noise the drift is shown with (0.36 km/h)."""
-
+STEP_TIME = 25.0  #: s, when mass and rail change ([Park2008] p. 55)
+FRICTION_RATE = -0.01  #: N m s per s, of B = 0.25 - 0.01 t ([Park2008] p. 55); before the inertia scale
+DRIFT_NOISE = 0.1  #: standard deviation, m/s, of the slip noise the drift is shown with (0.36 km/h)
 DRIFT_TIME = 20.0  # s
 _LONGEST_STOP = 80.0  # s
 
@@ -373,13 +317,9 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
     """(40) for the published disturbances, exact over two boxes; 1 sigma unless another is named."""
-
-    def least(box: ReachingSet, of: Vehicle = vehicle) -> float:
-        return least_gain(of, box, rho=gains.rho)
-
-    box = operating_set(vehicle, sigmas=1.0)
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
+    box, others_box = (operating_set(one, sigmas=1.0) for one in (vehicle, rescaled))
     at_reference = {
         (sigmas, torque): reference_set(vehicle, sigmas=sigmas, with_torque=torque)
         for sigmas in (1.0, 3.0)
@@ -388,16 +328,16 @@ def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
     surface, without = (
         surface_needed(vehicle, at_reference[1.0, torque], K=gains.K, D=gains.D) for torque in (True, False)
     )
+    least = least_gain(vehicle, box, rho=gains.rho)
     numbers = {
-        **{"K": gains.K, "D": gains.D, "inertia_scale": vehicle.inertia_scale, "box": box, "one_sigma": least(box)},
-        "at_reference": [(*case, least(one)) for case, one in at_reference.items()],
-        "three_sigma": least(operating_set(vehicle, sigmas=3.0)),
+        **{"K": gains.K, "D": gains.D, "inertia_scale": vehicle.inertia_scale, "box": box, "one_sigma": least},
+        "at_reference": [(*case, least_gain(vehicle, one, rho=gains.rho)) for case, one in at_reference.items()],
+        "three_sigma": least_gain(vehicle, operating_set(vehicle, sigmas=3.0), rho=gains.rho),
         "other_scale": other,
-        "other_one_sigma": least(operating_set(rescaled, sigmas=1.0), rescaled),
-        "surface": surface,
-        "surface_without_torque": without,
+        "other_one_sigma": least_gain(rescaled, others_box, rho=gains.rho),
+        **{"surface": surface, "surface_without_torque": without},
     }
-    return Condition("reaching condition (40)", least(box) < gains.K, "symbolic", numbers, claimed=True)
+    return Condition("reaching condition (40)", least < gains.K, "symbolic", numbers, claimed=True)
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
@@ -447,12 +387,11 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
     return Condition("boundary layer with K", bound <= LAYER_WIDTH, "symbolic", numbers)
 
 
-@dataclass(frozen=True)
-class ParameterStep:
+class ParameterStep(NamedTuple):
     """What happens to V at 25 s.
 
     speed: then, m/s, None where the stop is over by `end`, s; theta_step: of theta1, 1/(kg m); jump: V's for
-    theta_tilde = 0 before it, m^2/s^2; friction_level: what theta2_tilde is worth after 25 s of B = 0.25 - 0.01 t with
+    theta_tilde = 0 before it, friction_level: what theta2_tilde is worth after 25 s of B = 0.25 - 0.01 t with
     theta2_hat fixed, m^2/s^2; surface_step: of s, as the reference becomes the wet rail's, m/s.
     """
 
@@ -471,8 +410,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> ParameterStep:
     speed = float(np.interp(STEP_TIME, run.time, run.speed[:, 0])) if end > STEP_TIME else None
     theta1 = float(true_theta(vehicle.loaded(), vehicle)[0])
     friction = vehicle.wheel.viscous_friction + FRICTION_RATE * STEP_TIME
-    worn = vehicle.model_copy(update={"wheel": vehicle.wheel.model_copy(update={"viscous_friction": friction})})
-    theta2 = float(true_theta(worn, vehicle)[1])
+    theta2 = float(true_theta(with_friction(vehicle, friction), vehicle)[1])
     jump, level = (theta**2 / (2.0 * k) if k > 0 else math.inf for theta, k in ((theta1, gains.k1), (theta2, gains.k2)))
     step = None if speed is None else (reference_slip(Rail.WET) - reference_slip()) * speed
     return ParameterStep(speed, end, theta1, jump, level, step)
@@ -485,26 +423,20 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
     if here.speed is None:
         published = vehicle.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
         steps.setdefault(AS_PUBLISHED_INERTIA_SCALE, parameter_step(published, gains))
-    numbers = {
-        "mass": vehicle.mass,
-        "mass_loaded": vehicle.mass_loaded,
-        "friction_level": here.friction_level,
-        "steps": steps,
-    }
+    masses = {"mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded}
     holds = here.jump == 0.0 and here.friction_level == 0.0
+    numbers = {**masses, "friction_level": here.friction_level, "steps": steps}
     return Condition("theta constant", holds, "simulated", numbers, claimed=True)
 
 
 # --- drift ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Drift:
-    """Drift of theta_hat at held speed, along the direction that s does not see.
+class Drift(NamedTuple):
+    """Drift of theta_hat at held speed, along the direction w = (k2 omega, -k1 Ta) that s does not move it in.
 
-    theta_hat moves on (k1 Ta, k2 omega) with s; w = (k2 omega, -k1 Ta) is at right angles to that and is moved only by
-    noise that s and phi share. Rates of w' theta_hat: `predicted`, `mean` and `standard_error` over the seeds;
-    `per_second` is the mean as torque (J/r) |Ta theta1_hat'|, N m per s.
+    Rates of w' theta_hat, over the seeds, and `noiseless`; `per_second` is the mean as torque (J/r) |Ta theta1_hat'|,
+    N m per s.
     """
 
     predicted: float

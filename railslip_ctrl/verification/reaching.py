@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from typing import Any, Literal
@@ -26,7 +26,6 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
@@ -49,9 +48,7 @@ TORQUE_FRACTION = 0.05
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
 """Its decay, 1/s, and frequency, rad/s."""
 
-LOWEST_SPEED_KMH = 5.0
-"""The published stop ends here ([Park2008] p. 56)."""
-
+LOWEST_SPEED_KMH = 5.0  #: the published stop ends here ([Park2008] p. 56)
 _VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
 
 Range = tuple[float, float]
@@ -59,12 +56,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is asked. Ranges are (lowest, highest); InputError for one that is not, or c >= 1.
+    """The box over which (40) is asked; ranges are (lowest, highest).
 
-    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction; resistance: Fr, N; adhesion_torque: Ta, N*m;
-    speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the inertia
-    scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta - 1 and
-    v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction < 1; resistance: Fr, N; adhesion_torque: Ta,
+    N*m; speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the
+    inertia scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta -
+    1 and v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
     """
 
     random_torque: float
@@ -79,15 +76,6 @@ class ReachingSet:
     torque_error: Range = (0.0, 0.0)
     rate_error: Range = (0.0, 0.0)
     heavier: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in (f.name for f in fields(self)):
-            value = getattr(self, name)
-            low, high = value if isinstance(value, tuple) else (0.0, value)
-            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-                raise InputError(f"{name}: {value} is not allowed; give finite bounds, the lowest first, sizes >= 0")
-        if self.torque_fraction >= 1:
-            raise InputError(f"torque_fraction: {self.torque_fraction:g} is not allowed; give a fraction below 1")
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
@@ -159,6 +147,56 @@ def wet_share(vehicle: Vehicle) -> float:
     return wet / dry
 
 
+def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
+    """The vehicle with another viscous friction, N m s."""
+    wheel = vehicle.wheel.model_copy(update={"viscous_friction": friction})
+    return vehicle.model_copy(update={"wheel": wheel})
+
+
+# --- the derived expressions as functions ----------------------------------------------------------------------------
+
+
+@cache
+def _derived(arguments: str, which: str) -> Callable[..., Any]:
+    """A derived expression as a function for arrays, of symbols of the plant or of the law by name."""
+    symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
+    expression = getattr(derive(), which)
+    if which == "adaptive_law_control":  # `switch` stands for sgn s
+        symbols.append(switch := sp.Symbol("switch", real=True))
+        expression = expression.subs(sp.sign(_s), switch)
+    made: Callable[..., Any] = sp.lambdify(symbols, expression, "numpy", cse=True)
+    return made
+
+
+def disturbance_function() -> Callable[..., Any]:
+    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
+    return _derived("Tr Fr Td M J r", "disturbance")
+
+
+def lyapunov_function() -> Callable[..., Any]:
+    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
+    return _derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
+
+
+def theta_function() -> Callable[..., Any]:
+    """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
+    return _derived("r J Mn Mp Bp", "theta")
+
+
+def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
+    """theta of a vehicle against the nominal one."""
+    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
+    known = (vehicle.wheel.radius, vehicle.effective_inertia)
+    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
+    return np.asarray(theta_function()(*known, Mn, *perturbation), dtype=float)
+
+
+def law_parameters(**values: float) -> Any:
+    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
+    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
+    return generated_law().Parameters(**{**free, **values})
+
+
 # --- the bound, derived ---------------------------------------------------------------------------------------------
 
 _FRACTION = sp.Symbol("q", real=True)  # Td/Tb
@@ -214,11 +252,6 @@ def required_gain() -> sp.Expr:
     return -rest / slope
 
 
-@cache
-def _required_function() -> Callable[..., Any]:
-    return _function([*BOX_VARIABLES, *_PARAMETERS], required_gain())
-
-
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
     """K_min, N*m: (40) holds down to s = 0 over the box for every K above it, and below it fails at a corner; >= 0.
 
@@ -243,19 +276,10 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
     return _required_function()(*np.array(corners).T, *parameters, *nominal)
 
 
-def tolerated_error(
-    vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
-) -> float:
-    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
-
-    The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
-    """
-    changes: list[dict[str, Any]] = [{name: (-x, x)} for x in (0.0, 1.0)]
-    exact, wrong = (_at_corners(vehicle, replace(box, **change)) for change in changes)
-    if np.max(exact) >= K:
-        return 0.0
-    grows = wrong > exact
-    return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
+@cache
+def _required_function() -> Callable[..., Any]:
+    made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], required_gain(), "numpy", cse=True)
+    return made
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
@@ -270,58 +294,20 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
 
 
-# --- the derived expressions as functions ---------------------------------------------------------------------------
+def tolerated_error(
+    vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
+) -> float:
+    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
 
-
-def _symbols(*names: str) -> list[sp.Symbol]:
-    return [sliding_symbol(name) for name in names]
-
-
-def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
-    return made
-
-
-@cache
-def _control_function() -> Callable[..., Any]:
-    """The derived (45) for arrays; `switch` stands for sgn s."""
-    s, switch = sliding_symbol("s"), sp.Symbol("switch", real=True)
-    law = derive().adaptive_law_control.subs(sp.sign(s), switch)
-    arguments = [s, switch, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
-    arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
-    return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
-
-
-def law_parameters(**values: float) -> Any:
-    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
-    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
-    return generated_law().Parameters(**{**free, **values})
-
-
-@cache
-def disturbance_function() -> Callable[..., Any]:
-    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
-    return _function([plant.Tr, plant.Fr, plant.Td, plant.M, plant.J, plant.r], derive().disturbance)
-
-
-@cache
-def lyapunov_function() -> Callable[..., Any]:
-    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
-    return _function(_symbols("s", "theta1_tilde", "theta2_tilde", "k1", "k2"), derive().V_matrix)
-
-
-@cache
-def theta_function() -> Callable[..., Any]:
-    """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
-    return _function([plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")], list(derive().theta))
-
-
-def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta of a vehicle against the nominal one."""
-    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
-    known = (vehicle.wheel.radius, vehicle.effective_inertia)
-    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(theta_function()(*known, Mn, *perturbation), dtype=float)
+    The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
+    """
+    none: dict[str, Any] = {name: (0.0, 0.0)}
+    all_of_it: dict[str, Any] = {name: (-1.0, 1.0)}
+    exact, wrong = (_at_corners(vehicle, replace(box, **change)) for change in (none, all_of_it))
+    if np.max(exact) >= K:
+        return 0.0
+    grows = wrong > exact
+    return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
 
 
 # --- a counterexample, searched ---------------------------------------------------------------------------------------
@@ -358,8 +344,9 @@ def surface_rate(
     p = (vehicle.inertia_scale * mass, *parameters[1:])
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
-    known = (s, np.copysign(1.0, s), e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
-    Tb = _control_function()(*known, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B)
+    control = _derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
+    measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
+    Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
     return slip_d * rates[0] - rates[1] + gains.rho * e
 

@@ -100,8 +100,7 @@ class SlidingExistence:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """The linear loop around the relay of the sliding-mode law, the speed frozen; InputError for a plant with it as a
-    state.
+    """The linear loop around the relay of the law, the speed frozen; InputError for a plant with it as a state.
 
     rho and D close the linear part; K and k are used where a method says so.
     """
@@ -181,18 +180,12 @@ class SurfaceLoop:
         return Rational.from_polynomials(numerator, denominator)
 
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
-        """The loop opened at the commanded torque, dead time exact.
-
-        `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
-        """
+        """The loop opened at the commanded torque, dead time exact; `relay_gain`, `adaptation` as of `controller`."""
         controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
         return DeadTimeLoop(controller * self._behind_the_controller, self.actuator.dead_time)
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
-        """Whether the linear loop is stable, by the exact root count.
-
-        `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
-        """
+        """Whether the linear loop is stable, by the exact root count; `relay_gain`, `adaptation` as of `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     # -- what the relay sees ------------------------------------------------------------------------------

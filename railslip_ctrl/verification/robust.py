@@ -39,6 +39,7 @@ from .reaching import (
     tolerated_error,
     true_theta,
     wet_share,
+    with_friction,
 )
 from .verdict import Condition, How
 
@@ -58,15 +59,9 @@ _below, _spare = sp.Symbol("y", nonnegative=True), sp.Symbol("m", nonnegative=Tr
 
 D0, K0 = plant.r / plant.J * D, plant.r / plant.J * K
 
-SIGMAS = 3.0
-"""The random adhesion force is bounded at this many standard deviations in the designs here."""
-
-ESTIMATE_ERROR = 0.1
-"""Share by which Ta_hat and v'_hat may be wrong in the designs here, each."""
-
-GAIN_MARGIN = 1.1
-"""K over the least gain of (40)."""
-
+SIGMAS = 3.0  #: the random adhesion force is bounded at this many standard deviations in the designs here
+ESTIMATE_ERROR = 0.1  #: share by which Ta_hat and v'_hat may be wrong in the designs here, each
+GAIN_MARGIN = 1.1  #: K over the least gain of (40)
 LAYER_WIDTH = 0.2  # m/s, 0.7 % of slip at 100 km/h
 _BOX_MARGIN = 0.1  # of its width, at either side
 LOWEST_FRICTION = -0.25  # N m s: the printed 0.25 - 0.01 t after 50 s, the longest published stop
@@ -78,9 +73,7 @@ def effective_disturbance() -> sp.Expr:
 
     ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
     """
-    made = derive()
-    free = effective_rate(made, SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))
-    effective = sp.expand(free / SHARE)
+    effective = sp.expand((effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
         raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
     return effective
@@ -114,13 +107,9 @@ def boundary_layer_proved() -> bool:
     above = known.subs(sp.sign(s), 1).subs(s, LAYER + _outside).subs(d, d_max - _below)
     entered = sp.expand(above.subs(d_max, K0 + D0 * LAYER - _spare))
     odd = identical(known.subs({s: -s, d: -d}, simultaneous=True), -known)
-    proved = (
-        odd,
-        sp.expand(sp.simplify(beyond)).equals(sp.expand(-SHARE * (_below + (D0 + K0 / LAYER) * _outside))),
-        bool(sp.expand(-entered).is_positive),
-        bool(sp.simplify(LAYER - bound.subs(d_max, K0 + D0 * LAYER - _spare)).is_nonnegative),
-    )
-    return all(map(bool, proved))
+    falls = sp.expand(sp.simplify(beyond)).equals(sp.expand(-SHARE * (_below + (D0 + K0 / LAYER) * _outside)))
+    within = sp.simplify(LAYER - bound.subs(d_max, K0 + D0 * LAYER - _spare)).is_nonnegative
+    return bool(odd and falls and sp.expand(-entered).is_positive and within)
 
 
 @cache
@@ -138,12 +127,8 @@ def dead_zone_proved() -> bool:
     final = value.subs(adaptation).subs(s, LAYER + _outside)
     final = sp.expand(final.subs(d, d_max - _below).subs(d_max, K0 + D0 * LAYER - _spare))
     drives = [(adaptation[a] - gain * (s - LAYER) * p) for a, gain, p in zip(RATE, GAINS, made.phi, strict=True)]
-    proved = (
-        all(sp.expand(one) == 0 for one in drives),
-        not final.has(*TILDE),
-        bool(sp.expand(-final - SHARE * D0 * _outside**2).is_nonnegative),
-    )
-    return all(proved)
+    adapts = all(sp.expand(one) == 0 for one in drives) and not final.has(*TILDE)
+    return bool(adapts and sp.expand(-final - SHARE * D0 * _outside**2).is_nonnegative)
 
 
 @cache
@@ -188,9 +173,7 @@ def leak_proved() -> bool:
 
 @cache
 def matrix_gain() -> tuple[bool, sp.Expr]:
-    """theta_hat_i' = k_i s phi_i: whether the cross term vanishes for any two positive gains, and V', which is then
-    -(r/J)(D s^2 + K |s|).
-    """
+    """Of theta_hat_i' = k_i s phi_i: whether V' is -(r/J)(D s^2 + K |s|) for any two positive gains, and V'."""
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made).subs({d: 0, SHARE: 1}))
     final = sp.expand(rate.subs(dict(zip(RATE, made.adaptation_matrix, strict=True))))
@@ -198,23 +181,15 @@ def matrix_gain() -> tuple[bool, sp.Expr]:
     return identical(final, expected), sp.factor(final)
 
 
-# --- units: exponents of kg, m, s -----------------------------------------------------------------------------------
-
-_UNITS = {"s": (0, 1, -1), "Ta": (1, 2, -2), "omega": (0, 0, -1), "s_rate": (0, 1, -2)}
-
-
 def gain_units() -> tuple[str, str]:
     """Units of the gains of theta1 and theta2, from s' = theta' phi and theta_hat_i' = k_i s phi_i alone."""
-    return tuple(_gain_unit(phi) for phi in ("Ta", "omega"))  # type: ignore[return-value]
-
-
-def _gain_unit(phi: str) -> str:
-    of_phi, of_s, of_rate = _UNITS[phi], _UNITS["s"], _UNITS["s_rate"]
-    # theta = s'/phi, theta' one more 1/s, k = theta'/(s phi)
-    exponents = [rate - 2 * a - b for rate, a, b in zip(of_rate, of_phi, of_s, strict=True)]
-    exponents[2] -= 1
-    parts = [f"{name}^{power}" for name, power in zip(("kg", "m", "s"), exponents, strict=True) if power]
-    return " ".join(parts) or "1"
+    kg, metre, second = units = sp.symbols("kg m s", positive=True)
+    found = []
+    for phi in (kg * metre**2 / second**2, 1 / second):  # Ta, omega
+        theta_rate = metre / second**2 / phi / second
+        powers = sp.Mul(theta_rate / (metre / second * phi)).as_powers_dict()
+        found.append(" ".join(f"{unit}^{powers[unit]}" for unit in units if powers[unit]) or "1")
+    return found[0], found[1]
 
 
 # --- a design ------------------------------------------------------------------------------------------------------
@@ -240,14 +215,8 @@ def design_gain(vehicle: Vehicle) -> float:
 
 def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
     """Boundary layer, dead zone in the adaptation, projection, matrix gain; K of `design_gain` unless given."""
-    return replace(
-        PUBLISHED_LAW,
-        K=design_gain(vehicle) if K is None else K,
-        D=D,
-        layer=LAYER_WIDTH,
-        dead_zone=True,
-        box=parameter_box(vehicle),
-    )
+    K = design_gain(vehicle) if K is None else K
+    return replace(PUBLISHED_LAW, K=K, D=D, layer=LAYER_WIDTH, dead_zone=True, box=parameter_box(vehicle))
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
@@ -263,14 +232,12 @@ def slowest_rate(vehicle: Vehicle, D: float) -> float:
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
     """theta over empty to loaded mass and B from its nominal value to that of the longest stop, widened by a tenth."""
-    worn = vehicle.wheel.model_copy(update={"viscous_friction": LOWEST_FRICTION})
-    far = vehicle.model_copy(update={"mass": vehicle.mass_loaded, "wheel": worn})
-    sides = []
-    for corner in true_theta(far, vehicle):
-        low, high = min(0.0, corner), max(0.0, corner)
-        spare = _BOX_MARGIN * (high - low)
-        sides.append((float(low - spare), float(high + spare)))
-    return sides[0], sides[1]
+    far = with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
+    first, second = (
+        (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
+        for corner in true_theta(far, vehicle).tolist()
+    )
+    return first, second
 
 
 # --- the robust variants' conditions -------------------------------------------------------------------------------
@@ -279,12 +246,8 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 _EXACT = (0.0, 0.0)  # error of an estimate
 _DURATION = 60.0  # s; longer than any stop of these designs
 _SAMPLES = 100_000
-_RISE_TOLERANCE = 1e-3
-"""Largest rise of V in a run, relative to V(0), put down to the steps of 2 ms."""
-
-_BESIDE = 1e-3
-"""How far beside K_min the search shows that the bound is tight."""
-
+_RISE_TOLERANCE = 1e-3  #: largest rise of V in a run, relative to V(0), put down to the steps of 2 ms
+_BESIDE = 1e-3  #: how far beside K_min the search shows that the bound is tight
 _BOUND_TOLERANCE = 0.01
 """A sampled relay overshoots a bound by one step of K0: this fraction of it is put down to that."""
 
@@ -347,31 +310,25 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, largest: float, seed: int) -
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
     """(40) where Ta_hat is that of the other rail."""
-    box = robust_set(vehicle)
-    wet = wet_share(vehicle)
+    box, wet = robust_set(vehicle), wet_share(vehicle)
     (low, high), (least, most) = box.torque_error, box.adhesion_torque
-    taken_for_wet = replace(box, torque_error=(wet * (1.0 + low) - 1.0, high))
-    taken_for_dry = replace(
-        box, torque_error=(low, (1.0 + high) / wet - 1.0), adhesion_torque=(wet * least, wet * most)
-    )
-    asked = {
-        "dry taken for wet": least_gain(vehicle, taken_for_wet),
-        "wet taken for dry": least_gain(vehicle, taken_for_dry),
+    mistaken: dict[str, dict[str, Any]] = {
+        "dry taken for wet": {"torque_error": (wet * (1.0 + low) - 1.0, high)},
+        "wet taken for dry": {
+            "torque_error": (low, (1.0 + high) / wet - 1.0),
+            "adhesion_torque": (wet * least, wet * most),
+        },
     }
+    asked = {name: least_gain(vehicle, replace(box, **changes)) for name, changes in mistaken.items()}
     numbers = {"K": gains.K, "asked": asked, "wet_share": wet}
     return _down_to_5_kmh("robust gain, rail mistaken", max(asked.values()) < gains.K, "symbolic", numbers)
 
 
 def _layer_numbers(gains: LawGains, largest: float) -> dict[str, Any]:
     """met: whether the layer carries (J/r) d_max = largest, N*m; bound: the ultimate one of |s| inside it, m/s."""
-    return {
-        "met": largest <= gains.K + gains.D * gains.layer,
-        "bound": largest / (gains.D + gains.K / gains.layer),
-        "K": gains.K,
-        "D": gains.D,
-        "layer": gains.layer,
-        "largest": largest,
-    }
+    K, D, layer = gains.K, gains.D, gains.layer
+    met, bound = largest <= K + D * layer, largest / (D + K / layer)
+    return {"met": met, "bound": bound, "K": K, "D": D, "layer": layer, "largest": largest}
 
 
 def boundary_layer_bound(gains: LawGains, largest: float) -> Condition:
@@ -384,8 +341,7 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds
     """Disturbed ideal stops against that bound, theta known."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
-    disturbed = _largest_disturbance(run, gains)
-    numbers = _layer_numbers(gains, largest)
+    disturbed, numbers = largest_disturbance(run, gains), _layer_numbers(gains, largest)
     reached, highest, kept = math.inf, float(np.nanmax(np.abs(run.s))), False
     if numbers["met"]:
         reached, highest = _after_entry(run, gains.layer, numbers["bound"])
@@ -395,16 +351,12 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds
     return _down_to_5_kmh("boundary layer, runs", kept, "simulated", numbers)
 
 
-def disturbance_along(run: IdealRun, gains: LawGains) -> np.ndarray:
-    """(J/r) d of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, along a run with the published Td."""
+def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
+    """(J/r)|d| of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, at most, along a run with the published Td."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
     fraction = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * run.time) * np.sin(TORQUE_FREQUENCY * run.time)
     q = fraction[:, None]
-    return np.asarray((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))
-
-
-def _largest_disturbance(run: IdealRun, gains: LawGains) -> float:
-    return float(np.nanmax(np.abs(disturbance_along(run, gains))))
+    return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
 
 
 def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, float]:
@@ -414,9 +366,8 @@ def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, floa
     if not np.all(np.any(inside, axis=0)):
         return math.inf, layer
     first = np.argmax(inside, axis=0)
-    rows = np.arange(len(run.time))[:, None]
-    after = np.where(rows >= first, size, np.nan)
-    return float(run.time[np.max(first)]), float(np.nanmax(after))
+    after = np.arange(len(run.time))[:, None] >= first
+    return float(run.time[np.max(first)]), float(np.nanmax(np.where(after, size, np.nan)))
 
 
 def _dead_zone(gains: LawGains, largest: float) -> Condition:
@@ -428,10 +379,8 @@ def _dead_zone(gains: LawGains, largest: float) -> Condition:
 
 def _projection_samples(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     """The cross term at random points, faces included."""
-    worst = largest_cross_term(gains, seed=seed)
-    assert gains.box is not None, "the design has one"
-    theta = true_theta(vehicle.loaded(), vehicle)
-    contains = all(low <= value <= high for value, (low, high) in zip(theta, gains.box, strict=True))
+    worst, theta = largest_cross_term(gains, seed=seed), true_theta(vehicle.loaded(), vehicle)
+    contains = all(low <= value <= high for value, (low, high) in zip(theta, gains.box or (), strict=True))
     numbers = {"samples": _SAMPLES, "seed": seed, "box": gains.box, "largest": worst}
     return Condition("projection, samples", worst <= 0.0 and contains, "sampled", numbers)
 
@@ -468,16 +417,14 @@ def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...])
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
     """The whole design: V, which has s_D for s, never rises, |s| stays in the layer, theta_hat in its box."""
     run = _unknown_load_run(vehicle, gains, seeds)
-    outside = np.maximum(np.abs(run.s) - gains.layer, 0.0)
-    V = run.V - 0.5 * run.s**2 + 0.5 * outside**2
-    lowest = np.minimum.accumulate(np.where(np.isfinite(V), V, np.inf), axis=0)
-    rise = float(np.nanmax(V - lowest)) / float(V[0, 0])
+    V = run.V - 0.5 * run.s**2 + 0.5 * np.maximum(np.abs(run.s) - gains.layer, 0.0) ** 2
+    rise = float(np.nanmax(V - np.fmin.accumulate(V, axis=0))) / float(V[0, 0])
     assert gains.box is not None, "the design has one"
     low, high = np.array(gains.box).T
     hats = run.theta_hat[np.isfinite(run.theta_hat[..., 0])]
     boxed = bool(np.all((hats >= low) & (hats <= high)))
     reached, highest = _after_entry(run, gains.layer, gains.layer)
-    disturbed = _largest_disturbance(run, gains)
+    disturbed = largest_disturbance(run, gains)
     within = highest <= gains.layer * (1 + _BOUND_TOLERANCE)
     numbers = {
         **{"rise": rise, "highest": highest, "reached": reached, "layer": gains.layer, "boxed": boxed, "seeds": seeds},
@@ -536,5 +483,5 @@ def _leak_runs(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Con
         **{"share": share, "final": final, "met": met, "bound": bound, "K": gains.K, "seeds": seeds},
         **{"mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
     }
-    holds = met and share <= 1.0 + _BOUND_TOLERANCE and _largest_disturbance(run, gains) <= bound.gain
+    holds = met and share <= 1.0 + _BOUND_TOLERANCE and largest_disturbance(run, gains) <= bound.gain
     return _down_to_5_kmh("sigma-modification, runs", holds, "simulated", numbers)

@@ -12,12 +12,12 @@ How = Literal["symbolic", "sampled", "simulated"]
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition by its name, unique in a verification; what it asks, in words, is in `report.verification`.
+    """A condition by its name, unique in a verification; its words are in `report.verification`.
 
-    holds, how: None where it was not decided, because what it is about does not exist. numbers: what it was decided
-    by, or under "missing" what does not exist. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from
-    100 km/h down to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may
-    have wrong, by name, and by which share either way it then still holds; inf without bound.
+    holds, how: None where it was not decided, as what it is about does not exist. numbers: what decided it, or under
+    "missing" what does not exist. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from 100 km/h down
+    to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may have wrong, by
+    name, and by which share either way; inf without bound.
     """
 
     name: str
@@ -33,9 +33,8 @@ class Condition:
 class Verification:
     """The conditions of a law, in order, and what they were decided for.
 
-    `law` is "paper" (which has the robust variants' conditions too), "robust" or "layered"; K (N*m) and D (N*m/(m/s);
-    None for the layered law, which has none) are those of that law; `inertia_scale` is the reading (1 SI, 3.6 as
-    published); `seed` is where random numbers start.
+    `law` is "paper" (with the robust variants' conditions), "robust" or "layered"; K (N*m) and D (N*m/(m/s); None for
+    the layered law) are that law's; `seed` is where random numbers start.
     """
 
     law: str

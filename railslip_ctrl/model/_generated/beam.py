@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "fa0a0afe8feacd3157bda326205e22998722eb71daa20542542bb7be58c370b0"
+SOURCES_SHA256 = "2beddc320aa7173f1f5f8c47e35b6d218cf1a24721957bdd8e534f7b052b3e70"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

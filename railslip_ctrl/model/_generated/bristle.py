@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "346b855138868f4d07d8be175b5c5d856ca44842fef64d7122d69b687d7872a1"
+SOURCES_SHA256 = "0db5ee13208f6ebeef3ecd0208d713ba1620e4ba7a7c306ef04ee426c59f5181"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "da56d5eace79080eed503c5de390ac8d79ea4f1d806f8483e5f785748bd23970"
+SOURCES_SHA256 = "760ca540e8dc2c88f3ef224b6da02fced53745f781f45489d2ab5770d51df466"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

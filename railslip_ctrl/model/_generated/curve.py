@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "c70763b3fca58c872ad9320cfb37a73b0bdd2ed803912fd6a788a3f1b5998338"
+SOURCES_SHA256 = "c9c66d0d1f65c36e508ba7e0924cb874204a5737744ae1aa53158683382e0a9a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "08970999b65fa5f42be9094ea719b6d1b90d9241d57131a4604ce041177fb02a"
+SOURCES_SHA256 = "2d90725be6e31faf94a09b0f78aff71ba8ac8c56ee18782d3e415bf8b565fc3b"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

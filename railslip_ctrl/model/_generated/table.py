@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "86d508ff2ec3f0c20a96eef4ea32305e893b7bf0902ac816e5b6aadda58070a3"
+SOURCES_SHA256 = "21899bc703803c90ace19d44f16fa573c7cd649ce8d227fa0b53a364af552467"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -94,11 +94,10 @@ def published_law(
     rail : Rail or str
         Condition the parameters are for: "dry" or "wet".
     initial_speed_kmh : float
-        Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment
-        ([Park2008] (30)-(32), Table 1). Laws that are not published over v0 do not use it.
+        Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment.
+        Laws that are not published over v0 do not use it.
     wheel_load : float
-        Wheel load N, N, > 0; the published vehicle's 34 500 N unless given. `operating_point` refuses the law for a
-        vehicle of another.
+        Wheel load N, N, > 0. `operating_point` refuses the law for a vehicle of another.
 
     Returns
     -------

@@ -22,8 +22,7 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
 
-RIG_WHEEL_LOAD = 34_500.0
-"""Wheel load, N, at which the published parameters were identified ([Park2008] Table 1)."""
+RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 
 
 class ReferenceSlip(Record):
@@ -45,23 +44,13 @@ class Kink:
 class Statement:
     """A law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
 
-    Attributes
-    ----------
-    force : Expr
-        Adhesion force Fa, N; has the sign of sigma at rest.
-    state_rate : Expr or None
-        z', m/s; None for a static law.
-    steady_state : Expr or None
-        z at rest (z' = 0) as a function of sigma, in closed form; None for a static law.
-    functions : mapping
-        Numeric counterpart "module:function" of each SymPy function the law defines, by class name.
-    sigma_limit : Expr or None
-        Slip velocity, m/s, that |sigma| must stay below; None where the equations hold for every sigma.
-    state_limit : Expr or None
-        Largest |z|, m, that slip can build up from no deflection: the supremum of |steady_state|, which a state with
-        z' = sigma - |sigma| z/|steady_state| never passes ([CanudasDeWit1995]); None for a static law.
-    parts : mapping
-        Sub-expressions by name, in order, which generated code computes beforehand so that it can be read.
+    force: Fa, N; has the sign of sigma at rest. state_rate, steady_state: z', m/s, and z at rest as a function of
+    sigma, in closed form; None for a static law. functions: numeric counterpart "module:function" of each SymPy
+    function the law defines, by class name. sigma_limit: slip velocity, m/s, that |sigma| must stay below; None where
+    the equations hold for every sigma. state_limit: largest |z|, m, that slip can build up from no deflection: the
+    supremum of |steady_state|, which a state with z' = sigma - |sigma| z/|steady_state| never passes
+    ([CanudasDeWit1995]); None for a static law. parts: sub-expressions by name, in order, which generated code computes
+    beforehand so that it can be read.
     """
 
     force: Any
@@ -152,12 +141,8 @@ class AdhesionLaw(Record):
         """SymPy symbols of the parameters, in order; positive where the field must be."""
         import sympy as sp
 
-        return tuple(
-            sp.Symbol(name, positive=True)
-            if _is_positive(cls.model_fields[name].metadata)
-            else sp.Symbol(name, real=True)
-            for name in cls.parameter_names()
-        )
+        bounds = ((name, cls.model_fields[name].metadata) for name in cls.parameter_names())
+        return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
         """Value, SI, and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""

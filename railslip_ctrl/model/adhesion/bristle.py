@@ -11,8 +11,7 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import RIG_WHEEL_LOAD, AdhesionLaw, ReferenceSlip, Statement, check_published_range
 
-REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
-"""[Park2008] p. 55."""
+REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)  #: [Park2008] p. 55
 
 
 class Bristle(AdhesionLaw):

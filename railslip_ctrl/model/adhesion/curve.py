@@ -15,8 +15,7 @@ from railslip_ctrl.model.vehicle import Rail
 from .base import AdhesionLaw, Statement, check_published_range
 from .bristle import REFERENCE, published_coefficients
 
-SLIP_ACCELERATION = 2.93
-"""R, m/s^2, of the ramp: 10.55 km/h/s, which gives the published peak at v0 = 100 km/h."""
+SLIP_ACCELERATION = 2.93  #: R, m/s^2, of the ramp: 10.55 km/h/s, which gives the published peak at v0 = 100 km/h
 
 
 class Curve(AdhesionLaw):

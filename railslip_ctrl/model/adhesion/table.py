@@ -18,11 +18,8 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 
-MOST_KNOTS = 1000
-"""Rows of a table; an adhesion curve has a few dozen."""
-
-WET_FACTOR = 0.5
-"""As of the other laws, the adhesion on wet rail is half of that on dry rail."""
+MOST_KNOTS = 1000  #: rows of a table; an adhesion curve has a few dozen
+WET_FACTOR = 0.5  #: as of the other laws, the adhesion on wet rail is half of that on dry rail
 
 
 class LookupTable(AdhesionLaw):

@@ -37,7 +37,7 @@ from .style import (
 )
 
 if TYPE_CHECKING:  # it loads the simulation
-    from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
+    from railslip_ctrl.identification.virtual_rig import BrakeTrial, TradeOff
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,103 @@
+"""A slip controller that is told neither rail nor mass nor curve: from the vehicle to gains, margins and stops.
+
+The published vehicle, SI. Its gains follow from wheel and brake by rules; is the loop that they close robust at the
+slip that it comes to, with every tolerance, and how far from the bound does it stop? The parts and their equations are
+on the page "A controller that seeks the peak" of the theory.
+
+    python designs/seeking.py [FOLDER for the picture]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import railslip_ctrl as rs
+from railslip_ctrl import bound, plots
+
+VEHICLE = rs.PARK2008
+ENVELOPE = rs.Envelope(VEHICLE, speeds=(20, 60, 100))  # it hands over below 13 km/h
+LAWS, RAILS = ("curve", "bristle", "beam"), ("dry", "wet")
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One stop from 100 to 5 km/h, empty: distances in m, and the highest slip.
+
+    bound: what no controller of this brake beats, as if slip took no time; attainable: a stop without noise of one who
+    knows the rail; distance: of the seeking controller.
+    """
+
+    law: str
+    rail: str
+    bound: float
+    attainable: float
+    distance: float
+    max_slip: float
+
+
+@dataclass(frozen=True)
+class Design:
+    """The controller, its judgement over the envelope, the certificate of its worst operating point, its stops."""
+
+    control: rs.SeekingControl
+    judgement: rs.Judgement
+    certified_ms: tuple[float, float]
+    rows: tuple[Row, ...]
+
+
+def run() -> Design:
+    """From the vehicle to the table."""
+    # 1. The gains: kappa 0.134/theta, torque time 0.58 theta, observer 0.34 theta, deceleration 0.52 theta.
+    control = rs.seeking_control(VEHICLE)
+    # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
+    judgement = rs.judge(control, ENVELOPE)
+    # 3. What is certain of the worst one, in balls.
+    certificate = judgement.worst.loop.certificate()
+    # 4. Stops on rails that it is not told, against the bound and what is attainable with its largest torque.
+    rows = tuple(braked(control, law, rail) for law in LAWS for rail in RAILS)
+    return Design(control, judgement, certificate.ms, rows)
+
+
+def braked(control: rs.SeekingControl, law: str, rail: str) -> Row:
+    """One stop."""
+    scenario = rs.stop(VEHICLE, rail, adhesion=law)
+    limited = scenario.with_changes(limits=rs.BrakeLimits(torque_max=control.torque_high))
+    stopped = rs.simulate(limited, control, seed=SEED)
+    least, had = bound.clairvoyant_stop(limited), bound.attainable_stop(limited)
+    distances = least.braking_distance, had.braking_distance, stopped.braking_distance
+    return Row(law, rail, *distances, stopped.max_slip)
+
+
+def main() -> None:
+    """Print the way from the vehicle to the table; with a folder, draw the worst Ms."""
+    design = run()
+    gains = design.control.gains
+    print(
+        f"Dead time {gains.dead_time:g} s, lag {gains.lag:g} s, J {gains.inertia:g} kg m^2, "
+        f"r {VEHICLE.wheel.radius:g} m:"
+    )
+    print(f"  kappa {gains.kappa:.4g} 1/s, torque time {gains.torque_time:.4g} s, observer {gains.observer_time:.4g} s")
+    print(design.judgement)
+    print(f"Worst operating point, certified: Ms in [{design.certified_ms[0]:.10f}, {design.certified_ms[1]:.10f}]")
+    print("law      rail   bound   attainable   seeking   over it   highest slip")
+    for row in design.rows:
+        over = 100 * (row.distance / row.attainable - 1)
+        print(
+            f"{row.law:8} {row.rail:4} {row.bound:7.1f} {row.attainable:12.1f} {row.distance:9.1f} {over:8.1f} %"
+            f" {row.max_slip:12.2f}"
+        )
+    if len(sys.argv) > 1:
+        draw(design, Path(sys.argv[1]))
+
+
+def draw(design: Design, folder: Path) -> None:
+    """Worst Ms over speed and load."""
+    folder.mkdir(parents=True, exist_ok=True)
+    plots.save_figure(design.judgement.map.plot(), folder / "seeking_map.png")
+
+
+if __name__ == "__main__":
+    main()
