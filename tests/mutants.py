@@ -142,7 +142,7 @@ EQUIVALENT = {
     r"axis=-1\).*=> .*axis=\(\+1\)": "of two dimensions",
     r"_reference_frequency \* np.array": "any gain of the plant's size is a scale",
     r"=> .*_sign_at_origin / far": "the sign alone counts",
-    r"zeros.size \+ \(8\)|linspace\(\(1.0\), 1.5 \* needed": "a bound, as good if larger",
+    r"zeros.size \+ \(8\)|_integrated \* \(\(3\)|linspace\(\(1.0\), 1.5 \* needed": "a bound, as good if larger",
     r"np.maximum\(low, 1.0\)": "a start, stepped out",
     r"=> .*(bound \* \(\(1 - 1e-12|\(1\.000000000001\)|\*\* -\(25\))": "rounding upwards, far below the bound",
     r"=> .*range\(\(30\)\)": "16^30 is as far as any frequency",
