@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,11 +21,13 @@ NO_ADHESION = Curve(alpha=1e-20, beta=0.0475, gamma=41.5, v0=100 / 3.6, referenc
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward")
+    return LinearControl(
+        PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward", tracking_time=math.inf
+    )
 
 
 def pi(kp: float, ki: float = 0.0, *, slip: float = 0.132, **fields: object) -> LinearControl:
-    as_built_in = {"period": None, "rule": "backward", **fields}
+    as_built_in = {"period": None, "rule": "backward", "tracking_time": math.inf, **fields}
     return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **as_built_in)  # type: ignore[arg-type]
 
 

@@ -59,14 +59,18 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
 PUBLISHED = published_reference("bristle")
 AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
 IN_FEW_WORDS = {
-    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(
-        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None, **AS_BEFORE
-    ),
+    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, **AS_BEFORE),
     'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
         PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5, **AS_BEFORE
     ),
     'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
-        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01, tracking_time=None, rule="tustin"
+        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01
+    ),
+    'kind = "state-space"\na = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]': LinearControl(
+        StateSpaceController(((0.0, 1.0), (-1.0, -2.0)), (0.0, 1.0), (3.0, 4.0), 5.0), PUBLISHED, "state-space", 0.01
+    ),
+    'kind = "state-space"\nA = -1\nB = 2\nC = 3': LinearControl(
+        StateSpaceController(((-1.0,),), (2.0,), (3.0,)), PUBLISHED, "state-space", 0.01
     ),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
@@ -77,7 +81,6 @@ IN_FEW_WORDS = {
         PUBLISHED,
         torque_low=0.5,
         torque_high=2.0,
-        tracking_time=None,
         **AS_BEFORE,
     ),
     'kind = "slide-protection"': SlideProtection(PUBLISHED),
@@ -108,6 +111,10 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0, 0.0]\nden = [1.0]', "not proper"),
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
+        ('kind = "state-space"\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]', "A: give its rows"),
+        ('kind = "state-space"\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0', "B: is not of one input"),
+        ('kind = "state-space"\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]', "C: is not of one input"),
+        ('kind = "state-space"\nA = 1.0\na = 1.0\nB = 1.0\nC = 1.0', "in both cases"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
         ("kind = 3", "kind: 3 is not one"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_hi = 1.0', "period, reference, torque_min, torque_max, anti_windup"),

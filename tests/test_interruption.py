@@ -59,21 +59,37 @@ def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="as above")
-def test_processes_end_with_the_one_that_started_them_and_a_report_leaves_nothing(tmp_path: Path) -> None:
+def test_processes_end_with_the_one_that_started_them() -> None:
     command = started("-c", WORK.format(wait=True))
     assert command.stdout is not None
     assert command.stdout.readline() == "begun\n"
     command.kill()
     command.communicate(timeout=ENDED)
 
+
+@pytest.mark.skipif(os.name != "posix", reason="as above")
+@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)])
+def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(
+    tmp_path: Path, send: Callable[[int, int], None], number: int
+) -> None:
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
     assert command.stderr is not None
     assert "the best design" in command.stderr.readline()
-    os.killpg(command.pid, signal.SIGINT)
+    send(command.pid, number)
     out, err = command.communicate(timeout=ENDED)
     lines = [line for line in err.splitlines() if " s  " not in line]  # progress
     assert (command.returncode, out, lines) == (130, "", ["railslip: interrupted"])
     assert not list(tmp_path.iterdir())
+
+
+def test_a_script_that_starts_processes_as_it_is_imported_is_told(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    start = "from railslip_ctrl.core.processes import processes\n"
+    script.write_text(f"{start}with processes(1) as submit:\n    print(submit(abs, -3).result())\n")
+    out, err = started(str(script)).communicate(timeout=ENDED)
+    assert out == ""
+    assert 'put the call under if __name__ == "__main__":' in err.splitlines()[-1]
+    assert err.count("Traceback") == 1  # of the script, not of the process
 
 
 def test_an_interruption_waits_for_the_last_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

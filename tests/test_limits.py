@@ -250,6 +250,37 @@ def test_margins_equal_those_of_the_dead_time_loop(loop):
     assert_same_margins(m, delayed(loop).margins(), 1e-8)
 
 
+def assert_same_enclosures(one, other):
+    """Of one loop by roots of its polynomials and by parts of the axis: they meet, as wide as promised."""
+    assert (one.stable, one.unstable_poles) == (other.stable, other.unstable_poles)
+    assert len(one.gain_crossovers) == len(other.gain_crossovers)
+    pairs = list(zip(one.gain_crossovers, other.gain_crossovers, strict=True))
+    names = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt") if one.stable else ()
+    pairs += [(getattr(one, name), getattr(other, name)) for name in names]
+    for (low, high), (least, most) in pairs:
+        room = 1e-12 * abs(high) if math.isfinite(high) else 0.0  # coefficients made from roots are rounded
+        assert most - least <= 1.01e-9 * abs(most) or least == most
+        assert low - room <= most
+        assert least <= high + room
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.filter_too_much])
+@given(random_loops())
+@example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.1))
+@example(DeadTimeLoop(Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6), 0.15))
+@example(DeadTimeLoop(Rational(np.array([-0.5, -0.7]), np.array([0.0, 0.0, 0.25, -4]), 20.0), 0.15))
+def test_certificates_by_parts_of_the_axis_meet_those_by_polynomials(loop):
+    assume(loop.dead_time > 0 and not loop.root_count.marginal and loop.system.gain != 0)
+    assume(np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles[loop.system.poles != 0].real != 0))
+    roots = np.concatenate([loop.system.zeros, loop.system.poles[loop.system.poles != 0]])
+    assume((np.abs(roots[:, None] - roots) + 9 * np.eye(roots.size)).min(initial=9) > 1e-2)
+    assume(np.all(np.abs(loop.system.log_slope(loop.gain_crossovers).real) > 1e-3))
+    if loop.is_stable():
+        m = loop.margins()
+        assume(m.gain_decrease < 0.999 and 1.001 < m.gain_increase < 1e6)
+    assert_same_enclosures(loop.certificate(), delayed(loop).certificate())
+
+
 def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
     # oracles: 1.2 (8 s + 1)/(8 s) 1/(s - 0.25) exp(-0.15 s)/(0.6 s + 1)
     system = Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6)
@@ -289,12 +320,14 @@ def test_poles_on_the_axis_are_not_stable():
         loop.margins()
 
 
-def test_commensurate_delays_count_as_the_product_of_their_factors():
+@pytest.mark.parametrize("delays", [(0.8, 0.8, 0.8), (0.8, 0.8 * math.sqrt(0.5), 0.3 * math.pi)])
+def test_delays_commensurate_or_not_count_as_the_product_of_their_factors(delays):
     # (s + 1 + 0.5 q)(s - 0.3 + q)(s + 0.2 + 3 q): each factor counted as a dead-time loop of its own
     product, expected = QuasiPolynomial([[1.0]], 0.8), 0
-    for constant, weight in ((1.0, 0.5), (-0.3, 1.0), (0.2, 3.0)):
-        product = product.times([1.0, constant]) + product.times([weight], power=1)
-        expected += DeadTimeLoop(Rational(np.array([]), np.array([-constant]), weight), 0.8).root_count.right
+    for constant, weight, delay in ((1.0, 0.5, delays[0]), (-0.3, 1.0, delays[1]), (0.2, 3.0, delays[2])):
+        late = QuasiPolynomial([[0.0], *product.times([weight]).terms], [0.0, *(x + delay for x in product.delays)])
+        product = product.times([1.0, constant]) + late
+        expected += DeadTimeLoop(Rational(np.array([]), np.array([-constant]), weight), delay).root_count.right
     assert product.count_right().right == expected == 2
     s = 0.3 + 1.1j
     difference = (product(s + 1e-6) - product(s - 1e-6)) / 2e-6
@@ -302,6 +335,18 @@ def test_commensurate_delays_count_as_the_product_of_their_factors():
 
 
 # -- Smith predictors ---------------------------------------------------------------------------------------------
+
+
+def test_certificate_of_a_smith_predictor_has_the_mt_of_its_loop_without_dead_time():
+    """With a stable plant T = T0 exp(-tau s), T0 that of C0 G, whose certificate is by roots of polynomials."""
+    plant, controller = real([-3.0], [-0.4, -1.1, -6.0], 5.0), real([-0.7], [0.0], 1.6)
+    loop = smith_predictor(plant, 0.35, controller).loop
+    found, nominal = loop.certificate(), DeadTimeLoop(plant * controller, 0.0).certificate()
+    assert found.stable
+    assert found.mt[0] <= nominal.mt[1] * (1 + 1e-12)  # of the coefficients
+    assert nominal.mt[0] <= found.mt[1] * (1 + 1e-12)
+    for factor in (found.gain_increase[0] * (1 - 1e-9), found.gain_increase[1] * (1 + 1e-9)):
+        assert loop.scaled(factor).is_stable() == (factor < found.gain_increase[0])
 
 
 @pytest.mark.parametrize("rail", list(Rail))
@@ -470,7 +515,6 @@ def observed(plant, feedback, observer=OBSERVER):
         (lambda g: QuasiPolynomial([[1.0, np.inf]], 0.1), "not finite"),
         (lambda g: QuasiPolynomial([[1.0, 0.0]], -0.1), "delay"),
         (lambda g: QuasiPolynomial([[1.0, 0.0], [0.5, 0.0]], 0.1).count_right(), "neutral"),
-        (lambda g: DelayedRatio(QuasiPolynomial([[1.0]], 0.1), QuasiPolynomial([[1.0]], 0.2)), "differ"),
         (lambda g: DelayedLoop(DelayedRatio(*[QuasiPolynomial([[1.0, 1.0]], 0.1)] * 2)), "tend to 0"),
         (lambda g: smith_predictor(g, -0.1, PI_LEAD), "dead time: -0.1 s"),
         (lambda g: smith_predictor(real([], []), 0.1, real([], [])), "strictly proper"),

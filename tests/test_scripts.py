@@ -127,6 +127,23 @@ def test_own_controller(tmp_path, capsys, monkeypatch):
     assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
 
 
+@pytest.mark.long
+def test_seeking_campaign(capsys, monkeypatch):
+    module = script("analysis/seeking_campaign.py")
+    stops = module.run((50, 51))
+    believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
+    assert np.median([stop.over for stop in believed]) < 7.0
+    assert max(stop.over for stop in believed) < 13.0
+    assert not any(stop.locked_at_kmh for stop in believed)
+    assert not any(stop.locked_at_kmh > 5 for stop in stops if stop.law in ("curve", "bristle", "beam"))
+    steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
+    assert np.median(steep) < 12.0  # 35 where the end of the start does not set the reference slip
+    monkeypatch.setattr(module, "run", lambda seeds: stops)
+    monkeypatch.setattr(sys, "argv", ["seeking_campaign.py", "2", "50"])
+    module.main()
+    assert capsys.readouterr().out.count("\n") == 3 * 7 + 1 + 25 + 2
+
+
 def test_pade_order(capsys):
     module = script("analysis/pade_order.py")
     result = module.run()

@@ -30,7 +30,8 @@ from railslip_ctrl.simulation.step_objects import StepControl, as_control
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
-BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, name="built-in", rule="backward")
+DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
+BUILT_IN = LinearControl(DESIGN, REFERENCE, name="built-in", rule="backward", tracking_time=math.inf)
 
 
 def as_run(controller: object, name: str | None = None) -> object:
@@ -180,6 +181,24 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
     assert again.fingerprint == campaign.fingerprint
 
 
+@pytest.mark.parametrize(("lasts", "kept"), [(0, 0), (1, 0), (3, 2)])  # the first run is for the kernel
+def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, lasts, kept):
+    class Failing(PI):
+        runs = 0
+
+        def reset(self, t: float, v: float, omega: float) -> None:
+            super().reset(t, v, omega)
+            Failing.runs += 1
+            if Failing.runs > lasts:
+                raise RuntimeError("no more")
+
+    failing = Campaign(SCENARIO.with_changes(longest_time=0.1, events=()), (Failing(),), 8)
+    with pytest.raises(InputError, match=r"test_step_objects.py, line \d+: reset .* no more; mend the file"):
+        execute(failing, tmp_path / "made" / "for it", workers=1, part_runs=1)
+    assert len(list(tmp_path.rglob("*.parquet"))) == kept
+    assert bool(list(tmp_path.iterdir())) == bool(kept)
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
 def test_a_dask_cluster_runs_them(tmp_path, campaign):
@@ -311,6 +330,9 @@ class Linear:
     def linear(self, point):
         return self.made(self, point)
 
+class Stepped(Linear, Timed):
+    pass
+
 class Narrow:
     def linear(self):
         return 1.0
@@ -338,9 +360,14 @@ ALONE = "is known by its step alone and has no margins"
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
         ("Linear(lambda s, p: 'pi')", "mine.py, line 12: what linear gives is refused: controller: str", None),
-        ("Linear(lambda s, p: p.none)", "mine.py, line 26: linear fails with AttributeError: 'OperatingPoint'", None),
-        ("Narrow()", "mine.py, line 16: linear cannot be called with (operating_point): Narrow.linear() takes", None),
-        ("Forgetful()", ALONE, "mine.py, line 20: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
+        (
+            "Stepped(lambda s, p: None)",
+            "mine.py, line 12: what linear gives is refused: controller: None",
+            None,
+        ),
+        ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
+        ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
+        ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
     ],
 )
 def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
@@ -352,7 +379,8 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):
         run = "has no step to run by; give it step(t, v, omega)"
-    for told, ask in ((margins, lambda: judge(mine, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
+    judged = StepControl(mine, REFERENCE) if run is None else mine  # as a command makes it of a file
+    for told, ask in ((margins, lambda: judge(judged, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
         if told is None:
             ask()
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -9,13 +10,12 @@ from typing import NoReturn
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; errors, and an interruption at any time, are one line on standard error."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing stays behind
     try:
         from .program import run
 
         run(arguments)
     except KeyboardInterrupt:
-        import signal
-
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends already
         print("\n" * sys.stderr.isatty() + "railslip: interrupted", file=sys.stderr)  # a terminal has shown ^C
         sys.exit(130)

@@ -15,6 +15,7 @@ from railslip_ctrl.design.assessment import assess
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.tuning import FILTER_RATIO
 from railslip_ctrl.loop.sampled import SampledLoop
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
@@ -71,9 +72,9 @@ def command(
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI or any linear controller, the dead time exact (of a discrete
-    one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit status 1 if a
-    loop (of an envelope: at an operating point) is unstable, 2 for bad input.
+    """Stability margins of the wheel-slip loop with a PI, any linear controller or the seeking one, the dead time exact
+    (of a discrete one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit
+    status 1 if a loop (of an envelope: at an operating point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
@@ -90,7 +91,8 @@ def command(
             raise InputError("--certify: goes with operating points; leave --envelope out")
         judged = cases.envelope(envelope)
         if controller is not None:
-            given = given_controller(controller, judged.points(nominal=True).plants[0].point, gains)
+            point = judged.points(nominal=True).plants[0].point
+            given = given_controller(controller, point, gains, judged.reference)
         judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         if as_json:
             print_json(judgement_json(judgement))
@@ -124,12 +126,13 @@ def _tell_hand_over(controller: Any, points: list[OperatingPoint]) -> None:
         warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
 
 
-def given_controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
-    """The controller of `--controller`, for the vehicle of a point."""
-    from railslip_ctrl.model.adhesion import ReferenceSlip
+def given_controller(
+    text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
+) -> Any:
+    """The controller of `--controller`, for the vehicle of a point; `reference` where it has none, or the law's."""
     from railslip_ctrl.simulation.catalogue import controller_named, default_column
 
-    held = point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
+    held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if is_controller_file(text):
         if gains is not None:
             raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")

@@ -14,6 +14,7 @@ import click
 from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report import check_directory, write_files
@@ -27,7 +28,7 @@ from railslip_ctrl.report.design_report import (
 from railslip_ctrl.report.document import WIDTH, width
 from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.page import page
-from railslip_ctrl.report.recommendation import DesignReport, design_report
+from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
 
 from .margins import given_controller
 from .options import (
@@ -88,9 +89,10 @@ def command(
     fresh: bool,
 ) -> None:
     """The slip controller to take for a vehicle: the best over its envelope of speeds, rails, loads and tolerances,
-    from which speed it may be used, how it brakes, and why. Given gains, or a linear controller of your own, are judged
-    and run beside it. report.html begins with what is read in a minute; recommended.toml is the design, as simulate and
-    margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to.
+    from which speed it may be used, how it brakes, and why. Given gains, or a controller of your own, are run beside
+    it, and judged where they have margins. report.html begins with what is read in a minute; recommended.toml is the
+    design, as simulate and margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that
+    cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -101,9 +103,10 @@ def command(
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
     plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
-    given = _given(controller, chosen_gains(kp, ki), plant.point)
+    given = _given(controller, chosen_gains(kp, ki), plant.point, judged.reference)
     for one in given.values():
-        wheel_slip_loop(plant, one)  # refuses what has no margins
+        if not no_margins(one):
+            wheel_slip_loop(plant, one)  # refuses what is not linear there
     with claimed(out):
         found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
         files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)
@@ -115,10 +118,12 @@ def command(
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _given(controller: str | None, gains: PIGains | None, point: OperatingPoint) -> dict[str, Any]:
-    """The user's own controllers by name, for the vehicle of a point."""
+def _given(
+    controller: str | None, gains: PIGains | None, point: OperatingPoint, reference: ReferenceSlip | None
+) -> dict[str, Any]:
+    """The user's own controllers by name, for the vehicle of a point and the reference slip of the envelope."""
     if controller is not None:
-        return {Path(controller).name: given_controller(controller, point, gains)}
+        return {Path(controller).name: given_controller(controller, point, gains, reference)}
     return {} if gains is None else {"given PI": PIController(gains)}
 
 

@@ -10,13 +10,14 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
-from railslip_ctrl.design.envelope_tuning import tune_over
+from railslip_ctrl.design.envelope_tuning import SeekingDesign, seeking_over, tune_over
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design.tuning import Specification, check_structure, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.export import check_file
-from railslip_ctrl.report.text import tuning_json, tuning_text
+from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, tuning_text
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
@@ -32,8 +33,9 @@ from .settings import HELP
     "--structure",
     default="pi",
     show_default=True,
-    metavar="pi|pi-lead|pid",
-    help="PI; PI with a lead on the actuator's lag; or PID in series form, its derivative time searched too.",
+    metavar="pi|pi-lead|pid|seeking",
+    help="PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
+    "seeking controller, whose gains go by rules and are judged.",
 )
 @click.option(
     "--ms-max",
@@ -66,8 +68,9 @@ from .settings import HELP
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    metavar="FILE.toml",
-    help="Write the controller, as every command takes it with --controller.  [default: none]",
+    metavar="FILE.toml|FILE.c",
+    help="Write the controller, as every command takes it with --controller; of the seeking one also its C99 program.  "
+    "[default: none]",
 )
 @click.pass_context
 def command(
@@ -94,11 +97,12 @@ def command(
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
     specification, judgement = Specification(ms_max, phase_min, delay_min), None
+    _check_out(out, structure)
+    if structure == "seeking":
+        _check_rules(minimise_ms, phase_min, delay_min, ki_min, lead, lead_filter)
+        judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
+        _seek(ctx, seeking_over(judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(structure, specification, minimise_ms, ki_min)
-    if out is not None:
-        if out.suffix.lower() != ".toml":
-            raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml")
-        check_file(out, "--out")
     if envelope is None and cases.name_points():
         points = cases.points()
         tuned = tune_cases(
@@ -135,6 +139,31 @@ def command(
     else:
         print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)
+
+
+def _check_out(out: Path | None, structure: str) -> None:
+    if out is not None:
+        if out.suffix.lower() not in ((".toml", ".c") if structure == "seeking" else (".toml",)):
+            either = " or, with --structure seeking, FILE.c" if out.suffix.lower() == ".c" else ""
+            raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml{either}")
+        check_file(out, "--out")
+
+
+def _check_rules(minimise_ms: bool, *given: float | None) -> None:
+    if minimise_ms or any(one is not None for one in given):
+        raise InputError("--structure seeking: its gains go by rules; give --ms-max alone")
+
+
+def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: bool) -> None:
+    """Write and print the seeking controller, and end."""
+    if out is not None and not found.reason:
+        found.save(out)
+        progress(f"wrote {out}")
+    if as_json:
+        print_json(seeking_json(found))
+    else:
+        print_text(seeking_text, found)
+    ctx.exit(1 if found.reason else 0)
 
 
 def _check_asked(structure: str, specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from .errors import InputError
+
 if TYPE_CHECKING:
     from concurrent.futures import Future
+
+_IMPORTING = 87  # exit status of a process that could not import the script, as that starts processes itself
+_ENDING = 5.0  # s
 
 Submit: TypeAlias = "Callable[..., Future[Any]]"  #: takes a function and its arguments
 
@@ -25,11 +31,14 @@ def cpu_count() -> int:
 def processes(count: int) -> Iterator[Submit]:
     """Pool of at most `count` processes, each started when there is work for it; yields what submits work.
 
-    Only this process is interrupted; the others end with it, or when an exception leaves the context.
+    Only this process is interrupted; the others end with it, or when an exception leaves the context. InputError where
+    a script calls this as it is imported: each process imports it again.
     """
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import active_children, get_context
+    from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+    from multiprocessing import active_children, current_process, get_context
 
+    if getattr(current_process(), "_inheriting", False):  # one that is yet to import the script may start none
+        sys.exit(_IMPORTING)
     # new ones, not copies: a copy of a process with threads may hang
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_follow)
     started = set()
@@ -43,9 +52,16 @@ def processes(count: int) -> Iterator[Submit]:
 
     try:
         yield submit
-    except BaseException:
+    except BaseException as error:
         for process in started:
+            if isinstance(error, BrokenExecutor):  # it ends, with a status of its own
+                process.join(_ENDING)
             process.terminate()
+        if any(process.exitcode == _IMPORTING for process in started):
+            raise InputError(
+                "the script starts processes, which run it again as they import it; put the call under if __name__ == "
+                '"__main__":'
+            ) from None
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

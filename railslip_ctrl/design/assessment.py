@@ -26,11 +26,11 @@ from railslip_ctrl.model.vehicle import (
 )
 
 from .controllers import (
-    LinearController,
     PIController,
     actuated_plant,
     linear_controller,
     loop_as_run,
+    seeking_of,
     wheel_slip_loop,
 )
 from .limits import Limits, fundamental_limits
@@ -66,12 +66,12 @@ class Assessment:
         Name of the controller.
     plant, controller, actuator
         What the loop is of, SI.
-    loop : DeadTimeLoop or SampledLoop
-        The latter of a discrete controller.
+    loop : DeadTimeLoop, SampledLoop or DelayedLoop
+        The second of a discrete controller, the last of one with delays in it, such as a seeking one.
     limits : Limits
         What no controller can beat.
     closed_loop_poles : array, 1-D
-        The rightmost, 1/s.
+        The rightmost, 1/s; none of a `DelayedLoop`.
     margins : Margins or None
         None of an unstable loop.
     pade : tuple of PadeRow
@@ -84,7 +84,7 @@ class Assessment:
 
     label: str
     plant: LinearPlant
-    controller: LinearController
+    controller: Any
     actuator: Actuator
     loop: Any
     limits: Limits
@@ -186,7 +186,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         An argument of another kind, or a number of poles out of its range.
     """
     number("poles", poles, ge=1, le=MOST_POLES)
-    design = linear_controller(controller, plant.point)
+    design = seeking_of(controller) or linear_controller(controller, plant.point)
     loop = wheel_slip_loop(plant, design, actuator)
     margins = loop.margins() if loop.is_stable() else None
     run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
@@ -202,30 +202,31 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         as_run=run,
         sampled=run.margins() if run is not None and run.is_stable() else None,
         closed_loop_poles=_poles_found(loop, poles),
-        pade=() if isinstance(loop, SampledLoop) else tuple(_pade_row(loop, order) for order in PADE_ORDERS),
+        pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS) if isinstance(loop, DeadTimeLoop) else (),
     )
 
 
-def _poles_found(loop: DeadTimeLoop | SampledLoop, count: int) -> NDArray[np.complex128]:
-    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one.
+def _poles_found(loop: Any, count: int) -> NDArray[np.complex128]:
+    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one, and
+    none is looked for with delays inside the controller.
 
     Those of a sampled loop by s = ln(z)/h, but for z = 0, which decays at once.
     """
     if isinstance(loop, SampledLoop):
         z = loop.closed_loop_poles(count)
         return np.asarray(np.log(z[z != 0]) / loop.period)
-    for asked in range(count, 0, -1):
+    for asked in range(count if isinstance(loop, DeadTimeLoop) else 0, 0, -1):
         try:
-            return loop.closed_loop_poles(asked)
+            return np.asarray(loop.closed_loop_poles(asked))
         except (SpectrumError, InputError):
             continue
     return np.array([], dtype=np.complex128)
 
 
-def _verdict(margins: Margins | None, controller: LinearController) -> Verdict:
+def _verdict(margins: Margins | None, controller: Any) -> Verdict:
     if margins is None:
         return Verdict.UNSTABLE
-    if controller.transfer_function.gain == 0:  # Ms is 1: of nothing
+    if seeking_of(controller) is None and controller.transfer_function.gain == 0:  # Ms is 1: of nothing
         return Verdict.NO_FEEDBACK
     return Verdict.ROBUST if is_robust(margins.ms) else Verdict.FRAGILE
 

@@ -22,12 +22,14 @@ from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop.quasi import DelayedLoop
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, PIGains
 
 from .difference import linear_step
+from .seeking import SeekingGains, seeking_loop
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -256,6 +258,12 @@ def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearCo
     )
 
 
+def seeking_of(controller: Any) -> SeekingGains | None:
+    """The gains of a seeking controller, by which its loop goes; None of any other."""
+    found = inspect.getattr_static(controller, "gains", controller)
+    return found if isinstance(found, SeekingGains) else None
+
+
 def is_function(thing: Any) -> bool:
     """Whether it is called itself: a function, a method, or Numba's."""
     return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
@@ -338,21 +346,22 @@ def wheel_slip_loop(
 @checked
 def wheel_slip_loop(
     plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None
-) -> DeadTimeLoop | SampledLoop:
-    """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact.
+) -> DeadTimeLoop | SampledLoop | DelayedLoop:
+    """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact; of one that
+    seeks the peak its inner loop, `seeking.seeking_loop`.
 
     Parameters
     ----------
     plant : LinearPlant or OperatingPoint
         P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
-    controller : linear system
+    controller : linear system, or the seeking controller
         C, from slip error e = lambda_d v - sigma (m/s) to torque (N*m): see `linear_controller`.
     actuator : Actuator, optional
         Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
 
     Returns
     -------
-    DeadTimeLoop | SampledLoop
+    DeadTimeLoop | SampledLoop | DelayedLoop
         L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
 
     Raises
@@ -363,6 +372,8 @@ def wheel_slip_loop(
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)
     actuator = plant.point.vehicle.actuator if actuator is None else actuator
+    if (gains := seeking_of(controller)) is not None:
+        return seeking_loop(plant.point, gains, actuator)
     design = controller if isinstance(controller, Rational) else linear_controller(controller, plant.point)
     if isinstance(design, PolynomialController | StateSpaceController) and design.period is not None:
         return SampledLoop(design.transfer_function, actuated_plant(plant, actuator), actuator.dead_time, design.period)
@@ -695,7 +706,7 @@ def sampled_loop(
     controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
     """The wheel-slip loop with a discrete controller, exact; `computation` (s) adds to the actuator's dead time."""
-    extra = _computation(computation)
+    extra = number("computation", computation, "s", ge=0)
     return SampledLoop(
         controller.transfer_function, actuated_plant(plant, actuator), actuator.dead_time + extra, controller.period
     )
@@ -720,7 +731,11 @@ def sampled_peak(loop: SampledLoop) -> float:
     poles = loop.closed_loop_poles()
     rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
     low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
-    omega = np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0])
+    return peak_near(loop, np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0]))
+
+
+def peak_near(loop: Any, omega: Floats) -> float:
+    """The highest |S| on a grid of frequencies, rad/s, looked at ever more closely."""
     for _ in range(_CLOSER):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))
@@ -736,7 +751,7 @@ def continuous_equivalent(
 
     Agrees with `sampled_loop` to the order of h squared ([Astrom1997] 8 replaces the hold by this delay).
     """
-    delay = actuator.dead_time + controller.period / 2 + _computation(computation)
+    delay = actuator.dead_time + controller.period / 2 + number("computation", computation, "s", ge=0)
     return DeadTimeLoop(controller_system(controller.design) * actuated_plant(plant, actuator), delay)
 
 
@@ -775,14 +790,10 @@ def suggested_period(margins: Margins, *, share: float = 0.1, computation: float
         raise InputError(f"share: {share:g} is not allowed; give a value > 0 and < 1")
     if not math.isfinite(margins.delay_s):
         raise InputError("period: the delay margin is unbounded and sets none; choose it from the signals' bandwidth")
-    period = 2 * (share * margins.delay_s - _computation(computation))
+    period = 2 * (share * margins.delay_s - number("computation", computation, "s", ge=0))
     if period <= 0:
         raise InputError(
             f"computation: {computation:g} s is not allowed with a share of {share:g}; give less than "
             f"{share * margins.delay_s:.3g} (s), or a larger share"
         )
     return period
-
-
-def _computation(time: float) -> float:
-    return number("computation", time, "s", ge=0)

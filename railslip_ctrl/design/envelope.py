@@ -18,7 +18,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -42,6 +42,8 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, with_laws_beside
 
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]
+HeldSlip = Callable[[AdhesionLaw, float, float], float]
+"""The slip ratio held on a rail, from its law, the train's speed, m/s, and the wheel load, N."""
 
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more would fill memory: the default has 2592
@@ -137,14 +139,14 @@ class Envelope(Record):
             "initial_speed": self.initial_speed,
         }
 
-    def points(self, *, nominal: bool = False) -> EnvelopePoints:
+    def points(self, *, nominal: bool = False, held: HeldSlip | None = None) -> EnvelopePoints:
         """Its cases, in the order rails, laws, loads, speeds, radii, slips, dead times, lags.
 
-        `nominal` asks for the operating points alone. What has no linear plant (outside the law's domain, or a kink)
-        is left out, with the reason. InputError where nothing is left, a law cannot be had, or it has no reference
-        slip and none is given.
+        `nominal` asks for the operating points alone, `held` for another slip than the reference. What has no linear
+        plant (outside the law's domain, or a kink) is left out, with the reason. InputError where nothing is left, a
+        law cannot be had, or it has no reference slip and none is given.
         """
-        return _points(self, nominal)
+        return _points(self, nominal, held)
 
     def knife_edges(self) -> tuple[str, ...]:
         """A sentence for each law and rail whose reference slip is within 5 % of the adhesion peak, at some speed.
@@ -334,7 +336,7 @@ class EnvelopePoints:
         )
 
 
-def _points(envelope: Envelope, nominal: bool) -> EnvelopePoints:
+def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> EnvelopePoints:
     car = envelope.vehicle
     # a factor of 1 that is not among those given belongs to the operating points alone
     lags, dead_times, radii, slips = (
@@ -358,7 +360,8 @@ def _points(envelope: Envelope, nominal: bool) -> EnvelopePoints:
     skipped = []
     for (rail, law, load, loaded), speed, radius, slip in members:
         try:
-            plant = _plant(envelope, law, _worn(loaded, radius), speed, slip * _reference(envelope, law, rail), rail)
+            own = _reference(envelope, law, rail) if held is None else held(law, speed * KMH, loaded.wheel_load)
+            plant = _plant(envelope, law, _worn(loaded, radius), speed, slip * own, rail)
         except (DomainError, KinkError) as error:
             skipped.append(f"{law.name}, {rail}, {load}, {speed:g} km/h, slip {slip:g} times the reference: {error}")
             continue

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
@@ -32,7 +33,8 @@ from .controllers import (
     wheel_slip_loop,
 )
 from .envelope import Envelope, EnvelopePoints
-from .judging import Judgement, judge_points, margins_at
+from .judging import Judgement, judge, judge_points, margins_at
+from .seeking import SeekingGains
 from .specification import ROBUST_MS, Specification, family_margins, is_robust, worst_of
 from .tuning import FILTER_RATIO, TunedCases, tune_cases
 
@@ -70,6 +72,52 @@ class EnvelopeDesign(PIController):
         designed.tuned_control(self, name=Path(path).stem).save(path)
 
 
+@dataclass(frozen=True)
+class SeekingDesign:
+    """The seeking controller of a vehicle, its gains by rule, with its `judgement` over an envelope.
+
+    `control` is it as it brakes; `reason` why it has not the Ms asked for at the speeds that it controls, else empty.
+    """
+
+    control: Any
+    judgement: Judgement
+    reason: str = ""
+    structure: ClassVar[str] = "seeking"
+
+    @property
+    def gains(self) -> SeekingGains:
+        """Its numbers."""
+        return self.control.gains  # type: ignore[no-any-return]
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {value:.5g}" for name, value in self.gains.model_dump().items())
+        return f"{self.structure}: {told}\n{self.judgement}"
+
+    def save(self, path: str | Path) -> None:
+        """Write the TOML file that every command takes with --controller, or its C99 program to a path that ends in .c.
+
+        InputError where it cannot be written.
+        """
+        if Path(path).suffix.lower() != ".c":
+            replace(self.control, name=Path(path).stem).save(path)
+            return
+        code = import_module("railslip_ctrl.simulation.seeking_code")  # a room above this one, as above
+        code.save_c_program(self.control, self.judgement.envelope.vehicle.wheel.radius, path)
+
+
+def seeking_over(
+    envelope: Envelope, ms_max: float = ROBUST_MS, *, nominal: bool = False, period: float = PERIOD
+) -> SeekingDesign:
+    """As `tune` with the structure "seeking"; one that does not keep it is a result, with its reason."""
+    catalogue = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
+    control = catalogue.seeking_control(envelope.vehicle, period=check_period(period))
+    judgement = judge(control, envelope, nominal)
+    used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
+    worst = float(judgement.ms[used].max(initial=0.0))
+    reason = "" if worst <= ms_max else f"its gains go by rules, with which Ms is {worst:.4g}, not <= {ms_max:g}"
+    return SeekingDesign(control, judgement, reason)
+
+
 @checked
 def tune(
     envelope: Envelope,
@@ -79,15 +127,16 @@ def tune(
     lead: float | None = None,
     lead_filter: float | None = None,
     period: float = PERIOD,
-) -> EnvelopeDesign:
-    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together.
+) -> EnvelopeDesign | SeekingDesign:
+    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
+    the seeking controller, whose gains go by rules.
 
     Parameters
     ----------
     envelope : Envelope
         What the controller must hold.
     structure : str
-        "pi"; "pi-lead", with a lead at the actuator's lag; or "pid", whose derivative time is searched.
+        "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or "seeking".
     ms_max : float
         Largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are judged,
         not tuned for.
@@ -98,16 +147,23 @@ def tune(
 
     Returns
     -------
-    EnvelopeDesign
+    EnvelopeDesign | SeekingDesign
         The controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
 
     Raises
     ------
     InfeasibleDesignError
-        No gains keep it; says what is best, and from which speed (km/h) up there are some.
+        No gains keep it; says from which speed (km/h) up some do, also with less slip and a faster brake.
     InputError
         An unknown structure, a number out of its range, or an envelope without points.
     """
+    if structure == "seeking":
+        if lead is not None or lead_filter is not None:
+            raise InputError("lead: does not go with the structure 'seeking', whose gains go by rules; leave it out")
+        found = seeking_over(envelope, ms_max, period=period)
+        if found.reason:
+            raise InfeasibleDesignError(found.reason)
+        return found
     tuned, design = tune_over(
         envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter, period=period
     )
@@ -149,7 +205,7 @@ def tune_over(
         search = at_one_lead if len(plants) > _MANY else tuned_at
         tuned = replace(_for_all(search, tuned, plants, late), structure=structure)
     if tuned.design is None:
-        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(at_one_lead, plants, late)}"), None
+        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, period)])), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
@@ -244,9 +300,9 @@ def _missed(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator
     return [plants[i] for i in worst.tolist() if not met[i]]
 
 
-def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> str:
-    """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
-    speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
+def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> float | None:
+    """The speed, km/h, from which up it can be met, or None; of fewer plants more can be asked: speeds are halved."""
+    speeds = sorted({plant.point.speed_kmh for plant in plants})
 
     def feasible(speed: float) -> bool:
         above = [plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]
@@ -256,7 +312,30 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
     first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
     if first < len(speeds) and not feasible(speeds[first]):
         first = bisect_left(speeds, True, first + 1, key=feasible)
-    return "at no speed of the envelope it can" if first == len(speeds) else f"from {speeds[first]:g} km/h up it can"
+    return None if first == len(speeds) else speeds[first]
+
+
+def _what_would(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
+    """From which speed up it can be met, also with less slip and with a faster brake."""
+    brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
+    plants, slips, late = operating_plants(points), held_slips(envelope, points), _held(brake, period)
+    lowest = _feasible_from(tuned_at, plants, late)
+    yield "at no speed of the envelope it can" if lowest is None else f"from {lowest:g} km/h up it can"
+    for factor in _REMEDIES:
+        if slips is None:
+            break
+        less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
+        lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), late)
+        if lowest is not None:
+            yield f"with {factor:g} of the reference slip from {lowest:g} km/h up"
+            break
+    for factor in _REMEDIES:
+        faster = Actuator(dead_time=factor * brake.dead_time, lag=factor * brake.lag)
+        late = _held(faster, period)
+        lowest = _feasible_from(partial(tuned_at, actuator=late), plants, late)
+        if lowest is not None:
+            yield f"with dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s from {lowest:g} km/h up"
+            break
 
 
 def _meets(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> bool:
@@ -309,6 +388,7 @@ _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked a
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
 _JOINING = 8  # plants at once, of those that miss what was tuned at others
+_REMEDIES = (0.5, 0.25)  # of the reference slip, and of dead time and lag: what is tried where no gains do
 _MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
 _TIME_STEP = 0.95  # ratio of integral times that are told apart
@@ -330,7 +410,7 @@ class Choice:
 
     structure: str
     reference_factor: float
-    design: EnvelopeDesign | None
+    design: EnvelopeDesign | SeekingDesign | None
     reason: str = ""
     reach_s: float = math.inf
     stop_s: float = math.nan
@@ -360,6 +440,8 @@ class Choice:
     @property
     def words(self) -> str:
         """What it is and what its judgement says."""
+        if isinstance(self.design, SeekingDesign):
+            return f"seeking: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
         name = f"{kind}, {self.reference_factor:g} of the reference slip"
         if self.design is None or self.design.judgement is None:

@@ -17,12 +17,23 @@ from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
+from railslip_ctrl.loop.quasi import DelayedLoop
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
+from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import PIController, linear_controller, linear_of, loop_as_run, sampled_peak, wheel_slip_loop
+from .controllers import (
+    PIController,
+    linear_controller,
+    linear_of,
+    loop_as_run,
+    peak_near,
+    sampled_peak,
+    seeking_of,
+    wheel_slip_loop,
+)
 from .envelope import Case, Envelope, EnvelopePoints
 from .specification import is_robust
 
@@ -74,7 +85,7 @@ class WorstCase:
     @property
     def words(self) -> str:
         """Its Ms, also as run, and where it is."""
-        if self.as_run is None:
+        if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_words
         run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
@@ -95,7 +106,7 @@ class WorstCase:
 
 
 def _kept(margins: Margins | None) -> str:
-    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):.3g}"
+    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):g}"
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ class Judgement:
         Whether the operating points alone were judged.
     points : EnvelopePoints
         The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a discrete
-        controller all but Ms, are those of the operating points alone, NaN elsewhere.
+        controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
     """
 
     controller: Any
@@ -260,7 +271,20 @@ class Judgement:
         robust = int(np.count_nonzero([is_robust(ms) for ms in self.run_ms.tolist()]))
         lines = [self.verdict_line, f"Ms <= 2 at {robust} of {len(self.points)} points"]
         lines += [f"left out: {told}" for told in self.points.skipped]
-        return "\n".join([*lines, *self.envelope.knife_edges()])
+        return "\n".join([*lines, *self.slips_told])
+
+    @property
+    def slips_told(self) -> tuple[str, ...]:
+        """What the slips stand for that were judged at: reference slips on a knife's edge, or those that it finds."""
+        if self.envelope.reference is not None or seeking_of(self.controller) is None:
+            return self.envelope.knife_edges()
+        points = [plant.point for plant in self.points.plants]
+        found = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
+        past = sum(one.slip > peak(one.law, one.speed, one.vehicle.wheel_load).slip for one in points)
+        return (
+            f"judged at the slip that it comes to, {min(found):.3g} to {max(found):.3g} by rail and speed, and what "
+            f"the envelope has around it; {past} of {len(points)} of these plants are past the peak of adhesion",
+        )
 
     def table(self) -> dict[str, Any]:
         """The judgement for JSON, in SI but the speeds, in km/h."""
@@ -276,7 +300,7 @@ class Judgement:
             "envelope": self.envelope.table(),
             "points": len(self.points),
             "skipped": list(self.points.skipped),
-            "knife_edges": list(self.envelope.knife_edges()),
+            "knife_edges": list(self.slips_told),
         }
 
     @property
@@ -303,7 +327,8 @@ class Judgement:
         """The verdict over some cases, with the case that decides it."""
         verdict = self._verdict(cases)
         worst = self._worst(cases if verdict == "fragile" else cases & self.points.operating)
-        return f"{verdict}{' at the operating points' if self.nominal else ''}: {worst.words}"
+        told = worst.words.removeprefix("unstable at ") if verdict == "unstable" else worst.words
+        return f"{verdict}{' at the operating points' if self.nominal else ''}: {told}"
 
     def _summary(self, chosen: Flags) -> tuple[float, float]:
         stable = self.stable & chosen
@@ -357,7 +382,8 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     ----------
     controller : linear system
         From slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes it. One that has a
-        `reference` (slip ratios) is judged there, unless the envelope has its own.
+        `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such
+        as a seeking controller, at that of each law.
     envelope : Envelope
         What it must hold.
     nominal : bool
@@ -374,7 +400,10 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     InputError
         A controller without margins, or an envelope without points.
     """
-    held = getattr(controller, "reference", None)
+    held, seeking = getattr(controller, "reference", None), seeking_of(controller)
+    if envelope.reference is None and seeking is not None:
+        points = envelope.points(nominal=nominal, held=seeking.held_slip)
+        return judge_points(controller, envelope, points, nominal=nominal)
     if envelope.reference is None and isinstance(held, ReferenceSlip):
         envelope = envelope.at(reference=held)
     return judge_points(controller, envelope, envelope.points(nominal=nominal), nominal=nominal)
@@ -393,6 +422,8 @@ def margins_at(
     With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
+    if seeking_of(controller) is not None:
+        return _one_by_one(controller, points)
     used = np.unique(points.plant).tolist()
     if callable(linear_of(controller)):
         designs = [linear_controller(controller, points.plants[i].point) for i in used]
@@ -439,15 +470,21 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
     return points.plants[int(points.plant[index])], points.actuators[int(points.actuator[index])]
 
 
+def _peak(loop: DelayedLoop) -> float:
+    """Ms of a loop with delays in it, looked for from the frequencies of its root count; inf where it is unstable."""
+    return peak_near(loop, loop.characteristic.axis_nodes[0][1:]) if loop.is_stable() else math.inf
+
+
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Margins of sampled loops, which no batch has: all at the operating points, stability and Ms elsewhere."""
+    """Stability and Ms of loops that no batch has; of sampled ones all margins at the operating points."""
     found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)
         loop = wheel_slip_loop(plant, controller, actuator)
-        found["ms"][index] = sampled_peak(loop)
+        sampled = isinstance(loop, SampledLoop)
+        found["ms"][index] = sampled_peak(loop) if sampled else _peak(loop)
         found["stable"][index] = math.isfinite(found["ms"][index])
-        if points.operating[index] and found["stable"][index]:
+        if sampled and points.operating[index] and found["stable"][index]:
             margins = loop.margins()
             for name in found.keys() - {"stable"}:
                 found[name][index] = getattr(margins, name, np.nan)

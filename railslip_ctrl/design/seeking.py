@@ -5,9 +5,7 @@ It is told neither rail nor mass nor adhesion curve. Its parts are in `simulatio
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -16,9 +14,15 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
+
+FADED = 0.7
+"""Share of the reference slip that is left at the hand-over."""
+
+_SLIPS = 1001  # up to the peak, among which the slip held is looked for
 
 
 class SeekingGains(Record):
@@ -26,6 +30,8 @@ class SeekingGains(Record):
 
     InputError for a number out of its range, or slips or speeds that are not in order.
     """
+
+    structure: ClassVar[str] = "seeking"
 
     inertia: float = quantity("kg*m^2", "wheel inertia J", gt=0)
     viscous_friction: float = quantity("N*m*s", "viscous friction B", ge=0)
@@ -42,9 +48,10 @@ class SeekingGains(Record):
     start_lead: float = quantity("s", "lead on the slip that ends the fast start", ge=0)
     start_slip: float = quantity("1", "slip, with the lead, that ends the fast start", gt=0, lt=1, default=0.12)
     elasticity: float = quantity("1", "d ln Ta/d ln slip below which the fast start ends", gt=0, lt=1, default=0.18)
+    again_share: float = quantity("1", "share of the mean torque that a later start takes", gt=1, default=3.0)
 
     first_slip: float = quantity("1", "reference slip at the start", gt=0, lt=1, default=0.11)
-    least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.008)
+    least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.005)
     largest_slip: float = quantity("1", "largest reference slip", gt=0, lt=1, default=0.11)
     forgetting: float = quantity("s", "time constant with which the map forgets", gt=0, default=0.82)
     curvature: float = quantity("1", "weight of the map's curvature", gt=0, default=3e-4)
@@ -56,7 +63,22 @@ class SeekingGains(Record):
     hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=13 * KMH)
     last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=5 * KMH)
     hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.88)
-    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.93)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.7)
+
+    def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
+        """The slip ratio that it comes to on a rail of constant adhesion at a speed, m/s, under a wheel load, N: the
+        least within `flatness` of the peak, in the range of its reference, less below `fade_speed`; the largest where
+        adhesion falls from the start."""
+        top = peak(law, speed, wheel_load)
+        if top.slip < self.least_slip:
+            return self.largest_slip * self._kept(speed)
+        slips = np.linspace(self.least_slip, top.slip, _SLIPS)
+        enough = adhesion_coefficient(law, speed, slips, wheel_load) >= (1 - self.flatness) * top.coefficient
+        return min(float(slips[np.argmax(enough)]), self.largest_slip) * self._kept(speed)
+
+    def _kept(self, speed: float) -> float:
+        """The share of the reference slip that is held at a speed, m/s."""
+        return float(np.interp(speed, [self.hand_over_speed, self.fade_speed], [FADED, 1.0]))
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -103,10 +125,6 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     )
 
 
-_COMMON = 20
-"""Largest whole number of parts that the believed dead time is divided into, of which the brake's is a multiple."""
-
-
 @checked
 def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator | None = None) -> DelayedLoop:
     """The exact loop of the inner part at a point, broken at the acting torque; its reference is the point's slip.
@@ -127,20 +145,10 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     Returns
     -------
     DelayedLoop
-        Of several commensurate delays where the dead times differ, dimensionless.
-
-    Raises
-    ------
-    InputError
-        A dead time that is no multiple of a part (down to a twentieth) of the believed one.
+        Of the believed dead time and the brake's, dimensionless.
     """
     believed = Actuator(dead_time=gains.dead_time, lag=gains.lag)
     brake = believed if actuator is None else actuator
-    share = Fraction(brake.dead_time / gains.dead_time).limit_denominator(_COMMON)
-    if not math.isclose(share, brake.dead_time / gains.dead_time, rel_tol=1e-9):
-        raise InputError(
-            f"dead_time: {brake.dead_time:g} s is not allowed; give a multiple of {gains.dead_time / _COMMON:g} s"
-        )
     den, sigma, v_rate = _responses(point)
     law = point.law
     now = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0, 0.0)
@@ -155,10 +163,9 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     undelayed = observer * np.poly1d([gains.torque_time, 1]) * s + gains.kappa * observer
     delayed = -(gains.kappa * observer + more * s)
     rest = den * slow * np.poly1d([brake.lag, 1])
-    part = gains.dead_time / share.denominator
-    numerator = QuasiPolynomial([*[[0.0]] * share.numerator, above.coeffs], part, removed=1)
-    gap = [[0.0]] * (share.denominator - 1)
-    denominator = QuasiPolynomial([(undelayed * rest).coeffs, *gap, (delayed * rest).coeffs], part, removed=1)
+    numerator = QuasiPolynomial([[0.0], above.coeffs], [0.0, brake.dead_time], removed=1)
+    parts = [(undelayed * rest).coeffs, (delayed * rest).coeffs]
+    denominator = QuasiPolynomial(parts, [0.0, believed.dead_time], removed=1)
     return DelayedLoop(DelayedRatio(numerator, denominator))
 
 

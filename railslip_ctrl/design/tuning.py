@@ -212,7 +212,7 @@ class TunedCases:
 def check_structure(structure: str) -> None:
     """InputError for one that is not of `STRUCTURES`."""
     if structure not in STRUCTURES:
-        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
+        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}, seeking")
 
 
 def tune_cases(

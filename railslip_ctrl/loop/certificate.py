@@ -2,23 +2,26 @@
 
 Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
 axis is covered by parts, on each of which a bound lies below the upper end of the enclosure; the lower end is attained.
+Of a loop with delays inside the controller, whose |L| = 1 no polynomial has, all follows from such parts (`_Delayed`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from flint import arb, ctx
+from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Response, limits, phase_crossover
 from .margins import SHAPES, Margins
+from .rational import DOUBLE_BITS, fraction
 from .stability import root_count
 
 Enclosure = tuple[float, float]
@@ -67,7 +70,8 @@ class Certificate:
         give their peaks.
     gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
         Enclosures of the margins of `Margins`: factors, deg, s, peaks of |S| and |T|; both ends inf where a margin has
-        no bound. None for a loop that is not stable.
+        no bound; a gain decrease from 0 to 1e-9 where an integrator is there to rounding alone. None for a loop that
+        is not stable.
     """
 
     stable: bool
@@ -384,3 +388,273 @@ def _between(low: _End, high: _End) -> arb:
     if not _FARTHEST > found > 1 / _FARTHEST:
         raise _TooWideError
     return found
+
+
+# -- loops with delays inside: the axis in parts, on each of which mean values decide ---------------------------------
+
+Terms = Sequence[tuple[float, Iterable[float]]]
+"""Delays, s, and coefficients in descending powers of s, of a sum of polynomials times exp(-delay s)."""
+
+_FIRST_PARTS, _LOWEST = 64, 1e-6  # of the axis, in equal ratios from this share of its end
+_APART = 1.5  # times how far the characteristic function moves on a part its size there is larger: it turns by < 90 deg
+_MOST_DELAYED = 20_000  # parts, of which each takes the time of some thousand operations
+_HALVINGS = 8  # beyond the bits of a double, of a bracket
+
+
+class _Sum:
+    """A sum of polynomials times exp(-delay s), divided by s^removed, on the imaginary axis in balls."""
+
+    def __init__(self, terms: Terms, removed: int) -> None:
+        given = [(fraction(delay), fmpq_poly([fraction(c) for c in reversed(list(row))])) for delay, row in terms]
+        self.derivatives, self.removed = [given], removed
+        for _ in range(removed + 2):
+            self.derivatives.append([(tau, one.derivative() - tau * one) for tau, one in self.derivatives[-1]])
+        if any(sum((one[0] for _, one in each), fmpq(0)) != 0 for each in self.derivatives[:removed]):
+            raise CertificateError("certificate: a zero that is removed at s = 0 is there to rounding alone")
+        self._longest = max(float(delay) for delay, _ in terms)
+        self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
+
+    def _bare(self, s: acb, order: int) -> acb:
+        """A derivative of the sum alone."""
+        if ctx.prec not in self._balls:
+            self._balls[ctx.prec] = [
+                [(arb(tau), acb_poly(arb_poly(one))) for tau, one in each] for each in self.derivatives
+            ]
+        return sum((one(s) * (-tau * s).exp() for tau, one in self._balls[ctx.prec][order]), acb(0))
+
+    def at(self, omega: arb) -> tuple[acb, acb]:
+        """Value at j omega, and its rate with omega."""
+        s, r = acb(0, omega), self.removed
+        if omega.is_zero():
+            return self._bare(s, r) / math.factorial(r), acb(0, 1) * self._bare(s, r + 1) / math.factorial(r + 1)
+        value = self._bare(s, 0) / s**r
+        return value, acb(0, 1) * (self._bare(s, 1) / s**r - r * value / s)
+
+    def over(self, low: arb, high: arb) -> _Part:
+        """Value at the middle of a part, and all values and rates on it."""
+        middle, r = ((low + high) / 2).mid(), self.removed
+        value, rate = self.at(middle)
+        if r and high * self._longest < 1:  # a divided difference is a mean of the derivative between its points
+            bend = 2 * self._bare(acb(0, arb(0).union(high)), r + 2) / math.factorial(r + 2)
+        else:
+            s = acb(0, low.union(high))
+            none, one, two = (self._bare(s, k) for k in range(3))
+            bend = (two - 2 * r * one / s + r * (r + 1) * none / (s * s)) / s**r if r else two
+        offset = low.union(high) - middle
+        rates = rate - bend * offset
+        return _Part(value, value + rates * offset, rates)
+
+    def total(self, omega: arb) -> arb:
+        """The most of |sum| s^removed at a frequency, its terms added by size."""
+        return sum(
+            (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
+        )
+
+
+class _Part(NamedTuple):
+    """A function of omega at the middle of a part of the axis, and its values and rates all over it."""
+
+    middle: acb
+    values: acb
+    rates: acb
+
+    @property
+    def square(self) -> tuple[arb, arb]:
+        """|.|^2 at the middle, and its rates."""
+        rates = 2 * (self.values.real * self.rates.real + self.values.imag * self.rates.imag)
+        return self.middle.real**2 + self.middle.imag**2, rates
+
+
+def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | None) -> Certificate:
+    """As `certify`, of L = N/D with sums of delayed polynomials, both with that many zeros at s = 0 `removed`.
+
+    The axis is parted until on each part mean values show that D + N does not vanish, that |L| crosses 1 at most once,
+    that |S| and |T| stay below their upper ends, and that no factor on the gain within its margin brings L to -1.
+    `margins`, of a stable loop, say where to look. No root of a polynomial is asked: |L| = 1 has none here.
+    """
+    for bits in _BITS:
+        with ctx.workprec(bits):
+            try:
+                return _Delayed(_Sum(num, removed), _Sum(den, removed), margins).certificate(bits)
+            except _TooWideError:
+                continue
+    raise CertificateError(
+        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} parts of the axis do not enclose every margin to "
+        f"{WIDTH:g}; the loop is near to the boundary of stability, or has two peaks of one height; change the gain"
+    )
+
+
+class _Delayed:
+    """L = N/D, and what is shown of it on the parts of the axis."""
+
+    def __init__(self, num: _Sum, den: _Sum, margins: Margins | None) -> None:
+        self._num, self._den, self._margins = num, den, margins
+        lead = den.derivatives[0][0][1]
+        self._lead, self._order = arb(lead[lead.degree()]), lead.degree() - den.removed
+        self._crossed: list[tuple[arb, arb]] = []
+        self._most: list[arb] = []  # squares of what |S| and |T| stay below
+        self._up, self._down = arb(1), arb(1)  # no factor on the gain between these brings L to -1
+
+    def certificate(self, bits: int) -> Certificate:
+        m = self._margins
+        if m is not None:
+            up = self._factor(m.gain_increase, m.gain_increase_frequency)
+            down = self._factor(m.gain_decrease, m.gain_decrease_frequency)
+            if down.is_zero() and self._large_and_negative():
+                down = arb(0).union(arb(WIDTH))
+            self._up, self._down = up.lower() * (1 - _ABOVE), down.upper() * (1 + _ABOVE)
+            attained = [self._peak(kind, omega) for kind, omega in enumerate((m.ms_frequency, m.mt_frequency))]
+            most = [one.upper() * (1 + _ABOVE) for one in attained]
+            self._most = [one**2 for one in most]
+        count, parts = self._cover()
+        omegas = [self._bracketed(self._gap, *ends) for ends in sorted(self._crossed, key=lambda ends: float(ends[0]))]
+        crossovers = tuple(map(_ends, omegas))
+        if m is None:
+            return Certificate(False, False, float(count), crossovers, bits, parts)
+        if count:
+            raise _TooWideError
+        angles = [self._angle(omega) for omega in omegas]
+        phase = _least(180 * abs(angle) / arb.pi() for angle in angles)
+        delays = (
+            (angle if angle > 0 else angle + 2 * arb.pi()) / omega for angle, omega in zip(angles, omegas, strict=True)
+        )
+        found = [up.union(self._up), down.union(self._down), phase, _least(delays)]
+        found += [one.union(end) for one, end in zip(attained, most, strict=True)]
+        ends = [_narrow(one) if one.lower() > 0 else (0.0, _ends(one)[1]) for one in found]
+        return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
+
+    def _large_and_negative(self) -> bool:
+        """Whether L(0) is what rounding leaves of an integrator, and less than 0: some gain below 1e-9 is too small."""
+        num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
+        return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
+
+    def _cover(self) -> tuple[int, int]:
+        """Closed-loop poles right of the axis, by the turns of D + N along it, and the parts that it took."""
+        end = self._end()
+        edges = [arb(0), *(end * _LOWEST ** (1 - k / _FIRST_PARTS) for k in range(_FIRST_PARTS)), end]
+        left, parts, turned = list(pairwise(edge.mid() for edge in edges)), 0, arb(0)
+        while left:
+            low, high = left.pop()
+            parts += 1
+            if parts > _MOST_DELAYED:
+                raise _TooWideError
+            if self._shown(low, high):
+                turned += (self._closed(high) / self._closed(low)).arg()
+            else:
+                middle = high / 16 if low.is_zero() else ((low + high) / 2).mid()
+                left += [(low, middle), (middle, high)]
+        beyond = (self._closed(end) / (acb(0, 1) ** self._order * self._lead)).arg()
+        count = ((self._order * arb.pi() / 2 - turned + beyond) / arb.pi()).unique_fmpz()
+        if count is None:
+            raise _TooWideError
+        return int(count), parts
+
+    def _end(self) -> arb:
+        """A frequency beyond which the highest power of D decides all that is to be shown."""
+        end = arb(1)
+        while True:
+            lead = abs(self._lead) * end ** (self._order + self._den.removed)
+            num, den = self._num.total(end), 2 * lead - self._den.total(end)
+            shares = [(den - num) ** 2 * most > part**2 for most, part in zip(self._most, (den, num), strict=False)]
+            if den > num and den > self._up * num and all(shares):
+                return end
+            end *= 2
+            if end > _FARTHEST:
+                raise _TooWideError
+
+    def _shown(self, low: arb, high: arb) -> bool:
+        half = (high - low) / 2
+        num, den = self._num.over(low, high), self._den.over(low, high)
+        both = _Part(*(a + b for a, b in zip(num, den, strict=True)))
+        if not abs(both.middle) > _APART * half * abs(both.rates):
+            return False
+        (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
+
+        def sign(value: arb, rate: arb) -> int:
+            """Of a function all over the part, by its value at the middle; 0: not known."""
+            moved = half * abs(rate)
+            return 1 if value > moved else -1 if value < -moved else 0
+
+        gap = sign(n - d, n_rate - d_rate)
+        if gap == 0 and not (n_rate > d_rate or n_rate < d_rate):
+            return False
+        for most, (size, rate) in zip(self._most, (den.square, num.square), strict=False):
+            if sign(most * f - size, most * f_rate - rate) < 1:
+                return False
+        if self._most and not self._beside(low, high, num, den, sign):
+            up, down = (sign(k * k * n - d, k * k * n_rate - d_rate) for k in (self._up, self._down))
+            if not ((gap > 0 or up < 0) and (gap < 0 or down > 0)):
+                return False
+        if gap == 0 and self._gap(low) * self._gap(high) < 0:
+            self._crossed.append((low, high))
+        return True
+
+    def _beside(self, low: arb, high: arb, num: _Part, den: _Part, sign: Callable[[arb, arb], int]) -> bool:
+        """Whether L is nowhere negative on a part."""
+        if low.is_zero():  # where D may vanish: its direction there
+            den = self._direction.over(low, high)
+            den = _Part(*(one * acb(0, 1) ** (self._direction.removed - self._den.removed) for one in den))
+        product = num.middle * den.middle.conjugate()
+        rates = num.rates * den.values.conjugate() + num.values * den.rates.conjugate()
+        return sign(product.imag, rates.imag) != 0 or sign(product.real, rates.real) > 0
+
+    @cached_property
+    def _direction(self) -> _Sum:
+        """D without its zeros at s = 0."""
+        terms = [
+            (float(tau), [float(c) for c in reversed(one.coeffs())] or [0.0]) for tau, one in self._den.derivatives[0]
+        ]
+        found = self._den
+        while found.at(arb(0))[0].is_zero():
+            found = _Sum(terms, found.removed + 1)
+        return found
+
+    def _closed(self, omega: arb) -> acb:
+        """D + N."""
+        return self._num.at(omega)[0] + self._den.at(omega)[0]
+
+    def _product(self, omega: arb) -> acb:
+        """L times |D|^2."""
+        return self._num.at(omega)[0] * self._den.at(omega)[0].conjugate()
+
+    def _gap(self, omega: arb) -> arb:
+        """|N| - |D|."""
+        return abs(self._num.at(omega)[0]) - abs(self._den.at(omega)[0])
+
+    def _angle(self, omega: arb) -> arb:
+        """arg(-L), rad, from -pi to pi."""
+        angle = (-self._product(omega)).arg()
+        if not (angle > 0 or angle < 0):
+            raise _TooWideError
+        return angle
+
+    def _bracketed(self, function: Callable[[arb], arb], low: arb, high: arb) -> arb:
+        """A ball that holds the frequency between two at which a function changes its sign."""
+        below = function(low)
+        if not below * function(high) < 0:
+            raise _TooWideError
+        for _ in range(DOUBLE_BITS + _HALVINGS):
+            middle = ((low + high) / 2).mid()
+            at = function(middle)
+            if not (at > 0 or at < 0):
+                break
+            low, high = (middle, high) if at * below > 0 else (low, middle)
+        return low.union(high)
+
+    def _factor(self, factor: float, omega: float) -> arb:
+        """A margin of the gain as a ball, from where doubles see it."""
+        if not math.isfinite(omega):
+            if factor > 0:
+                raise CertificateError("certificate: a loop with delays inside that no gain is too large for has none")
+            return arb(0)
+        if omega == 0:
+            return -(self._den.at(arb(0))[0] / self._num.at(arb(0))[0]).real
+        ends = arb(omega * (1 - _BESIDE)), arb(omega * (1 + _BESIDE))
+        at = self._bracketed(lambda one: self._product(one).imag, *ends)
+        return abs(self._den.at(at)[0]) / abs(self._num.at(at)[0])
+
+    def _peak(self, kind: int, omega: float) -> arb:
+        """|S| or |T| where doubles see its peak."""
+        if math.isinf(omega):
+            return arb(1 - kind)
+        return abs((self._den, self._num)[kind].at(arb(omega))[0]) / abs(self._closed(arb(omega)))

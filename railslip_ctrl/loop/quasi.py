@@ -1,7 +1,7 @@
-"""Loops whose controller holds delays of its own: a ratio of quasi-polynomials with commensurate delays.
+"""Loops whose controller holds delays of its own: a ratio of quasi-polynomials, their delays commensurate or not.
 
-A dead-time compensator carries a model of the dead time, so that its loop is L(s) = N(s, q)/D(s, q) with polynomials
-in s and q = exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument principle;
+A dead-time compensator carries a model of the dead time, so that its loop is L(s) = N(s)/D(s) with sums of polynomials
+in s times exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument principle;
 margins by bounds on ln L between frequencies (`bounded`).
 """
 
@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,9 @@ from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
+from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
-from .rational import Complexes, Floats, Rational
+from .rational import DOUBLE_BITS, Complexes, Floats, Rational
 from .stability import RootCount
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
@@ -38,56 +38,58 @@ _NEAR_ORIGIN, _SERIES = 0.03, 12  # |s| delay in which so many terms of the seri
 
 @dataclass(frozen=True)
 class QuasiPolynomial:
-    """F(s) = s^-removed times the sum over k of c_k(s) exp(-k delay s).
+    """F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
     Parameters
     ----------
     terms : sequence of arrays
-        Coefficients of c_0, c_1, ... in descending powers of s, real; c_0 not zero.
-    delay : float
-        s, >= 0.
+        Coefficients of c_0, c_1, ... in descending powers of s, real.
+    delays : sequence of float, or float
+        s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
     removed : int
         Zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
 
-    InputError: no term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
+    InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
 
     terms: tuple[Floats, ...]
-    delay: float
+    delays: tuple[float, ...]
     removed: int = 0
 
-    def __init__(self, terms: Sequence[ArrayLike], delay: float, removed: int = 0) -> None:
+    def __init__(self, terms: Sequence[ArrayLike], delays: float | Sequence[float], removed: int = 0) -> None:
         arrays = tuple(np.atleast_1d(np.trim_zeros(np.atleast_1d(np.asarray(c, dtype=float)), "f")) for c in terms)
         arrays = tuple(c if c.size else np.zeros(1) for c in arrays)
         if not all(np.isfinite(c).all() for c in arrays):
             raise InputError("quasi-polynomial has a coefficient that is not finite; give finite numbers")
         object.__setattr__(self, "terms", arrays)
-        object.__setattr__(self, "delay", number("delay", delay, "s", ge=0))
+        given = delays if isinstance(delays, Sequence) else [delays]
+        checked = tuple(number("delay", delay, "s", ge=0) for delay in given)
+        multiples = tuple(k * checked[0] for k in range(len(arrays)))
+        object.__setattr__(self, "delays", checked if isinstance(delays, Sequence) else multiples)
         object.__setattr__(self, "removed", removed)
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """F at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
-        q = np.exp(-self.delay * s)
-        value = np.asarray(sum(np.polyval(c, s) * q**k for k, c in self._present))
+        value = np.asarray(sum(np.polyval(c, s) * np.exp(-delay * s) for delay, c in self._present))
         if not self.removed:
             return value
-        near = np.abs(s) * self.delay * len(self.terms) < _NEAR_ORIGIN  # where the sum cancels
+        near = np.abs(s) * max(self.delays) < _NEAR_ORIGIN  # where the sum cancels
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(near, np.polyval(self._series[::-1], s), value / s**self.removed)
 
     @property
     def bare(self) -> QuasiPolynomial:
         """The sum alone, no zeros removed."""
-        return QuasiPolynomial(self.terms, self.delay)
+        return QuasiPolynomial(self.terms, self.delays)
 
     @cached_property
     def _series(self) -> Floats:
         """Coefficients of F's Taylor series about 0, ascending."""
         count = self.removed + _SERIES
         series = np.zeros(count)
-        for k, c in enumerate(self.terms):
-            turn = np.cumprod([1.0, *(-k * self.delay / np.arange(1, count))])
+        for delay, c in self._present:
+            turn = np.cumprod([1.0, *(-delay / np.arange(1, count))])
             series += np.convolve(c[::-1], turn)[:count]
         return series[self.removed :]
 
@@ -95,17 +97,16 @@ class QuasiPolynomial:
     def slope(self) -> QuasiPolynomial:
         """dF/ds."""
         parts = []
-        for k, c in enumerate(self.terms):
-            change = np.polysub(np.polyder(c), k * self.delay * c)
+        for delay, c in zip(self.delays, self.terms, strict=True):
+            change = np.polysub(np.polyder(c), delay * c)
             parts.append(np.polysub(np.polymul(change, [1.0, 0.0]), self.removed * c) if self.removed else change)
-        return QuasiPolynomial(parts, self.delay, self.removed + 1 if self.removed else 0)
+        return QuasiPolynomial(parts, self.delays, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
         """Bound on |F| where |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
         if self.removed:  # Taylor's remainder
             return self._derivative.size(radius, left) / math.factorial(self.removed)
-        growth = np.exp(self.delay * left)
-        return np.asarray(sum(np.polyval(np.abs(c), radius) * growth**k for k, c in self._present))
+        return np.asarray(sum(np.polyval(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
@@ -113,20 +114,20 @@ class QuasiPolynomial:
         return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
 
     @cached_property
-    def _present(self) -> list[tuple[int, Floats]]:
-        """The terms that are not 0, with their powers."""
-        return [(k, c) for k, c in enumerate(self.terms) if c.any()]
+    def _present(self) -> list[tuple[float, Floats]]:
+        """The terms that are not 0, with their delays."""
+        return [(delay, c) for delay, c in zip(self.delays, self.terms, strict=True) if c.any()]
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        """Sum of two with the same delay and the same zeros removed."""
-        pairs = zip_longest(self.terms, other.terms, fillvalue=np.zeros(1))
-        return QuasiPolynomial([np.polyadd(a, b) for a, b in pairs], self.delay, self.removed)
+        """Sum of two with the same zeros removed."""
+        terms: dict[float, Floats] = {}
+        for delay, c in zip(self.delays + other.delays, self.terms + other.terms, strict=True):
+            terms[delay] = np.asarray(np.polyadd(terms.get(delay, np.zeros(1)), c))
+        return QuasiPolynomial(list(terms.values()), list(terms), self.removed)
 
-    def times(self, polynomial: ArrayLike, power: int = 0) -> QuasiPolynomial:
-        """F(s) * polynomial(s) * exp(-power delay s); coefficients in descending powers."""
-        factor = np.asarray(polynomial, dtype=float)
-        shifted = [np.zeros(1)] * power + [np.polymul(c, factor) for c in self.terms]
-        return QuasiPolynomial(shifted, self.delay, self.removed)
+    def times(self, polynomial: ArrayLike) -> QuasiPolynomial:
+        """F(s) * polynomial(s); coefficients in descending powers."""
+        return QuasiPolynomial([np.polymul(c, np.asarray(polynomial)) for c in self.terms], self.delays, self.removed)
 
     @property
     def undelayed(self) -> Floats:
@@ -161,8 +162,7 @@ class QuasiPolynomial:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s comes with a delay; make the loop proper"
             )
-        top = self._dominant_frequency()
-        nodes, marginal = self._axis_nodes(top)
+        top, (nodes, marginal) = self._dominant_frequency(), self.axis_nodes
         if marginal:
             return RootCount(float("nan"), True)
         value = self(1j * nodes)
@@ -178,8 +178,11 @@ class QuasiPolynomial:
             sizes[-c.size :] += 2 * np.abs(c / self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
 
-    def _axis_nodes(self, top: float) -> tuple[Floats, bool]:
-        """Frequencies 0 to `top` between which F cannot turn by 90 deg, and whether F vanishes on the way."""
+    @cached_property
+    def axis_nodes(self) -> tuple[Floats, bool]:
+        """Frequencies, rad/s, from 0 to where the highest power decides, between which F cannot turn by 90 deg, and
+        whether F vanishes on the way."""
+        top = self._dominant_frequency()
         edges = np.concatenate([[0.0], np.geomspace(1e-6 * top, top, 120)])
         low, high = edges[:-1], edges[1:]
         done: list[Floats] = [np.array([0.0])]
@@ -199,7 +202,7 @@ class QuasiPolynomial:
 
 @dataclass(frozen=True)
 class DelayedRatio:
-    """A transfer function N(s, q)/D(s, q), q = exp(-delay s); both quasi-polynomials of the same delay."""
+    """A transfer function N(s)/D(s), both quasi-polynomials, with the same zeros removed."""
 
     numerator: QuasiPolynomial
     denominator: QuasiPolynomial
@@ -207,10 +210,6 @@ class DelayedRatio:
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
             raise InputError("delayed ratio: numerator and denominator have other zeros removed; remove the same")
-        if self.numerator.delay != self.denominator.delay:
-            raise InputError(
-                f"delays {self.numerator.delay:g} s and {self.denominator.delay:g} s differ; give both in the same unit"
-            )
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """Value at complex s (1/s), any shape; infinite at a pole."""
@@ -249,9 +248,10 @@ class DelayedLoop(BoundedLoop):
         self.ratio = ratio
 
     def __repr__(self) -> str:
-        return f"loop with delays of {self.ratio.denominator.delay:g} s in it, order {self.ratio.denominator.degree}"
+        delays = ", ".join(f"{delay:g}" for delay, _ in self.characteristic._present[1:])
+        return f"loop with delays of {delays} s in it, order {self.ratio.denominator.degree}"
 
-    @property
+    @cached_property
     def characteristic(self) -> QuasiPolynomial:
         """N + D, whose zeros are the closed-loop poles."""
         return self.ratio.numerator + self.ratio.denominator
@@ -275,11 +275,25 @@ class DelayedLoop(BoundedLoop):
         """Closed-loop poles in the right half plane, exactly counted; NaN right of it if some are on the axis."""
         return self.characteristic.count_right()
 
+    def certificate(self) -> Certificate:
+        """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
+
+        It holds for the coefficients and delays of N and D as the doubles they are. Raises CertificateError for a loop
+        too near to the boundary of stability.
+        """
+        num, den = (
+            [*zip(one.delays, one.terms, strict=True)] for one in (self.ratio.numerator, self.ratio.denominator)
+        )
+        if self.root_count.marginal:
+            return Certificate(False, True, math.nan, (), DOUBLE_BITS)
+        margins = self.margins() if self.is_stable() else None
+        return certify_delayed(num, den, self.ratio.numerator.removed, margins)
+
     @cached_property
     def open_loop_unstable_poles(self) -> int:
         """Zeros of D right of the imaginary axis, those at 0 left out. InputError where some are elsewhere on it."""
         den = self.ratio.denominator
-        count = QuasiPolynomial(den.terms, den.delay, den.removed + den.zeros_at_origin).count_right()
+        count = QuasiPolynomial(den.terms, den.delays, den.removed + den.zeros_at_origin).count_right()
         if count.marginal:
             raise InputError("delayed loop: L has poles on the imaginary axis; give it some damping")
         return int(count.right)
@@ -349,7 +363,7 @@ class DelayedLoop(BoundedLoop):
         sizes = np.abs(np.concatenate([np.roots(c) for f in functions for c in (*f.terms, f.undelayed)]))
         # a root at the origin, or one that rounding of a leading coefficient puts far out, is no feature
         least = float(sizes[(sizes > 1e-9 * top) & (sizes < top)].min(initial=top))
-        longest = den.delay * max(len(num.terms) - 1, len(den.terms) - 1)
+        longest = max(num.delays + den.delays)
         if longest > 0:
             least, top = min(least, 1 / longest), max(top, _TURNS * 2 * np.pi / longest)
         return _BELOW_FEATURES * least, top

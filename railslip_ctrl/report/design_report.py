@@ -10,14 +10,16 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design.envelope_tuning import SeekingDesign
 from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.vehicle import Rail, doubts
-from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival
+from railslip_ctrl.model.vehicle import PIGains, Rail, doubts
+from railslip_ctrl.report.recommendation import FASTER, SEEKING, DesignReport, Rival
 from railslip_ctrl.report.stops import Stop
-from railslip_ctrl.simulation import LinearControl
+from railslip_ctrl.simulation import LinearControl, SeekingControl
 
 from .document import (
     NONE,
@@ -33,6 +35,7 @@ from .document import (
     heading,
     listed,
     minus,
+    ms_text,
     render,
     roots_text,
     short,
@@ -67,7 +70,7 @@ def first_page(report: DesignReport) -> FirstPage:
         headline=_headline(report),
         subject=_design_words(report),
         file=RECOMMENDED if report.control is not None else "",
-        lines=(("Why", _why(report)), ("To do", _to_do(report))),
+        lines=(("Why", _why(report)), ("To do", _to_do(report)), *_yours(report)),
         head=("", "worst", "where"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
@@ -87,6 +90,9 @@ def _design_words(report: DesignReport) -> str:
     """The recommended design with its numbers."""
     if report.control is None:
         return "any PI or PI-lead"
+    if isinstance(report.control, SeekingControl):
+        found = report.control.gains
+        return f"seeking: it finds its slip, {short(found.least_slip)} to {short(found.largest_slip)}; gains by rules"
     design, held = report.control.design, report.control.reference
     slips = {"dry": held.dry, "wet": held.wet}
     slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
@@ -125,9 +131,12 @@ def _why(report: DesignReport) -> str:
 def _to_do(report: DesignReport) -> str:
     """The steps that the numbers ask for, the first ones first; few words."""
     told = []
-    if report.control is not None and report.usable and report.control.cut_out_speed > 0:
+    seeks = isinstance(report.control, SeekingControl)
+    if isinstance(report.control, SeekingControl):
+        told.append(f"Below {short(report.control.cut_out_speed / KMH)} km/h it holds what held the slip before.")
+    elif report.control is not None and report.usable and report.control.cut_out_speed > 0:
         told.append(f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m.")
-    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not seeks))
     brake = ""
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
@@ -145,20 +154,34 @@ def _to_do(report: DesignReport) -> str:
         least = min(choice.reference_factor for choice in report.selection.choices)
         slip = f"{least:g} of the reference slip; " if least < 1 else ""
         told.append(f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag.")
-    if report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
+    if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
     told += _seeking_words(report)
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
 def _seeking_words(report: DesignReport) -> Iterator[str]:
-    """That the seeking controller stops shorter on every rail, where no wheel locks with it."""
-    if not report.seeking or any(stop.locks for stop in report.seeking):
+    """That the seeking controller stops shorter on every rail, where no wheel locks with it and another is taken."""
+    trial = report.seeking
+    if trial is None or trial is report.trials[0] or any(stop.locks for stop in trial.stops):
         return
-    found = [(_longest(report.seeking, first.rail), _longest(report.stops, first.rail)) for first in report.first_stops]
+    found = [(_longest(trial.stops, first.rail), _longest(report.stops, first.rail)) for first in report.first_stops]
     if all(seeking.distance < stop.distance for seeking, stop in found):
         told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
-        yield f"Unjudged but shorter: --controller seeking, {told}."
+        slides = any(stop.slides for stop in trial.stops)
+        above = f"judged robust above {trial.above_kmh:g} km/h" if trial.above_kmh is not None else "not robust"
+        yield f"Shorter, but {'slip over 0.5 in a stop' if slides else above}: --controller seeking, {told}."
+
+
+def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """Of each controller of the user's that has no margins, that it is not judged, and how it stops."""
+    for one in report.rivals:
+        if one.judgement is None:
+            rails = dict.fromkeys(stop.rail for stop in one.stops)
+            longest = [_longest(one.stops, rail) for rail in rails]
+            told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in longest)
+            locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
+            yield "Yours", f"NOT JUDGED: {one.name} is {one.reason} and has no margins. Stops {told}; {locks}."
 
 
 def _longest(stops: Iterable[Stop], rail: Rail) -> Stop:
@@ -200,8 +223,10 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 def _worst_cells(worst: WorstCase) -> tuple[str, str]:
     """The larger Ms, of the loop or of the sampled one that runs, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return _ms(worst.ms), worst.case.words
-    return _ms(worst.run_ms), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {_ms(worst.ms)}"
+        return ms_text(worst.ms), worst.case.words
+    return ms_text(
+        worst.run_ms
+    ), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {ms_text(worst.ms)}"
 
 
 def _chosen(report: DesignReport) -> str:
@@ -226,6 +251,12 @@ def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         index = int(operating[np.argmin(sign * values[operating])])
         return float(values[index]), judged.points.case(index).words
 
+    if np.isnan(m.phase_deg[operating]).any() and judged.worst.margins is not None:  # Ms alone is had of all points
+        worst, where = judged.worst.margins, f"{judged.worst.case.words}, of largest Ms"
+        yield "Phase margin", f"{below(worst.phase_deg)} deg", where
+        yield "Delay margin", f"{below(worst.delay_s)} s", where
+        yield "Gain range", f"{above(worst.gain_decrease)} to {below(worst.gain_increase)}", where
+        return
     phase, where = least(m.phase_deg)
     yield "Phase margin", f"{below(phase)} deg", where
     delay, where = least(m.delay_s)
@@ -243,7 +274,8 @@ def _stop_words(stop: Stop) -> str:
     told = []
     if stop.bound is not None and not math.isnan(stop.over_bound):
         bound = short(stop.bound.braking_distance)
-        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m)")
+        had = "" if stop.attainable is None else f"; {short(stop.attainable.braking_distance)} m attainable"
+        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m{had})")
     told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
     return "; ".join(told)
 
@@ -312,13 +344,13 @@ def _envelope(report: DesignReport) -> Section:
             margins = (
                 (NONE, NONE) if one.margins is None else (below(one.margins.phase_deg), below(one.margins.delay_s))
             )
-            rows.append((name, _ms(one.ms), *margins, one.case.words))
+            rows.append((name, ms_text(one.ms), *margins, one.case.words))
         axes = [
             (
                 _AXES.get(axis, axis),
                 f"{value:g}" if isinstance(value, float) else str(value),
                 f"{100 * share:.3g}",
-                _ms(ms),
+                ms_text(ms),
             )
             for axis, values in judged.by_axis().items()
             if len(values) > 1
@@ -339,15 +371,17 @@ def _envelope(report: DesignReport) -> Section:
 def _candidates(report: DesignReport) -> Section:
     rows: list[tuple[str, ...]] = []
     for choice in report.selection.choices:
-        kind = "PI-lead" if choice.structure == "pi-lead" else "PI"
+        kind = {"pi-lead": "PI-lead", SEEKING: "seeking"}.get(choice.structure, "PI")
         if choice.design is None or choice.design.judgement is None:
             rows.append((kind, f"{choice.reference_factor:g}", *(NONE,) * 6, choice.reason))
             continue
         judged, gains = choice.design.judgement, choice.design.gains
-        cells = (short(gains.kp), short(gains.ki), _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
+        told = (short(gains.kp), short(gains.ki)) if isinstance(gains, PIGains) else (NONE, NONE)
+        cells = (*told, _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
         stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
         reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
-        rows.append((kind, f"{choice.reference_factor:g}", *cells, _ms(judged.worst.ms), stop, reaches))
+        slip = "its own" if kind == SEEKING else f"{choice.reference_factor:g}"
+        rows.append((kind, slip, *cells, ms_text(judged.worst.ms), stop, reaches))
     head = (
         "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
         "Worst Ms", "Mean stop, m", "Reaches its slip",
@@ -366,40 +400,54 @@ def _rivals(report: DesignReport) -> Section | None:
     taken = Rival("recommended", None, report.judgement, report.first_stops)
     rows = []
     for one in (taken, *report.rivals):
-        judged = one.judgement
         distances = " / ".join(
             f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
             for stop in one.stops
             if stop.load == one.stops[0].load
         )
-        worst = (_ms(judged.worst.ms), _ms(judged.worst_with_tolerances.ms))
-        rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
+        told = ("not judged: no margins", *(NONE,) * 3)
+        if (judged := one.judgement) is not None:
+            worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
+            told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
+        rows.append((one.name, *told, distances))
     head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
-    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
+    return Section(
+        "given",
+        "Your controller beside it",
+        (table(head, rows, caption="Judged where it has margins, and run alike."),),
+    )
 
 
 def _stops(report: DesignReport) -> Section | None:
     if not report.stops or report.control is None:
         return None
     control = report.control
-    over = f"below {short(control.cut_out_speed * 3.6)} km/h to {short(control.cut_out_torque)} N·m"
-    known = facts(
-        [
+    below_speed = f"below {short(control.cut_out_speed * 3.6)} km/h to"
+    if isinstance(control, SeekingControl):
+        told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "the largest torque")]
+        told += [("Hand-over", f"{below_speed} a share of what held the slip before")]
+    else:
+        told = [
             ("Limits", f"{short(control.torque_low)} to {short(control.torque_high)} N·m"),
             ("Starts with", f"{short(control.initial_torque)} N·m"),
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
-            ("Hand-over", over if control.cut_out_speed > 0 else "none"),
+            (
+                "Hand-over",
+                f"{below_speed} {short(control.cut_out_torque)} N·m" if control.cut_out_speed > 0 else "none",
+            ),
         ]
-    )
+    known = facts(told)
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
-        "bound is what no controller of this brake beats; slip held is the median over the second half of the time "
+        "bound is what no controller of this brake beats, as if slip took no time to build up; attainable is a stop "
+        "without noise that one can have who knows the rail. Slip held is the median over the second half of the time "
         "under control. "
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
     shown = [_stop_table(report.stops, "Stops.")]
-    if report.seeking:
-        shown.append(_stop_table(report.seeking, "The seeking controller (--controller seeking) in the same stops."))
+    if report.seeking is not None and report.seeking is not report.trials[0]:
+        caption = "The seeking controller (--controller seeking) in the same stops."
+        shown.append(_stop_table(report.seeking.stops, caption))
     return Section("stops", "Braking runs", (Paragraph(text), known, *shown, *_rolling(report)))
 
 
@@ -409,11 +457,11 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         distances = [run.braking_distance for run in stop.runs]
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
+        bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
         held = f"{short(stop.held, 2)} of {short(stop.reference)}"
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, above(stop.max_slip), held, locks))
-    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Highest slip", "Slip held", "Locks")
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), held, locks))
+    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return table(head, rows, caption=caption, wide=True)
 
 
@@ -532,10 +580,6 @@ def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
 
 
-def _ms(ms: float) -> str:
-    return "unstable" if math.isinf(ms) else above(ms)
-
-
 # --- text and JSON --------------------------------------------------------------------------------------------------
 
 
@@ -565,15 +609,23 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "candidates": [
             {
                 **exported(choice, "structure", "reference_factor", "reason"),
-                **exported(choice.design, kp_si="gains.kp", ki_si="gains.ki"),
+                **exported(
+                    None if isinstance(choice.design, SeekingDesign) else choice.design,
+                    kp_si="gains.kp",
+                    ki_si="gains.ki",
+                ),
                 **exported(None if choice.design is None else choice.design.judgement, *_VERDICT),
             }
             for choice in report.selection.choices
         ],
         "stops": [_stop_json(stop) for stop in report.stops],
-        "seeking": [_stop_json(stop) for stop in report.seeking],
+        "seeking": [_stop_json(stop) for stop in (() if report.seeking is None else report.seeking.stops)],
         "given": [
-            {"name": one.name, **one.judgement.table(), "stops": [_stop_json(stop) for stop in one.stops]}
+            {
+                "name": one.name,
+                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
+                "stops": [_stop_json(stop) for stop in one.stops],
+            }
             for one in report.rivals
         ],
         "faster_brake": report.faster and exported(report.faster, dead_time_s="dead_time", lag_s="lag"),
@@ -613,7 +665,7 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
     }
 
 
-def _controller_json(control: LinearControl) -> dict[str, Any]:
+def _controller_json(control: LinearControl | SeekingControl) -> dict[str, Any]:
     """A controller as its TOML has it."""
     import tomllib
 
@@ -644,6 +696,7 @@ def _stop_json(stop: Stop) -> dict[str, Any]:
             braking_distance_m="braking_distance",
         ),
         **exported(stop.bound, bound_m="braking_distance"),
+        **exported(stop.attainable, attainable_m="braking_distance"),
         "seeds": [run.seed for run in stop.runs],
         "distances_m": [plain(run.braking_distance) for run in stop.runs],
         "max_slips": [plain(run.max_slip) for run in stop.runs],

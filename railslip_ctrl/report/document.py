@@ -287,6 +287,11 @@ def below(value: float, digits: int = BOUND_DIGITS) -> str:
     return short(rounded_down(value, digits), digits)
 
 
+def ms_text(ms: float) -> str:
+    """A worst Ms, inf where a loop is unstable; NONE for NaN."""
+    return "unstable" if ms == math.inf else above(ms)
+
+
 def minus(text: str) -> str:
     """Text of numbers with proper minus signs."""
     return text.replace("-", "−")

@@ -23,6 +23,7 @@ from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import INCOMPLETE, staged
 from railslip_ctrl.design.assessment import Assessment
 from railslip_ctrl.design.controllers import LinearController, PIController
+from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
@@ -171,12 +172,18 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
     return found
 
 
-def controller_json(controller: LinearController) -> dict[str, Any]:
-    """The numbers of a linear controller, SI."""
+def controller_json(controller: LinearController | SeekingGains) -> dict[str, Any]:
+    """The numbers of a controller with margins, SI."""
     if not isinstance(controller, PIController):
-        return {"structure": controller.structure, **{k: v for k, v in asdict(controller).items() if v is not None}}
+        return {"structure": controller.structure, **controller_numbers(controller)}
     lead = {} if controller.structure == "PI" else {"lead_s": "lead", "lead_filter_s": "lead_filter"}
     return exported(controller, kp_si="gains.kp", ki_si="gains.ki", **lead)
+
+
+def controller_numbers(controller: Any) -> dict[str, Any]:
+    """The numbers of a record other than a PI, those that it has."""
+    told = controller.model_dump() if isinstance(controller, SeekingGains) else asdict(controller)
+    return {name: value for name, value in told.items() if value is not None}
 
 
 def _crossovers(assessment: Assessment) -> Any:

@@ -24,12 +24,21 @@ from railslip_ctrl.design.assessment import limits_of
 from railslip_ctrl.design.controllers import (
     LinearController,
     SampledController,
+    has_step,
     linear_controller,
     linear_of,
     run_period,
 )
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import REFERENCE_FACTORS, Choice, Selection, select
+from railslip_ctrl.design.envelope_tuning import (
+    REFERENCE_FACTORS,
+    Choice,
+    EnvelopeDesign,
+    SeekingDesign,
+    Selection,
+    seeking_over,
+    select,
+)
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
@@ -39,17 +48,21 @@ from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.simulation import LinearControl
+from railslip_ctrl.simulation import LinearControl, SeekingControl
 from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.step_objects import StepControl, as_control
 from railslip_ctrl.verification.verdict import Verification
 
-from .stops import RollingLoop, Stop, as_run, operating_points, rolling_loops, seeking_stops, stops, tolerance_stops
+from .stops import RollingLoop, Stop, as_run, operating_points, rolling_loops, stops, tolerance_stops
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+
+SEEKING = SeekingDesign.structure
 
 
 @dataclass(frozen=True)
@@ -86,7 +99,7 @@ class Trial:
     choice: Choice
     above_kmh: float | None
     lowest_kmh: float
-    control: LinearControl
+    control: LinearControl | SeekingControl
     stops: tuple[Stop, ...]
 
     def distance(self, rail: Rail | None = None) -> float:
@@ -144,12 +157,13 @@ class FasterBrake:
 
 @dataclass(frozen=True)
 class Rival:
-    """A controller of the user's, judged and run beside the recommended one."""
+    """A controller of the user's, run beside the recommended one; judged, or the `reason` why not."""
 
     name: str
     controller: Any
-    judgement: Judgement
+    judgement: Judgement | None
     stops: tuple[Stop, ...]
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -165,9 +179,9 @@ class DesignReport:
     selection : Selection
         The candidates, the best first.
     trials : tuple of Trial
-        The choices that are robust from the lowest speed that any is, in their stops, the best first; of none robust,
-        the best alone.
-    control : LinearControl or None
+        The choices that are robust from the lowest speed that any is, and the seeking controller, in their stops, the
+        best first; of none robust, the best PI or PI-lead and it.
+    control : LinearControl, SeekingControl or None
         The recommended design as it runs: what `recommended.toml` says; None if no design holds the loops.
     above_kmh : float or None
         The speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel slides
@@ -182,8 +196,6 @@ class DesignReport:
         Of seed 0 alone, with the ends of the actuator's tolerances.
     rolling : tuple of RollingLoop
         Of the laws and loads in whose stops the wheel oscillates.
-    seeking : tuple of Stop
-        Of the seeking controller, which has no margins of its own here; none where it has no gains.
     rivals : tuple of Rival
         What the user gave.
     limits : tuple of (OperatingPoint, Limits)
@@ -193,14 +205,13 @@ class DesignReport:
     envelope: Envelope
     nominal: bool
     selection: Selection
-    control: LinearControl | None
+    control: LinearControl | SeekingControl | None
     above_kmh: float | None
     in_use: Judgement | None
     worst_loops: tuple[ShownLoop, ...]
     stops: tuple[Stop, ...]
     tolerance_stops: tuple[Stop, ...]
     rolling: tuple[RollingLoop, ...]
-    seeking: tuple[Stop, ...]
     rivals: tuple[Rival, ...]
     limits: tuple[tuple[OperatingPoint, Limits], ...]
     curves: tuple[LawCurve, ...]
@@ -232,6 +243,11 @@ class DesignReport:
     def hands_over(self) -> bool:
         """Whether slip control ends at some speed."""
         return self.usable and self.control is not None and self.control.cut_out_speed > 0
+
+    @property
+    def seeking(self) -> Trial | None:
+        """The seeking controller; None where it has no gains."""
+        return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
 
     @property
     def usable(self) -> bool:
@@ -309,7 +325,8 @@ def design_report(
     nominal : bool
         Judge its operating points alone.
     given : dict, optional
-        Linear controllers of the user's by name, judged and run beside; one of a file runs as that says.
+        Controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as that
+        says.
     sliding : bool
         Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
     fresh : bool
@@ -320,13 +337,14 @@ def design_report(
     Raises
     ------
     InputError
-        An envelope without points, or a controller without margins.
+        An envelope without points, or what is no controller.
     """
     with _beside() as submit:
         here: Beside = partial if not _may_be_sent(envelope) else submit
         plain = here(select, envelope, ("pi",))
+        sought = here(_seeking_trial, envelope, nominal) if envelope.vehicle.actuator.dead_time > 0 else lambda: None
         decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
-        return _report(envelope, nominal, given or {}, (here, plain, decided), progress)
+        return _report(envelope, nominal, given or {}, (here, plain, sought, decided), progress)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -379,12 +397,12 @@ def _report(
     envelope: Envelope,
     nominal: bool,
     given: dict[str, Any],
-    beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
+    beside: tuple[Beside, Callable[[], Selection], Callable[[], Trial | None], Callable[[], Sliding]],
     progress: Progress,
 ) -> DesignReport:
-    """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
+    """`beside`: where to compute, and what gives the plain PI, the seeking controller, and the sliding-mode law."""
     started = time.perf_counter()
-    submit, plain, sliding = beside
+    submit, plain, sought, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
     lead: tuple[Choice, ...] = ()
     if envelope.vehicle.actuator.lag > 0:
@@ -394,7 +412,7 @@ def _report(
     if lead and lead[0].design is not None:
         lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, submit, progress)
+    report = _designed(envelope, nominal, selection, (submit, sought), progress)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -404,34 +422,39 @@ def _report(
 
 
 def _designed(
-    envelope: Envelope, nominal: bool, selection: Selection, submit: Beside, progress: Progress
+    envelope: Envelope,
+    nominal: bool,
+    selection: Selection,
+    beside: tuple[Beside, Callable[[], Trial | None]],
+    progress: Progress,
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
+    submit, sought = beside
     empty = DesignReport(
-        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), (), None, None, None, Sliding(None),
+        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
-    if selection.best is None:
-        points = envelope.points(nominal=True)
-        blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
+    seeking = sought()
+    if selection.best is None and (seeking is None or seeking.above_kmh is None):
+        blank = _unjudged(envelope)
         progress("the brake that would do")
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
         return replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
     progress("braking runs")
-    tied = [one for one in selection.choices if one.tier == selection.best.tier]
-    trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
+    tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
+    tried = [*(_trial(one, nominal) for one in tied), *([] if seeking is None else [seeking])]
+    trials = sorted(tried, key=lambda trial: trial.rank)
     best, control = trials[0].choice, trials[0].control
     selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
     assert best.design is not None, "as its tier"
     assert best.design.judgement is not None
-    plain, judgement = control.design, best.design.judgement
+    plain, judgement = getattr(control, "design", None), best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = robust and best.reaches and trials[0].above_kmh is not None
+    enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
-    gains = submit(_gain_map, in_use, plain)
-    seeking = (lambda: ()) if envelope.vehicle.actuator.dead_time <= 0 else submit(seeking_stops, judgement)
+    gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
     found = replace(
         empty,
         selection=selection,
@@ -442,20 +465,29 @@ def _designed(
         worst_loops=_worst_loops(in_use),
         stops=trials[0].stops,
         tolerance_stops=() if nominal else tolerance_stops(trials[0].stops, control, judgement),
-        rolling=rolling_loops(trials[0].stops, control.design, judgement),
+        rolling=() if plain is None else rolling_loops(trials[0].stops, plain, judgement),
         limits=_limits(judgement),
         curves=tuple(map(_curve, laws_of(judgement))),
-        responses=_responses(in_use.worst, plain),
+        responses=None if plain is None else _responses(in_use.worst, plain),
     )
     if not enough:
         progress("the brake that would do")
-    return replace(found, gains=gains(), seeking=seeking(), faster=faster())
+    return replace(found, gains=gains(), faster=faster())
+
+
+def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial:
+    """The seeking controller, judged at the slips that it comes to, in the same stops."""
+    design = seeking_over(envelope, nominal=nominal)
+    robust, runs = design.judgement.robust_from_kmh, stops(design.control, design.judgement)
+    lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
+    choice = Choice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
+    return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.control, runs)
 
 
 def _trial(choice: Choice, nominal: bool) -> Trial:
     """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
     is not robust, or the wheel slides."""
-    assert choice.design is not None, "a choice of the best tier is a design"
+    assert isinstance(choice.design, EnvelopeDesign), "a choice of the best tier is a design"
     assert choice.design.judgement is not None
     design, judgement = choice.design, choice.design.judgement
     if nominal:
@@ -476,7 +508,25 @@ def _trial(choice: Choice, nominal: bool) -> Trial:
     return Trial(choice, None, lowest, *first)
 
 
+def _unjudged(envelope: Envelope) -> Judgement:
+    """The operating points of an envelope, and no controller."""
+    return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
+
+
+def no_margins(controller: Any) -> str:
+    """Why a controller that runs has no margins; empty of one that has some."""
+    thing = controller.step.thing if isinstance(controller, StepControl) else controller
+    if callable(linear_of(thing)) or not (has_step(thing) or isinstance(thing, Controller)):
+        return ""
+    return "known by its step alone" if has_step(thing) else "not linear"
+
+
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
+    if reason := no_margins(controller):
+        blank = _unjudged(envelope)
+        held = envelope.reference or blank.points.plants[0].point.law.reference
+        control = as_control(controller, envelope.vehicle, held, name)
+        return Rival(name, controller, None, stops(control, blank, every_law=False), reason)
     runs = isinstance(controller, Controller)  # of a file: as that says
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
     discrete = not isinstance(design, PIController) and getattr(design, "period", None) is not None
@@ -561,8 +611,10 @@ def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) 
         ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
         found = select(ends, (structure,), (1.0,)).choices[0]
         design = found.design
-        judgement = None if design is None else judge(design, faster)
-        if design is None or judgement is None or judgement.robust_from_kmh != min(envelope.speeds):
+        if not isinstance(design, EnvelopeDesign):
+            continue
+        judgement = judge(design, faster)
+        if judgement.robust_from_kmh != min(envelope.speeds):
             continue
         plain = PIController(design.gains, design.lead, design.lead_filter)
         runs = stops(as_run(plain, judgement, hand_over_of(judgement)), judgement)

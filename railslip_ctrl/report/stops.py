@@ -22,8 +22,8 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
-from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control, seeking_control
+from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import braking_control
 from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
 
@@ -43,8 +43,9 @@ class Stop:
         Of seed 0, recorded.
     others : tuple of Run
         Of the other seeds.
-    bound : ClairvoyantStop or None
-        What no controller of this brake beats; None where none is known.
+    bound, attainable : ClairvoyantStop or None
+        What no controller of this brake beats, and a stop without noise that one can have who knows the rail; None
+        where none is known.
     held : float
         Median of slip over the second half of the time under control: what is held, without the noise and the start.
     reference : float
@@ -62,6 +63,7 @@ class Stop:
     run: Run
     others: tuple[Run, ...]
     bound: ClairvoyantStop | None
+    attainable: ClairvoyantStop | None
     held: float
     reference: float
     cut_out: float = 0.0
@@ -169,11 +171,6 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
     return tuple(found)
 
 
-def seeking_stops(judgement: Judgement) -> tuple[Stop, ...]:
-    """The seeking controller in the same stops."""
-    return stops(seeking_control(judgement.envelope.vehicle), judgement)
-
-
 def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
     """The stop of a load on a rail with a law of the envelope, by name."""
     envelope, points = judgement.envelope, judgement.points
@@ -210,7 +207,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         load,
         run,
         tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
-        None if brake else _bound(scenario, getattr(control, "torque_high", None)),
+        *((None, None) if brake else _bounds(scenario, getattr(control, "torque_high", None))),
         _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
         cut_out,
@@ -239,10 +236,14 @@ def _held(run: Run, cut_out: float) -> float:
 
 
 @lru_cache(64)
-def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
-    """With this brake: dead time, and lag up to the largest torque."""
-    limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None
-    try:
-        return clairvoyant_stop(scenario if limits is None else scenario.with_changes(limits=limits))
-    except InputError:
-        return None
+def _bounds(scenario: Scenario, torque_max: float | None) -> tuple[ClairvoyantStop | None, ClairvoyantStop | None]:
+    """With this brake: dead time, and lag up to the largest torque; and what can be had of it."""
+    if torque_max is not None and np.isfinite(torque_max):
+        scenario = scenario.with_changes(limits=BrakeLimits(torque_max=torque_max))
+    found: list[ClairvoyantStop | None] = []
+    for one in (clairvoyant_stop, attainable_stop):
+        try:
+            found.append(one(scenario))
+        except InputError:
+            found.append(None)
+    return found[0], found[1]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from itertools import zip_longest
 from typing import Any
 
@@ -17,7 +16,9 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import SeekingDesign
 from railslip_ctrl.design.judging import Judgement, WorstCase
+from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.specification import Worst
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
@@ -25,8 +26,19 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
-from .document import MARGIN_HEAD, counted, facts, fixed, heading, render, roots_text, table
-from .export import PUBLISHED, case_json, exported, law_json, margin_numbers, margins_json, source_at, words_at
+from .document import MARGIN_HEAD, below, counted, facts, fixed, heading, ms_text, render, roots_text, table
+from .export import (
+    PUBLISHED,
+    case_json,
+    controller_json,
+    controller_numbers,
+    exported,
+    law_json,
+    margin_numbers,
+    margins_json,
+    source_at,
+    words_at,
+)
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -40,10 +52,10 @@ def case_title(point: OperatingPoint) -> str:
     )
 
 
-def controller_text(controller: LinearController) -> str:
-    """What a linear controller is, with its numbers."""
+def controller_text(controller: LinearController | SeekingGains) -> str:
+    """What a controller with margins is, with its numbers."""
     if not isinstance(controller, PIController):
-        numbers = {k: v for k, v in asdict(controller).items() if v is not None}
+        numbers = controller_numbers(controller)
         return f"{controller.structure}: " + ", ".join(f"{k} {_plain(v)}" for k, v in numbers.items())
     kp, ki = controller.gains.kp, controller.gains.ki
     text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
@@ -219,8 +231,9 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
         ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
-        ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
+    if poles.size:
+        rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"))
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
     if assessment.margins is not None:
         parts += ["", _margin_table(assessment, assessment.margins), _crossover_line(assessment.margins)]
@@ -408,7 +421,7 @@ def _worst_table(judgement: Judgement) -> RenderableType:
 
 def _row(name: str, worst: WorstCase) -> list[str]:
     m = worst.margins
-    numbers = ["unstable", "-", "-"] if m is None else [_ms(m.ms), fixed(m.phase_deg, 3), fixed(m.delay_s, 3)]
+    numbers = ["unstable", "-", "-"] if m is None else [ms_text(m.ms), below(m.phase_deg), below(m.delay_s)]
     return [name, *numbers, worst.case.words]
 
 
@@ -417,16 +430,10 @@ def _map_table(judgement: Judgement) -> RenderableType:
     kinds = {"": found.operating} if judgement.nominal else {"": found.operating, ", tol.": found.with_tolerances}
     head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in found.loads)]
     rows = [
-        [f"{speed:g}", *(_ms(float(ms)) for values in kinds.values() for ms in values[i])]
+        [f"{speed:g}", *(ms_text(float(ms)) for values in kinds.values() for ms in values[i])]
         for i, speed in enumerate(found.speeds_kmh.tolist())
     ]
     return table(head, rows)
-
-
-def _ms(ms: float) -> str:
-    if np.isnan(ms):
-        return "-"
-    return "unstable" if np.isinf(ms) else fixed(rounded_up(ms), 3)
 
 
 # --- text and JSON of tuned designs ----------------------------------------------------------------------------------
@@ -448,6 +455,20 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
         "feasible": design is not None,
         **({} if judgement is None else judgement.table()),
     }
+
+
+def seeking_json(design: SeekingDesign) -> dict[str, Any]:
+    """The seeking controller and its judgement over an envelope."""
+    told = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.gains)}
+    return {**told, "feasible": not design.reason, **design.judgement.table()}
+
+
+def seeking_text(design: SeekingDesign) -> str:
+    """The seeking controller and its judgement over an envelope."""
+    known = [("Controller", controller_text(design.gains))]
+    known += [("Result", f"infeasible: {design.reason}")] if design.reason else []
+    title = f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"
+    return render([heading(title), facts(known), "", *judgement_parts(design.judgement)])
 
 
 def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import minimize, minimize_scalar
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.numeric import peak, plant_parameters
+from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 
 from .scenario import Event, Scenario, event_place
 
@@ -115,3 +116,151 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
         return most if limits.rate is None else min(most, limits.rate * since)
 
     return available
+
+
+# --- with the time that slip takes to build up ----------------------------------------------------------------------
+
+_SWITCHES = 9  # times tried first at which the torque is taken back
+_MOST_SLIP = 0.4  # a build-up that comes here is of no use
+_SAMPLES = 300  # of the hold, at which its command is looked at
+_SLACK = 0.02  # of the largest torque, by which a command may pass its limits: of the differences that give it
+
+
+def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
+    """A stop that can be had in a scenario without noise, by one that knows the rail: the largest torque through the
+    actuator, then none until the slip comes to rest, from where it is held, or brought to less in some time; the best
+    such slips and times.
+
+    It is no bound but a stop of the true plant, adhesion state and wheel included, so that the best there is lies
+    between `clairvoyant_stop` and it. Infinite where no such stop is found.
+
+    InputError for a scenario without a largest torque, or with a rate limit or events.
+    """
+    limits = scenario.limits
+    if limits.torque_max is None or limits.rate is not None or scenario.events:
+        raise InputError("attainable stop: give a largest torque, no rate limit and no events")
+    path = _Path(scenario)
+    latest = path.latest
+    first = scenario.vehicle.actuator.dead_time
+    tried = np.linspace(first, latest, _SWITCHES + 2)[1:-1]
+    found = [path.stop(float(switch)) for switch in tried]
+    at = int(np.argmin([one.braking_distance for one in found]))
+    ends = tried[max(at - 1, 0)], tried[min(at + 1, _SWITCHES - 1)]
+    once = minimize_scalar(lambda switch: path.stop(switch).braking_distance, bounds=ends, method="bounded")
+    every = [path.stop(float(once.x)), found[at]]
+    if path.stop(float(once.x), *_LESS).braking_distance < every[0].braking_distance:  # as where adhesion falls
+        best = minimize(
+            lambda x: path.stop(*x.tolist()).braking_distance,
+            [once.x, *_LESS],
+            method="Nelder-Mead",
+            options={"fatol": 0.02, "xatol": 0.02, "maxfev": 80},
+        )
+        every.append(path.stop(*best.x.tolist()))
+    return min(every, key=lambda one: one.braking_distance)
+
+
+class _Path:
+    """The plant of a scenario without noise: speed, slip velocity, adhesion state, acting torque, distance."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        law = scenario.law(scenario.rail, scenario.adhesion_factor)
+        self._rates, self._scenario = numeric_plant(type(law)).rates, scenario
+        self._parameters = plant_parameters(law, scenario.vehicle)
+        self._actuator, self._most = scenario.vehicle.actuator, scenario.limits.torque_max or 0.0
+        begin = np.array([scenario.initial_speed, 0.0, 0.0, 0.0, 0.0])
+        free = solve_ivp(self._driven(0.0), (0.0, self._actuator.dead_time), begin, **_SOLVER)
+        start = free.y[:, -1]
+
+        def slipped(t: float, y: Floats) -> float:
+            return float(y[1] - _MOST_SLIP * y[0])
+
+        slipped.terminal = True  # type: ignore[attr-defined]
+        self._full = solve_ivp(
+            self._driven(self._most),
+            (self._actuator.dead_time, scenario.longest_time),
+            start,
+            events=slipped,
+            dense_output=True,
+            **_SOLVER,
+        )
+
+    @property
+    def latest(self) -> float:
+        """When the slip would be too much with the largest torque, s."""
+        return float(self._full.t[-1])
+
+    def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
+        """With the torque taken back at a time, s, and then a share of the slip left after some times `time`, s;
+        infinite where that brings the slip nowhere to rest, or passes the limits of the brake."""
+        never = ClairvoyantStop(math.inf, math.inf)
+        taken_back = self._driven(0.0)
+
+        def rests(t: float, y: Floats) -> float:
+            rates = taken_back(t, y)
+            return float(rates[1] * y[0] - y[1] * rates[0])
+
+        rests.terminal, rests.direction = True, -1.0  # type: ignore[attr-defined]
+        if not (self._actuator.dead_time < switch < self.latest and 0 < share <= 1 and time > _LEAST_TIME):
+            return never
+        begin = self._full.sol(switch)
+        if rests(switch, begin) <= 0:
+            return never
+        back = solve_ivp(taken_back, (switch, switch + _LONGEST_BACK), begin, events=rests, **_SOLVER)
+        if not back.t_events[0].size or back.y[1, -1] > _MOST_SLIP * back.y[0, -1]:
+            return never
+        return self._held(float(back.t[-1]), back.y[:, -1], share, time)
+
+    def _held(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
+        """The slip ratio held from a time on to the end, or brought to a share of it."""
+        first, final = begin[1] / begin[0], self._scenario.final_speed
+
+        def slip(t: float) -> float:
+            return float(first * (share + (1 - share) / (1 + ((t - start) / time) ** 2)))
+
+        def rates(t: float, y: Floats) -> list[float]:
+            speed, _, state = self._plant(t, y[0], slip(t) * y[0], y[1], 0.0)
+            return [speed, state, y[0]]
+
+        def stopped(t: float, y: Floats) -> float:
+            return float(y[0] - final)
+
+        stopped.terminal = True  # type: ignore[attr-defined]
+        end = start + self._scenario.longest_time
+        found = solve_ivp(rates, (start, end), begin[[0, 2, 4]], events=stopped, dense_output=True, **_SOLVER)
+        if not found.t_events[0].size:
+            return ClairvoyantStop(math.inf, math.inf)
+        times = np.linspace(start, float(found.t[-1]), _SAMPLES)
+        acting = np.array([self._holding(t, slip, *found.sol(t)[:2]) for t in times.tolist()])
+        asked = acting + self._actuator.lag * np.gradient(acting, times)
+        if asked[1:].max() > (1 + _SLACK) * self._most or asked.min() < -_SLACK * self._most:
+            return ClairvoyantStop(math.inf, math.inf)
+        return ClairvoyantStop(float(found.t[-1]), float(found.y[2, -1]))
+
+    def _holding(self, t: float, slip: Callable[[float], float], speed: float, state: float) -> float:
+        """The acting torque that gives a slip ratio over time."""
+        ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
+        change, none, _ = self._plant(t, speed, ratio * speed, state, 0.0)
+        one = self._plant(t, speed, ratio * speed, state, 1.0)[1]
+        return (ratio * change + rate * speed - none) / (one - none)
+
+    def _plant(self, t: float, speed: float, sigma: float, state: float, torque: float) -> tuple[float, float, float]:
+        """Rates of speed, slip velocity and adhesion state."""
+        found = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
+        return float(found[0]), float(found[1]), float(found[2]) if len(found) > 2 else 0.0
+
+    def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
+        """Rates with a command that has passed the dead time."""
+
+        def rates(t: float, y: Floats) -> list[float]:
+            lag = self._actuator.lag
+            torque = y[3] if lag > 0 else command
+            return [*self._plant(t, y[0], y[1], y[2], torque), (command - y[3]) / lag if lag > 0 else 0.0, y[0]]
+
+        return rates
+
+
+_SOLVER: dict[str, Any] = {"method": "LSODA", "rtol": 1e-6, "atol": 1e-7}
+_STEP = 1e-4  # s, of the difference that gives the rate of the slip
+_LEAST_TIME = 0.05  # s
+_LESS = (0.6, 1.0)  # share of the slip, and s, from which the best are looked for
+_LONGEST_BACK = 5.0  # s, until the slip rests

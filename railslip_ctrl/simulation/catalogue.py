@@ -9,6 +9,7 @@ vehicle they are tuned when asked for. Unless a period is given all are sampled 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import product
 from types import MappingProxyType
@@ -103,7 +104,8 @@ def published_controller(
     if kind == "pi":
         if adaptive or not knows_rail:
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
-        return LinearControl(PIController(TABLE4_PI[column]), held, period=period, rule=Rule.BACKWARD)
+        design = PIController(TABLE4_PI[column])
+        return LinearControl(design, held, period=period, rule=Rule.BACKWARD, tracking_time=math.inf)
     return SlidingControl(
         published_law_gains(column, adaptive=adaptive),
         held,
@@ -539,7 +541,6 @@ def controller_named(
         return seeking_control(vehicle, reference=held, period=period)
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
-    if gains is not None:
-        return LinearControl(PIController(gains), held, period=period, rule=Rule.BACKWARD)
     kind: Kind = "asmc" if name == "asmc" else "pi"
-    return published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)
+    made = published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)
+    return replace(made, design=PIController(gains)) if gains and isinstance(made, LinearControl) else made

@@ -30,6 +30,8 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
 
+from pydantic import model_validator
+
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
@@ -162,15 +164,46 @@ class TransferFunctionKeys(SystemKeys):
 
 
 class StateSpaceKeys(SystemKeys):
-    """`kind = "state-space"`: x' = A x + B e, torque = C x + D e, SI; lists, A by rows."""
+    """`kind = "state-space"`: x' = A x + B e, torque = C x + D e, SI; lists, A by rows, B and C flat or as matrices."""
 
     A: tuple[tuple[float, ...], ...] = quantity("1", "by rows")
     B: tuple[float, ...] = quantity("1", "of the error")
     C: tuple[float, ...] = quantity("1", "of the torque")
     D: float = quantity("1", "from error to torque", default=0.0)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _as_matrices(cls, content: dict[str, Any]) -> dict[str, Any]:
+        """As other tools write them too: keys in lower case, B a column, C and D in rows, numbers without brackets."""
+        found = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
+        if len(found) < len(content):
+            raise InputError("A, B, C, D: one is given in both cases; give it once")
+        if isinstance(found.get("A"), int | float):
+            found["A"] = [[found["A"]]]
+        if "B" in found:
+            found["B"] = [_only(row) for row in _listed(found["B"])]
+        if "C" in found:
+            found["C"] = _listed(_only(found["C"]))
+        if "D" in found:
+            found["D"] = _only(_only(found["D"]))
+        if any(not isinstance(row, list | tuple) for row in _listed(found.get("A", []))):
+            raise InputError("A: give its rows, [[...], ...]")
+        for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
+            if any(isinstance(entry, list) for entry in found.get(key, ())):
+                raise InputError(f"{key}: is not of one input and one output; give {shape}")
+        return found
+
     def design(self) -> StateSpaceController:
         return StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _only(value: Any) -> Any:
+    """The entry of a list of one; else the value."""
+    return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
 
 
 class SlidingKeys(Limited):
@@ -332,11 +365,22 @@ def _model(path: Path, initial_speed: float | None) -> AdhesionLaw:
     return load_law(path, initial_speed_kmh=None if initial_speed is None else initial_speed / KMH)
 
 
-def linear_text(control: LinearControl) -> str:
-    """A linear controller as the text of its file, every number of it.
+def control_text(control: LinearControl | SeekingControl) -> str:
+    """A linear or seeking controller as the text of its file, every number of it.
 
     InputError for a system of no period, which no file has.
     """
+    if isinstance(control, SeekingControl):
+        kind, told = "seeking", _lines(SeekingKeys, {"period": control.period})
+        told += ["", "[gains]", *_lines(SeekingGains, control.gains.model_dump())]
+    else:
+        kind, told = _linear_lines(control)
+    held = ["", "[reference]", f"dry = {control.reference.dry!r}", f"wet = {control.reference.wet!r}"]
+    return "\n".join([f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}", *told, *held]) + "\n"
+
+
+def _linear_lines(control: LinearControl) -> tuple[str, list[str]]:
+    """Kind and lines of a linear controller."""
     if control.period is None and not isinstance(control.design, PIController):
         raise InputError("period: a file of a transfer function or state space needs one; give it (s)")
     kind, own = _design_keys(control.design)
@@ -352,16 +396,19 @@ def linear_text(control: LinearControl) -> str:
         "cut_out_torque": control.cut_out_torque,
         "rule": control.rule.value,
     }
-    lines = [f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}"]
+    return kind, _lines(KINDS[kind], content)
+
+
+def _lines(record: type[Record], content: dict[str, Any]) -> list[str]:
+    """Keys of a record with their values and units."""
+    lines = []
     for key, value in content.items():
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
             continue  # left out: none
-        extra: Any = KINDS[kind].model_fields[key].json_schema_extra or {}
+        extra: Any = record.model_fields[key].json_schema_extra or {}
         unit = extra.get("unit", "1")
         lines.append(f"{key} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
-    reference = control.reference
-    lines += ["", "[reference]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _design_keys(design: LinearController) -> tuple[str, dict[str, Any]]:

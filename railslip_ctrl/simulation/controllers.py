@@ -94,8 +94,34 @@ class Controller(Protocol):
         """Its state when the brake is applied at a `speed`, m/s."""
 
 
+class Filed:
+    """What controllers that a file holds share."""
+
+    @property
+    def toml(self) -> str:
+        """The text that `save` writes."""
+        files = import_module("railslip_ctrl.simulation.controller_files")  # which imports these records
+        return str(files.control_text(self))
+
+    def save(self, path: str | Path) -> None:
+        """Write the TOML file at `path` that every command and `load_controller` take.
+
+        InputError where it cannot be written.
+        """
+        write_text(path, self.toml)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file of a controller. InputError where it cannot be written."""
+    path = given_path(path)
+    try:
+        path.write_text(text, "utf-8")
+    except OSError as error:
+        raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
+
+
 @dataclass(frozen=True)
-class LinearControl:
+class LinearControl(Filed):
     """A linear controller, sampled, with limits and anti-windup; see `design.controllers.SampledController`.
 
     Parameters
@@ -113,7 +139,7 @@ class LinearControl:
     tracking_time, rule
         As of `SampledController`, Tustin's rule unless said (the built-in controllers and files of a PI without a rule
         have the backward difference: their numbers were made with it, and differ by up to 2e-4 in the distance of a
-        stop); a tracking time of inf: no anti-windup.
+        stop); a tracking time of inf: no anti-windup, None: that of the slowest zero, kp/ki of a PI, as in a file.
     initial_torque : float
         N*m, from the start: a torque that the rail surely takes, which need not be built up first; where an integral
         starts, added to the torque of a controller without one.
@@ -136,7 +162,7 @@ class LinearControl:
     period: float | None = PERIOD
     torque_low: float = -math.inf
     torque_high: float = math.inf
-    tracking_time: float | None = math.inf
+    tracking_time: float | None = None
     rule: Rule = Rule.TUSTIN
     initial_torque: float = 0.0
     cut_out_speed: float = 0.0
@@ -159,23 +185,6 @@ class LinearControl:
     def states(self) -> tuple[str, ...]:
         """Those of the difference equations, the error before and the torque before its limits."""
         return (*state_names(self.design), "error", "unlimited_torque")
-
-    @property
-    def toml(self) -> str:
-        """The text that `save` writes."""
-        files = import_module("railslip_ctrl.simulation.controller_files")  # which imports these records
-        return str(files.linear_text(self))
-
-    def save(self, path: str | Path) -> None:
-        """Write the TOML file at `path` that every command and `load_controller` take.
-
-        InputError where it cannot be written.
-        """
-        path, text = given_path(path), self.toml
-        try:
-            path.write_text(text, "utf-8")
-        except OSError as error:
-            raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
 
     def linear(self, point: OperatingPoint) -> LinearController:
         """The design, the same at every operating point."""

@@ -13,9 +13,9 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.kernels import plain
 
 from . import seeking_step
-from .controllers import Situation
+from .controllers import Filed, Situation
 
-KNOTS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
+KNOTS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
 """Slip ratios at which the map of adhesion has values."""
 
 _SPARE = 3  # samples of the histories beyond the longest time looked back
@@ -23,7 +23,7 @@ _MAP = 7  # numbers that the map takes for each knot
 
 
 @dataclass(frozen=True)
-class SeekingControl:
+class SeekingControl(Filed):
     """A controller that seeks the peak of adhesion; it is told neither rail nor mass nor adhesion curve.
 
     Parameters
@@ -55,6 +55,11 @@ class SeekingControl:
         return (*own, *(f"torque_{i}" for i in range(self._history)), *(f"map_{i}" for i in range(_MAP * len(KNOTS))))
 
     @property
+    def cut_out_speed(self) -> float:
+        """Train speed below which it holds a torque and not a slip, m/s."""
+        return self.gains.hand_over_speed
+
+    @property
     def torque_high(self) -> float:
         """Largest torque, N*m."""
         return self.gains.torque_high
@@ -73,7 +78,8 @@ class SeekingControl:
         return (
             *(g.inertia, g.viscous_friction, g.wheel_load, g.dead_time, g.lag, period, g.torque_high),
             *(g.kappa, g.torque_time, g.observer_time, g.deceleration_time),
-            *(g.start_lead, g.start_slip, g.elasticity, g.first_slip, g.least_slip, g.largest_slip),
+            *(g.start_lead, g.start_slip, g.elasticity, g.again_share),
+            *(g.first_slip, g.least_slip, g.largest_slip),
             *(g.forgetting, g.curvature, g.flatness, g.rise, g.fall),
             *(g.hand_over_speed, g.fade_speed, g.hand_over_share, g.last_share, g.last_speed),
             *(float(self._history), float(len(KNOTS)), *KNOTS),

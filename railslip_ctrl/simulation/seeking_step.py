@@ -28,6 +28,7 @@ RADIUS = 1
     START_LEAD,
     START_SLIP,
     ELASTICITY,
+    AGAIN_SHARE,
     FIRST_SLIP,
     LEAST_SLIP,
     LARGEST_SLIP,
@@ -44,7 +45,7 @@ RADIUS = 1
     RING,
     KNOTS,
     FIRST_KNOT,
-) = range(2, 32)
+) = range(2, 33)
 
 # the state x
 (
@@ -76,8 +77,9 @@ RADIUS = 1
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
 _QUICK_TIME = 0.05  # s
-AGAIN = 2.0  # in STARTING: after a rise of adhesion; 1: the first start, 0: none
-_AGAIN_TORQUE = 3.0  # of what held the slip before: dry after wet takes twice as much
+AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the first start, 0: none
+_LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
+_FLAT_STEPS = 2.0  # in turn
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _LOWEST_SLIP = 1e-4  # whose logarithm is taken
 
@@ -251,19 +253,21 @@ def fast_start(x, c, v, sigma, reference):
     """The largest torque; it ends where the slip is about to pass the start's, or adhesion rises no more with it."""
     if sigma + c[START_LEAD] * x[SLIP_RATE] >= min(c[START_SLIP], 0.85 * reference) * v:
         x[STARTING] = 0.0
-    slip, elasticity = x[FILTERED_SIGMA] / x[FILTERED_SPEED], 1.0
-    if x[ADHESION_TORQUE] > 0.0 and slip > _LOWEST_SLIP:
+    slip, step = x[FILTERED_SIGMA] / x[FILTERED_SPEED], _LOG_STEP if x[STARTING] == RISEN else 1e-3
+    if x[ADHESION_TORQUE] > 0.1 * c[WHEEL_LOAD] * c[RADIUS] and slip > _LOWEST_SLIP:
         log_torque, log_slip = math.log(x[ADHESION_TORQUE]), math.log(slip)
-        if x[LAST_LOG_SLIP] != 0.0 and log_slip - x[LAST_LOG_SLIP] > 1e-3:
-            elasticity = (log_torque - x[LAST_LOG_TORQUE]) / (log_slip - x[LAST_LOG_SLIP])
-        x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP] = log_torque, log_slip
-    flat = elasticity < c[ELASTICITY] and x[ADHESION_TORQUE] > 0.1 * c[WHEEL_LOAD] * c[RADIUS]
-    x[FLAT_SAMPLES] = x[FLAT_SAMPLES] + 1.0 if flat else 0.0
-    if x[FLAT_SAMPLES] >= 2.0:
+        if x[LAST_LOG_SLIP] == 0.0 or log_slip < x[LAST_LOG_SLIP] - step:
+            x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP], x[FLAT_SAMPLES] = log_torque, log_slip, 0.0
+        elif log_slip > x[LAST_LOG_SLIP] + step:
+            flat = log_torque - x[LAST_LOG_TORQUE] < c[ELASTICITY] * (log_slip - x[LAST_LOG_SLIP])
+            x[FLAT_SAMPLES] = x[FLAT_SAMPLES] + 1.0 if flat else 0.0
+            x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP] = log_torque, log_slip
+    if x[FLAT_SAMPLES] >= _FLAT_STEPS and x[STARTING] > 0.0:
         x[STARTING] = 0.0
+        x[REFERENCE_SLIP] = min(max(1.2 * slip, c[LEAST_SLIP]), x[REFERENCE_SLIP])
     x[LOW_TIME], x[MEAN_TORQUE], x[QUICK_TORQUE] = 0.0, x[ADHESION_TORQUE], x[ADHESION_TORQUE]
-    if x[STARTING] == AGAIN:
-        return min(c[TORQUE_HIGH], _AGAIN_TORQUE * x[MEAN_HOLDING])
+    if x[STARTING] > 1.0:
+        return min(c[TORQUE_HIGH], c[AGAIN_SHARE] * x[MEAN_HOLDING])
     return c[TORQUE_HIGH]
 
 
@@ -290,13 +294,16 @@ def hand_over(x, c, v, wanted):
 
 @compiled
 def readhesion(x, c, v, slip, reference):
-    """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before."""
+    """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before, and
+    nothing is known of its peak."""
     x[LOW_TIME] = x[LOW_TIME] + c[PERIOD] if slip < 0.69 * reference else 0.0
     x[QUICK_TORQUE] += c[PERIOD] / _QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
     x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
     rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
     if v > c[HAND_OVER_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
-        x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = AGAIN, 0.0, 0.0, 0.0
+        x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
+        if rises:
+            x[REFERENCE_SLIP] = max(x[REFERENCE_SLIP], c[FIRST_SLIP])
         forget(x, c)
 
 

@@ -28,14 +28,11 @@ from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
 from railslip_ctrl.design.controllers import (
     PERIOD,
-    PIController,
-    Rule,
     has_step,
     is_function,
     is_system,
     linear_controller,
     linear_of,
-    step_alone,
 )
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -157,11 +154,8 @@ class StepControl:
         return tuple(f"x{i + 1}" for i in range(len(self.start_numbers)))
 
     def linear(self, point: OperatingPoint) -> Any:
-        """What the object says of itself at an operating point; InputError where it says nothing."""
-        own = linear_of(self.step.thing)
-        if own is None:
-            raise step_alone(self.step.thing)
-        return own(point)
+        """What the object says of itself at an operating point; InputError where it says nothing, or no system."""
+        return linear_controller(self.step.thing, point)
 
     def source(self) -> str:
         return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
@@ -391,14 +385,10 @@ def as_control(
             "it step(t, v, omega)"
         )
     design = linear_controller(controller)
-    own = None if isinstance(design, PIController) else design.period
     return LinearControl(
         design,
         held,
         name=name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-"),
-        period=PERIOD if own is None else own,
         torque_low=0.0,
         torque_high=full_brake_torque(vehicle),
-        tracking_time=None,
-        rule=Rule.TUSTIN,
     )

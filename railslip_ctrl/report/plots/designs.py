@@ -584,8 +584,8 @@ _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredge
 def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     """What draws each figure; what has nothing to show is left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
-    if report.judgement is not None and report.control is not None:
-        found, name = report.judgement.map, report.control.design.structure
+    if report.judgement is not None and report.best is not None and report.best.design is not None:
+        found, name = report.judgement.map, report.best.design.structure
         title = f"{report.vehicle.name}, {name}: worst Ms over speed and load"
         drawings["map"] = lambda: ms_map_figure({"": found}, title=title)
         where = f"{report.vehicle.name}, {name}: loops at the worst points in use; dead time exact"

@@ -192,14 +192,22 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """The store, begun if it is not there, for this process alone to write into.
+        """The store, begun if it is not there, for this process alone to write into; one that fails before a part is
+        finished leaves nothing.
 
         InputError where another process has it or the folder cannot be written to.
         """
         with claimed(self.folder):
             store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # begun by now?
-            store._begin()
-            yield store
+            try:
+                store._begin()
+                yield store
+            except BaseException:
+                if not any(store.finished()):
+                    with suppress(OSError):
+                        (self.folder / MANIFEST).unlink()
+                        (self.folder / PARTS).rmdir()
+                raise
 
     def _begin(self) -> None:
         """Write the manifest, if there is none, and remove what a killed campaign had not finished writing."""
