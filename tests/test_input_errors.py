@@ -137,6 +137,7 @@ def test_no_field_of_a_record_takes_text_or_a_flag_for_a_number_or_a_number_for_
         if "float" in words:
             for value in ("0.5", True) if record.text_needs_unit else (True,):
                 given = (value, value) if "tuple" in words else value
+                given = (given,) if "tuple[tuple" in words else given
                 assert "text" in complaint(record, name, given) or "not a number" in complaint(record, name, given)
         elif info.annotation is bool:
             for value in ("true", 1):
