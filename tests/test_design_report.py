@@ -47,7 +47,7 @@ from railslip_ctrl.simulation.catalogue import published_controller, seeking_con
 from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
-ENVELOPE = Envelope(PARK2008, speeds=(20, 100))
+ENVELOPE = Envelope(PARK2008, speeds=(10, 100))
 SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
@@ -101,7 +101,7 @@ def test_the_recommendation_is_what_judge_says_of_its_file(content, recommended)
     assert said["worst"] == judged.worst.table()
     assert said["worst_with_tolerances"] == judged.worst_with_tolerances.table()
     assert said["map"]["operating"] == judged.map.operating.tolist()
-    assert content["envelope"]["speeds"] == [20, 100]
+    assert content["envelope"]["speeds"] == [10, 100]
 
 
 def test_the_stops_are_those_of_the_file_digit_for_digit(full_report, content, railslip):
@@ -273,8 +273,8 @@ def hopeless():
 def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robust):
     first = first_page(robust)
     assert robust.in_use.verdict == "robust"
-    assert first.headline == "USE ABOVE 20 km/h"  # below the lowest speed judged the file holds a torque
-    assert "Below 20 km/h it holds" in dict(first.lines)["To do"]
+    assert first.headline == "USE ABOVE 10 km/h"  # below the lowest speed judged the file holds a torque
+    assert "Below 10 km/h it holds" in dict(first.lines)["To do"]
     assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
     assert words(first) <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
@@ -403,7 +403,7 @@ def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
     for one in bounded:
         assert one.run.braking_distance > one.bound.braking_distance
         signals = one.run.signals
-        controlled = signals.slip[signals.speed * 3.6 > 20.0]  # below, the file holds a torque
+        controlled = signals.slip[signals.speed * 3.6 > 10.0]  # below, the file holds a torque
         assert 0 < controlled.size < signals.slip.size
         assert one.held == np.median(controlled[controlled.size // 2 :])
         assert one.reached == (one.held >= 0.95 * one.reference)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from generated_code import COMPILER, FLAGS, needs_compiler
 from sample_laws import sample_law
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
@@ -173,6 +174,52 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
     assert exact.is_stable() == (exact.scaled(1.0).root_count.right == 0)
     assert not exact.scaled(1.02 * margins.gain_increase).is_stable()
     assert exact.scaled(0.98 * margins.gain_increase).is_stable()
+
+
+def sampled_sensitivity(point, brake, h, omega):
+    """S at the acting torque as a sample has it: the equations of `seeking_step` in z, the plant behind a hold."""
+    g, n, car = GAINS, len(linearize(point).states), point.vehicle
+    plant, rates = linearize(point), linearize(point, speed_state=True).A[0, 1:]
+    sigma_row = np.array([float(name == "sigma") for name in plant.states])
+    held = np.zeros((n + 3, n + 3))  # plant, acting torque, v, command
+    held[:n, :n], held[:n, n], held[n + 1, :n] = plant.A, plant.B[:, 0], rates
+    held[n, n], held[n, -1] = -1 / brake.lag, 1 / brake.lag
+    step_on = expm(held * h)
+    late, believed = round(brake.dead_time / h), round(g.dead_time / h)
+    slower, blend, slow = (1 - np.exp(-h / tau) for tau in (g.lag, g.observer_time, g.deceleration_time))
+    per_wheel, rate = g.inertia / car.wheel.radius, (point.adhesion_force + 0.63 * point.speed**2) / car.mass
+
+    def command(z, sigma, v):
+        """The command over the command, with a response of the plant: its own path alone where that is 0."""
+        ahead = slower / z / (1 - (1 - slower) / z)
+        q, qa = (one / (1 - (1 - one) / z) for one in (blend, slow))
+        fall = -(1 - 1 / z) / h * qa * v
+        spin = (1 - 1 / z) / h * q * (v - sigma) / car.wheel.radius
+        holding = g.inertia * spin + q * ahead * z**-believed
+        holding += per_wheel * (fall * (1 - point.slip) - rate * sigma / point.speed)
+        under_way = sum(z**-i for i in range(believed)) * h * ahead
+        sigma_ahead = sigma + (under_way - g.dead_time * holding) / per_wheel
+        wanted = holding + per_wheel * g.kappa * (-point.slip * g.dead_time * fall - sigma_ahead)
+        return ahead + g.lag / g.torque_time * (wanted - ahead)
+
+    found = []
+    for z in np.exp(1j * omega * h):
+        x = np.linalg.solve(z * np.eye(n + 2) - step_on[:-1, :-1], step_on[:-1, -1]) * z**-late
+        found.append((1 - command(z, 0.0, 0.0)) / (1 - command(z, sigma_row @ x[:n], x[n + 1])))
+    return np.abs(found)
+
+
+@pytest.mark.parametrize(("law", "slip", "kmh"), [("curve", 0.11, 60), ("bristle", 0.0935, 20), ("bristle", 0.11, 100)])
+@pytest.mark.parametrize("late", [1.0, 4 / 3])
+def test_sampled_the_inner_loop_is_that_of_a_short_period(law, slip, kmh, late):
+    """Ms of 10 ms is 1 to 4 % more, and tends to it with the period: a tenth of that costs a tenth."""
+    point = operating_point(published_law(law, "dry"), PARK2008, kmh / 3.6, slip)
+    brake = Actuator(dead_time=late * 0.15, lag=late * 0.6)
+    ms = seeking_loop(point, GAINS, brake).margins().ms
+    omega = np.geomspace(0.5, 40.0, 1500)
+    more = [sampled_sensitivity(point, brake, h, omega).max() / ms - 1 for h in (0.01, 0.001)]
+    assert 0.01 < more[0] < 0.04
+    assert more[1] == pytest.approx(0.1 * more[0], rel=0.1)  # to the second order of the period
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ schedule        gains over speed and rail, lowest speeds, sweeps of margins
 stabilizing     all gains that stabilise, their outline and margins; `decomposition` is the method
 limits          what no controller can beat, and what a controller asks of the brake
 compensators    Smith predictors and the predictor-observer
+seeking         gains of the seeking controller, by rules, and the exact loop of its inner part
 """
 
 from .controllers import (

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.arguments import number, numbers
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
@@ -307,6 +307,9 @@ class DelayedLoop(BoundedLoop):
         if self.ratio.denominator.zeros_at_origin:
             return math.inf
         return float((self.ratio.numerator(0.0) / self.ratio.denominator(0.0)).real)
+
+    def response(self, omega: ArrayLike) -> Complexes:
+        return self(1j * numbers("omega", omega, "rad/s", gt=0))
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
         s, (num, den) = 1j * omega, (self.ratio.numerator, self.ratio.denominator)

@@ -17,7 +17,7 @@ from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import SeekingDesign
-from railslip_ctrl.design.judging import Judgement, WorstCase
+from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.specification import Worst
 from railslip_ctrl.design.tuning import TunedCases
@@ -238,6 +238,8 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         parts += _pade_part(assessment)
     if assessment.as_run is not None:
         parts.append(_sampled_line(assessment.as_run.period, assessment.sampled))
+    if isinstance(assessment.controller, SeekingGains):
+        parts.append(f"Sampled: {UNSAMPLED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
