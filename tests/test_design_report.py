@@ -318,11 +318,15 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
 
 
 @pytest.mark.parametrize(
-    ("kp", "verdict", "headline"), [(300.0, "fragile", "DO NOT USE: fragile"), (1e6, "unstable", "DO NOT USE")]
+    ("gains", "verdict", "headline"),
+    [
+        (PIGains(kp=804.0, ki=694.0), "fragile", "DO NOT USE: fragile"),
+        (PIGains(kp=1e6, ki=2.0), "unstable", "DO NOT USE"),
+    ],
 )
-def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, verdict, headline):
+def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, gains, verdict, headline):
     """Were the judgement that of gains without margin: headline, reason, table and JSON say the same."""
-    weak = judge(PIController(PIGains(kp=kp, ki=2.0)), robust.envelope)
+    weak = judge(PIController(gains, lead=0.6, lead_filter=0.03), robust.envelope)
     assert (weak.verdict, weak.robust_from_kmh) == (verdict, None)
     best = replace(robust.best, design=replace(robust.best.design, judgement=weak))
     report = replace(robust, above_kmh=None, in_use=weak, selection=replace(robust.selection, choices=(best,)))
@@ -333,7 +337,7 @@ def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust,
     why, (name, worst, _) = dict(told.lines)["Why"], told.rows[0]
     assert name == "Ms"
     if verdict == "fragile":
-        assert float(worst) == pytest.approx(weak.worst.ms, rel=5e-3)  # three digits, rounded up
+        assert float(worst) == pytest.approx(weak.worst.ms, rel=1e-2)  # three digits, rounded up
         assert f"The best is stable at every operating point, Ms {worst} at worst." in why
     else:
         assert (worst, "The best has unstable loops." in why) == ("unstable", True)
