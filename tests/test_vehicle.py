@@ -129,6 +129,7 @@ lag = 0.6
 IMPLAUSIBLE = {
     "mass = 4": ("mass = 4 kg", "1000 to 45000 kg", 'if 4 t is meant, give "4 t"'),
     "mass = 60": ("mass = 60 kg", "1000 to 45000 kg", "divide the mass of a whole vehicle by the number of its axles"),
+    "mass_loaded = 88000": ("mass_loaded = 88000 kg", "1000 to 45000 kg", "by the number of its axles"),
     # half and three halves of the weight, 39.2 and 58.8 kN
     "wheel_load = 39.2": ("wheel_load = 39.2 N", "19600 to 58800 N", 'if 39.2 kN is meant, give "39.2 kN"'),
     "wheel_load_loaded = 5900": ("wheel_load_loaded = 5900 N", "29400 to 88300 N", "check the number and its unit"),
