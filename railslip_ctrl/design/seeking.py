@@ -5,7 +5,8 @@ It is told neither rail nor mass nor adhesion curve. Its parts are in `simulatio
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from functools import lru_cache, reduce
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -18,6 +19,11 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 FADED = 0.7
 """Share of the reference slip that is left at the hand-over."""
@@ -147,32 +153,52 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     DelayedLoop
         Of the believed dead time and the brake's, dimensionless.
     """
-    believed = Actuator(dead_time=gains.dead_time, lag=gains.lag)
-    brake = believed if actuator is None else actuator
+    brake = Actuator(dead_time=gains.dead_time, lag=gains.lag) if actuator is None else actuator
+    above, undelayed, delayed = _blocks(point, gains)
+    lag = np.array([brake.lag, 1.0])
+    numerator = QuasiPolynomial([[0.0], above], [0.0, brake.dead_time], removed=1)
+    parts = [np.convolve(undelayed, lag), np.convolve(delayed, lag)]
+    denominator = QuasiPolynomial(parts, [0.0, gains.dead_time], removed=1)
+    return DelayedLoop(DelayedRatio(numerator, denominator))
+
+
+@lru_cache(64)  # the actuators of an envelope follow each other at a point
+def _blocks(point: OperatingPoint, gains: SeekingGains) -> tuple[Floats, Floats, Floats]:
+    """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
     den, sigma, v_rate = _responses(point)
     law = point.law
     now = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0, 0.0)
     rate = -float(numeric_plant(type(law)).rates(*now, plant_parameters(law, point.vehicle))[0]) / point.speed  # a/v
     more, slip, ratio = 1 + gains.kappa * gains.dead_time, point.slip, gains.inertia / point.vehicle.wheel.radius
-    s, observer, slow = (
-        np.poly1d([tau, one]) for tau, one in ((1, 0), (gains.observer_time, 1), (gains.deceleration_time, 1))
+    s, observer, slow, lag, torque = (
+        np.array([tau, one])
+        for tau, one in (
+            *((1.0, 0.0), (gains.observer_time, 1.0), (gains.deceleration_time, 1.0)),
+            *((gains.lag, 1.0), (gains.torque_time, 1.0)),
+        )
     )
-    holding = s * slow * sigma + ((1 - slip) * observer - slow) * v_rate + rate * observer * slow * sigma
-    error = observer * slow * sigma - slip * gains.dead_time * observer * v_rate
-    above = ratio * (more * holding + gains.kappa * error) * np.poly1d([believed.lag, 1]) * s
-    undelayed = observer * np.poly1d([gains.torque_time, 1]) * s + gains.kappa * observer
-    delayed = -(gains.kappa * observer + more * s)
-    rest = den * slow * np.poly1d([brake.lag, 1])
-    numerator = QuasiPolynomial([[0.0], above.coeffs], [0.0, brake.dead_time], removed=1)
-    parts = [(undelayed * rest).coeffs, (delayed * rest).coeffs]
-    denominator = QuasiPolynomial(parts, [0.0, believed.dead_time], removed=1)
-    return DelayedLoop(DelayedRatio(numerator, denominator))
+    both = _product(observer, slow, sigma)
+    turning = _product(_sum((1 - slip) * observer, -slow), v_rate)
+    holding = _sum(_product(s, slow, sigma), turning, rate * both)
+    error = _sum(both, -slip * gains.dead_time * _product(observer, v_rate))
+    above = ratio * _product(_sum(more * holding, gains.kappa * error), lag, s)
+    undelayed = _sum(_product(observer, torque, s), gains.kappa * observer)
+    delayed = -_sum(gains.kappa * observer, more * s)
+    return above, _product(undelayed, den, slow), _product(delayed, den, slow)
 
 
-def _responses(point: OperatingPoint) -> tuple[np.poly1d, np.poly1d, np.poly1d]:
+def _product(*polynomials: Floats) -> Floats:
+    return reduce(np.convolve, polynomials)
+
+
+def _sum(*polynomials: Floats) -> Floats:
+    return reduce(lambda one, other: np.asarray(np.polyadd(one, other)), polynomials)
+
+
+def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
     """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
     plant, moving = linearize(point), linearize(point, speed_state=True)
-    den = np.poly1d(np.poly(plant.A).real)
+    den = np.asarray(np.poly(plant.A).real, dtype=float)
     sigma = np.array([[float(name == "sigma") for name in plant.states]])
-    found = [np.poly1d(np.poly(plant.A - plant.B @ row).real) - den for row in (sigma, moving.A[:1, 1:])]
+    found = [np.asarray(np.poly(plant.A - plant.B @ row).real - den, dtype=float) for row in (sigma, moving.A[:1, 1:])]
     return den, found[0], found[1]

@@ -75,6 +75,8 @@ class QuasiPolynomial:
         if not self.removed:
             return value
         near = np.abs(s) * max(self.delays) < _NEAR_ORIGIN  # where the sum cancels
+        if not near.any():
+            return np.asarray(value / s**self.removed)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(near, np.polyval(self._series[::-1], s), value / s**self.removed)
 

@@ -114,6 +114,7 @@ class Peak:
     coefficient: float
 
 
+@lru_cache(maxsize=512)  # the tolerances of an envelope have the peak in common
 def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     """Peak of mu over the slip ratio within the law's domain, at a speed in m/s and a wheel load in N.
 

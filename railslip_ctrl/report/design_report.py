@@ -188,7 +188,7 @@ def _seeking_words(report: DesignReport) -> Iterator[str]:
     if all(seeking.distance < stop.distance for seeking, stop in found):
         told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
         slides = any(stop.slides for stop in trial.stops)
-        above = f"judged robust above {trial.above_kmh:g} km/h" if trial.above_kmh is not None else "not robust"
+        above = f"Ms ≤ 2 only above {trial.above_kmh:g} km/h" if trial.above_kmh is not None else "not robust"
         yield f"Shorter, but {'slip over 0.5 in a stop' if slides else above}: --controller seeking, {told}."
 
 

@@ -50,12 +50,23 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, SeekingControl
+from railslip_ctrl.simulation.bound import ClairvoyantStop
 from railslip_ctrl.simulation.catalogue import hand_over_of
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.step_objects import StepControl, as_control
 from railslip_ctrl.verification.verdict import Verification
 
-from .stops import RollingLoop, Stop, as_run, operating_points, rolling_loops, stops, tolerance_stops
+from .stops import (
+    RollingLoop,
+    Stop,
+    as_run,
+    attainable_stops,
+    braked,
+    operating_points,
+    rolling_loops,
+    stops,
+    tolerance_stops,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -320,9 +331,8 @@ def design_report(
     with _beside() as submit:
         here: Beside = partial if not _may_be_sent(envelope) else submit
         plain = here(select, envelope, ("pi",))
-        sought = here(_seeking_trial, envelope, nominal) if envelope.vehicle.actuator.dead_time > 0 else lambda: None
         decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
-        return _report(envelope, nominal, given or {}, (here, plain, sought, decided), progress, meanwhile)
+        return _report(envelope, nominal, given or {}, (here, plain, decided), progress, meanwhile)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -375,13 +385,13 @@ def _report(
     envelope: Envelope,
     nominal: bool,
     given: dict[str, Any],
-    beside: tuple[Beside, Callable[[], Selection], Callable[[], Trial | None], Callable[[], Sliding]],
+    beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """`beside`: where to compute, and what gives the plain PI, the seeking controller, and the sliding-mode law."""
+    """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
     started = time.perf_counter()
-    submit, plain, sought, sliding = beside
+    submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
     lead: tuple[Choice, ...] = ()
     if envelope.vehicle.actuator.lag > 0:
@@ -391,7 +401,7 @@ def _report(
     if lead and lead[0].design is not None:
         lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, (submit, sought), progress, meanwhile)
+    report = _designed(envelope, nominal, selection, submit, progress, meanwhile)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -404,23 +414,22 @@ def _designed(
     envelope: Envelope,
     nominal: bool,
     selection: Selection,
-    beside: tuple[Beside, Callable[[], Trial | None]],
+    submit: Beside,
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
-    submit, sought = beside
     empty = DesignReport(envelope, nominal, selection)
-    seeking = sought()
+    progress("braking runs")
+    tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
+    tried = [_trial(one, nominal) for one in tied]
+    seeking = _seeking_trial(envelope, nominal, tried)
     if selection.best is None and (seeking is None or seeking.above_kmh is None):
         blank = _unjudged(envelope)
         progress("the brake that would do")
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
         return replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
-    progress("braking runs")
-    tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
-    tried = [*(_trial(one, nominal) for one in tied), *([] if seeking is None else [seeking])]
-    trials = sorted(tried, key=lambda trial: trial.rank)
+    trials = sorted([*tried, *([] if seeking is None else [seeking])], key=lambda trial: trial.rank)
     best, control = trials[0].choice, trials[0].control
     selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
     assert best.design is not None, "as its tier"
@@ -430,6 +439,7 @@ def _designed(
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
+    had = submit(attainable_stops, [braked(stop.run.scenario, control) for stop in trials[0].stops])
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
     found = replace(
@@ -450,13 +460,27 @@ def _designed(
     meanwhile(found)
     if not enough:
         progress("the brake that would do")
-    return replace(found, gains=gains(), faster=faster())
+    attainable = had()
+    trials = [replace(trial, stops=_with(trial.stops, attainable)) for trial in trials]
+    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
 
 
-def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial:
-    """The seeking controller, judged at the slips that it comes to, in the same stops."""
-    design = seeking_over(envelope, nominal=nominal)
-    robust, runs = design.judgement.robust_from_kmh, stops(design.control, design.judgement)
+def _with(runs: Sequence[Stop], had: Sequence[ClairvoyantStop | None]) -> tuple[Stop, ...]:
+    """Stops, each with what can be had in it."""
+    return tuple(replace(stop, attainable=one) for stop, one in zip(runs, had, strict=True))
+
+
+def _seeking_trial(envelope: Envelope, nominal: bool, others: list[Trial]) -> Trial | None:
+    """The seeking controller in the same stops, judged at the slips that it comes to; at the operating points alone
+    where they show that another is used from a lower speed, or a wheel slides."""
+    if envelope.vehicle.actuator.dead_time <= 0:
+        return None
+    design = seeking_over(envelope, nominal=True)
+    runs, robust = stops(design.control, design.judgement), design.judgement.robust_from_kmh
+    first = min((one.above_kmh for one in others if one.above_kmh is not None), default=math.inf)
+    if not nominal and robust is not None and robust <= first and not any(stop.slides for stop in runs):
+        design = seeking_over(envelope)
+        robust = design.judgement.robust_from_kmh
     lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
     choice = Choice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
     return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.control, runs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -39,11 +39,11 @@ class Stop:
     run: Run  # of seed 0, recorded
     others: tuple[Run, ...]  # of the other seeds
     bound: ClairvoyantStop | None  # what no controller of this brake beats; None where none is known
-    attainable: ClairvoyantStop | None  # a stop without noise that one can have who knows the rail; or None
     held: float  # median of slip over the second half of the time under control, without the noise and the start
     reference: float  # the slip ratio to be held
     cut_out: float = 0.0  # m/s: below, the slip is not controlled
     brake: str = ""  # the actuator's tolerances in words; empty: as given
+    attainable: ClairvoyantStop | None = None  # a stop without noise that one can have who knows the rail; or None
 
     @property
     def swings(self) -> bool:
@@ -181,7 +181,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         load,
         run,
         tuple(simulator.run(seed, record_every=None) for seed in seeds),
-        *((None, None) if brake else _bounds(scenario, getattr(control, "torque_high", None))),
+        None if brake else _known(clairvoyant_stop, braked(scenario, control)),
         _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
         cut_out,
@@ -209,15 +209,20 @@ def _held(run: Run, cut_out: float) -> float:
     return float(np.median(slip[slip.size // 2 :]))
 
 
+def braked(scenario: Scenario, control: Any) -> Scenario:
+    """The scenario with the largest torque of a controller as that of its brake."""
+    most = getattr(control, "torque_high", None)
+    return scenario if most is None or np.isinf(most) else scenario.with_changes(limits=BrakeLimits(torque_max=most))
+
+
+def attainable_stops(scenarios: Sequence[Scenario]) -> list[ClairvoyantStop | None]:
+    """What can be had in each by one who knows the rail; None where that is not known."""
+    return [_known(attainable_stop, scenario) for scenario in scenarios]
+
+
 @lru_cache(64)
-def _bounds(scenario: Scenario, torque_max: float | None) -> tuple[ClairvoyantStop | None, ClairvoyantStop | None]:
-    """With this brake: dead time, and lag up to the largest torque; and what can be had of it."""
-    if torque_max is not None and np.isfinite(torque_max):
-        scenario = scenario.with_changes(limits=BrakeLimits(torque_max=torque_max))
-    found: list[ClairvoyantStop | None] = []
-    for one in (clairvoyant_stop, attainable_stop):
-        try:
-            found.append(one(scenario))
-        except InputError:
-            found.append(None)
-    return found[0], found[1]
+def _known(stop: Callable[[Scenario], ClairvoyantStop], scenario: Scenario) -> ClairvoyantStop | None:
+    try:
+        return stop(scenario)
+    except InputError:
+        return None

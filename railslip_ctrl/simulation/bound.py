@@ -122,7 +122,7 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
 
 _SWITCHES = 9  # times tried first at which the torque is taken back
 _MOST_SLIP = 0.4  # a build-up that comes here is of no use
-_SAMPLES = 300  # of the hold, at which its command is looked at
+_SAMPLES = 100  # of the hold, at which its command is looked at
 _SLACK = 0.02  # of the largest torque, by which a command may pass its limits: of the differences that give it
 
 
@@ -230,13 +230,14 @@ class _Path:
         if not found.t_events[0].size:
             return ClairvoyantStop(math.inf, math.inf)
         times = np.linspace(start, float(found.t[-1]), _SAMPLES)
-        acting = np.array([self._holding(t, slip, *found.sol(t)[:2]) for t in times.tolist()])
+        speeds, states = found.sol(times)[:2].tolist()
+        acting = np.array([self._holding(*now, slip) for now in zip(times.tolist(), speeds, states, strict=True)])
         asked = acting + self._actuator.lag * np.gradient(acting, times)
         if asked[1:].max() > (1 + _SLACK) * self._most or asked.min() < -_SLACK * self._most:
             return ClairvoyantStop(math.inf, math.inf)
         return ClairvoyantStop(float(found.t[-1]), float(found.y[2, -1]))
 
-    def _holding(self, t: float, slip: Callable[[float], float], speed: float, state: float) -> float:
+    def _holding(self, t: float, speed: float, state: float, slip: Callable[[float], float]) -> float:
         """The acting torque that gives a slip ratio over time."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
         change, none, _ = self._plant(t, speed, ratio * speed, state, 0.0)
