@@ -240,7 +240,7 @@ def test_lowest_speed_of_a_given_controller():
     assert fussy > lowest
     with pytest.raises(InfeasibleDesignError, match="does not hold the loop at 100"):
         lowest_held_speed(plant, PIController(PIGains(kp=1e6, ki=1.0)), PARK2008.actuator)
-    assert lowest_held_speed(lambda _: plant(60.0), PI_LEAD, PARK2008.actuator) == 0.5
+    assert lowest_held_speed(plant, PI_LEAD, Actuator(dead_time=0.0, lag=0.0), low_kmh=60.0) == 60.0
 
 
 @pytest.mark.parametrize(

@@ -528,6 +528,7 @@ def observed(plant, feedback, observer=OBSERVER):
         (lambda g: observed(real([0.0], [-1.0, 0.5]), [-1, -2, -3], [-3, -4]), "not reachable"),
         (lambda g: control_effort(PI_LEAD, g, -0.1, lag=0.6), "dead time: -0.1 s"),
         (lambda g: control_effort(PI_LEAD, g, TAU, lag=math.inf), "lag: inf"),
+        (lambda g: control_effort(PI_LEAD, g, TAU, lag=0.6, sampling_period=0.0), "sampling period: 0 s"),
     ],
 )
 def test_what_is_refused(make, match):

@@ -224,6 +224,7 @@ def test_control_rate_is_the_derivative_of_control():
     signal = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t)
     ahead, behind = (disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t + s) for s in (h, -h))
     assert (ahead.control - behind.control) / (2 * h) == pytest.approx(signal.control_rate, abs=1e-6)
+    assert signal.largest_control_rate == np.max(np.abs(signal.control_rate))
 
 
 @pytest.mark.parametrize("dead_time", [1e-3, 0.15, 3.0, 50.0, 1e9])
@@ -249,6 +250,7 @@ def test_overshoot_and_settling_time():
     assert response.settling_time(2.0, 0.05) == 3.0
     assert response.settling_time(2.0, 5.0) == 0.0
     assert response.settling_time(0.0, 0.05) == math.inf
+    assert response.largest_output == 2.6
     none = TimeResponse(t, y, y, y, y, y, 0.1, reference=0.0, disturbance=1.0, noise=0.0)
     assert math.isnan(none.overshoot)
 

@@ -278,7 +278,9 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float)
 # --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
 
 
-_SAMPLING_PERIOD = 0.005  # s; measured noise is taken as white up to the Nyquist frequency of this period, 628 rad/s
+SAMPLING_PERIOD = 0.005
+"""s; measured noise is taken as white up to the Nyquist frequency of this period, 628 rad/s."""
+
 _HORIZON = 20.0  # s; the peak rates come within the first few
 _TIME_STEP = 1e-3  # s
 _NOISE_POINTS = 40_000  # resolves the turns of the dead time, 15 of them for 0.15 s, and every resonance of a sane loop
@@ -302,15 +304,23 @@ class Effort:
     disturbance_rate: float
 
 
-def control_effort(controller: Any, plant: Any, dead_time: float, *, lag: float) -> Effort:
+def control_effort(
+    controller: Any,
+    plant: Any,
+    dead_time: float,
+    *,
+    lag: float,
+    sampling_period: float = SAMPLING_PERIOD,
+) -> Effort:
     """Effort of C(s) in a loop that the caller knows to be stable (the numbers mean nothing otherwise).
 
     `controller` is a linear system or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity;
     `plant` a linear system from commanded torque to -e without the dead time, lag included, as of `actuated_plant`; the
-    actuator's `dead_time` and `lag`, s, >= 0. InputError for others.
+    actuator's `dead_time` and `lag`, s, >= 0, and the `sampling_period`, s, > 0. InputError for others.
     """
     number("dead time", dead_time, "s", ge=0)
     number("lag", lag, "s", ge=0)
+    number("sampling period", sampling_period, "s", gt=0)
     plant = Rational.from_control(plant, "plant")
     if not callable(controller):
         controller = Rational.from_control(controller, "controller")
@@ -321,7 +331,7 @@ def control_effort(controller: Any, plant: Any, dead_time: float, *, lag: float)
 
     far = np.asarray(controller(_VERY_FAST * np.array([1.0 + 0j, 10.0]))).real
     at_once = float(10 * far[1] - far[0]) / 9  # C = C(inf) + c/s: the second term drops out
-    nyquist = math.pi / _SAMPLING_PERIOD
+    nyquist = math.pi / sampling_period
     omega = (np.arange(_NOISE_POINTS) + 0.5) * nyquist / _NOISE_POINTS
     noise = math.sqrt(float(np.mean(np.abs(torque(1j * omega)) ** 2)))
     wheel_gain = plant.gain * (lag or 1.0)

@@ -74,6 +74,16 @@ class TimeResponse:
     noise: float
 
     @property
+    def largest_control_rate(self) -> float:
+        """Largest |du/dt| at the times given, per s."""
+        return float(np.abs(self.control_rate).max())
+
+    @property
+    def largest_output(self) -> float:
+        """Largest |y| at the times given."""
+        return float(np.abs(self.output).max())
+
+    @property
     def overshoot(self) -> float:
         """Largest excess of y over the reference, as a share of it, >= 0; NaN without a reference step."""
         if self.reference == 0:
