@@ -192,7 +192,7 @@ def test_margin_map(tmp_path, capsys, monkeypatch):
     assert (lead.verdict, lead.usable_from_kmh) == ("unstable", 80.0)
     show(module, result, tmp_path, monkeypatch)
     assert [path.name for path in tmp_path.glob("*.png")] == ["margin_map.png"]
-    assert "unstable at curve" in capsys.readouterr().out
+    assert "unstable: curve" in capsys.readouterr().out
 
 
 @pytest.mark.long

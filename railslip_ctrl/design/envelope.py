@@ -195,6 +195,8 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     """
     path = given_path(path)
     where = file_name(path)
+    if not path.is_file():
+        raise InputError(f"{where}: is not a file; give the path of one with a table [envelope]")
     content = read_toml(path) if path.suffix.lower() == ".toml" else {}
     of_vehicle = path.suffix.lower() != ".toml" or bool(content.keys() & {"mass", "rolling_stock"})
     if not of_vehicle and "envelope" not in content:

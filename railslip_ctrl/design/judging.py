@@ -406,6 +406,9 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     """
     held, seeking = getattr(controller, "reference", None), seeking_of(controller)
     if envelope.reference is None and seeking is not None:
+        fades = round(seeking.fade_speed / KMH, 9)  # below it the slip held is less: the worst speed may be this
+        if min(envelope.speeds) < fades < max(envelope.speeds):
+            envelope = envelope.at(speeds=sorted({*envelope.speeds, fades}))
         points = envelope.points(nominal=nominal, held=seeking.held_slip)
         return judge_points(controller, envelope, points, nominal=nominal)
     if envelope.reference is None and isinstance(held, ReferenceSlip):

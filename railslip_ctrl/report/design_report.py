@@ -164,6 +164,8 @@ def _steps(report: DesignReport) -> Iterator[str]:
     elif report.hands_over:
         assert report.control is not None
         yield f"Below {report.above_kmh:g} km/h it holds {short(report.control.cut_out_torque)} N·m."
+    if locked := sum(stop.locks for stop in report.tolerance_stops):
+        yield f"With the actuator's tolerances a wheel locks in {locked} of {len(report.tolerance_stops)} stops."
     if slow and report.usable:
         yield f"Slip stays below its reference ({', '.join(slow)}){reach}."
     if brake and not robust:

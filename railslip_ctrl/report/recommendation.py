@@ -439,7 +439,7 @@ def _designed(
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
-    had = submit(attainable_stops, [braked(stop.run.scenario, control) for stop in trials[0].stops])
+    had = submit(attainable_stops, [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops])
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
     found = replace(
@@ -460,14 +460,14 @@ def _designed(
     meanwhile(found)
     if not enough:
         progress("the brake that would do")
-    attainable = had()
+    attainable = iter(had())
     trials = [replace(trial, stops=_with(trial.stops, attainable)) for trial in trials]
     return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
 
 
-def _with(runs: Sequence[Stop], had: Sequence[ClairvoyantStop | None]) -> tuple[Stop, ...]:
-    """Stops, each with what can be had in it."""
-    return tuple(replace(stop, attainable=one) for stop, one in zip(runs, had, strict=True))
+def _with(runs: Sequence[Stop], had: Iterator[ClairvoyantStop | None]) -> tuple[Stop, ...]:
+    """Stops, each with what can be had in it, the next ones of `had`."""
+    return tuple(replace(stop, attainable=next(had)) for stop in runs)
 
 
 def _seeking_trial(envelope: Envelope, nominal: bool, others: list[Trial]) -> Trial | None:
@@ -478,7 +478,8 @@ def _seeking_trial(envelope: Envelope, nominal: bool, others: list[Trial]) -> Tr
     design = seeking_over(envelope, nominal=True)
     runs, robust = stops(design.control, design.judgement), design.judgement.robust_from_kmh
     first = min((one.above_kmh for one in others if one.above_kmh is not None), default=math.inf)
-    if not nominal and robust is not None and robust <= first and not any(stop.slides for stop in runs):
+    own = math.inf if robust is None or any(stop.slides for stop in runs) else robust
+    if not nominal and own <= first:  # it may be the one recommended, if only as the least bad
         design = seeking_over(envelope)
         robust = design.judgement.robust_from_kmh
     lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0

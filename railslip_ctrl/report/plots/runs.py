@@ -146,7 +146,7 @@ def recorded(run: Run) -> Signals:
 
 _LEAST = 1e-16  # of a logarithmic axis: s = 0 exactly has no place on it
 _LINEAR = 1e-3  # below it an axis with both signs is linear
-_TICKS = 9  # of such an axis, at most
+_TICKS = 7  # of such an axis, at most
 _BLOCKS = 150  # of a run, at least: a run with noise has its spikes apart
 
 
