@@ -5,6 +5,7 @@ It is told neither rail nor mass nor adhesion curve. Its parts are in `simulatio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache, reduce
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -15,6 +16,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, stable_and_peak
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Rows = NDArray[np.intp]
 
 FADED = 0.7
 """Share of the reference slip that is left at the hand-over."""
@@ -160,6 +163,28 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     parts = [np.convolve(undelayed, lag), np.convolve(delayed, lag)]
     denominator = QuasiPolynomial(parts, [0.0, gains.dead_time], removed=1)
     return DelayedLoop(DelayedRatio(numerator, denominator))
+
+
+def seeking_margins(
+    points: Sequence[OperatingPoint], gains: SeekingGains, brakes: Sequence[Actuator], case: tuple[Rows, Rows]
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Whether the loop of each `case`, (numbers of points, numbers of brakes), is stable, and its Ms, inf where not."""
+    blocks = [_blocks(point, gains) for point in points]
+    lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
+    stable, ms = np.zeros(lag.size, dtype=bool), np.full(lag.size, np.inf)
+    kinds = np.array([tuple(part.size for part in parts) for parts in blocks])
+    for kind in np.unique(kinds, axis=0):
+        mine = np.flatnonzero((kinds == kind).all(axis=1)[case[0]])
+        above, undelayed, delayed = (np.array([blocks[i][k] for i in case[0][mine].tolist()]) for k in range(3))
+        none, believed = np.zeros(mine.size), np.full(mine.size, gains.dead_time)
+        numerator = QuasiPolynomials((none[:, None], above), (none, dead_time[mine]), removed=1)
+        parts = tuple(
+            np.column_stack([lag[mine, None] * part, none]) + np.column_stack([none, part])
+            for part in (undelayed, delayed)
+        )
+        denominator = QuasiPolynomials(parts, (none, believed), removed=1)
+        stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
+    return stable, ms
 
 
 @lru_cache(64)  # the actuators of an envelope follow each other at a point
