@@ -115,6 +115,12 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0, 0.0]\nden = [1.0]', "not proper"),
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
+        ('kind = "transfer-function"\nnum = []\nden = [1.0]', "num: is empty"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nrule = "euler"', "rule: 'euler' is not allowed; give 'tustin' or"),
+        (
+            'kind = "state-space"\nA = [[0.0, 1.0], [2.0]]\nB = [1.0, 2.0]\nC = [1.0, 2.0]',
+            "A: has rows of 1 and of 2 numbers",
+        ),
         ('kind = "state-space"\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]', "A: give its rows"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0', "B: is not of one input"),
         ('kind = "state-space"\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]', "C: is not of one input"),

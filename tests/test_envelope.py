@@ -175,7 +175,12 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
         ),
         ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
         ('[envelope]\nlaws = ["curve", "foo"]', "'foo' is not a law"),
-        ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed"),
+        ('[envelope]\nlaws = ["table"]', "envelope: adhesion 'table': .* gives no parameters"),
+        ("[envelope]\nlaws = [1]", "envelope: laws: 1 is not a law; give a name, a file"),
+        ("[envelope]\nspeeds = [1e9]", r"envelope: speeds: 1e\+09 is not allowed; .* <= 1000 \(km/h\)"),
+        ("[envelope]\nslip = {a = 1}", "envelope: slip: a table is not allowed; give a list"),
+        ("[envelope]\nslip = [[1]]", "envelope: slip.0: a list is not allowed; give a number"),
+        ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed; give 'empty' or 'loaded'"),
         ("[envelope]\nspeed = [3]", "envelope: speed: unknown key; did you mean 'speeds'"),
         ("[envelope]\nvehicle = 3", "envelope.vehicle: unknown key"),
         ("envelope = 3", "write a table"),
@@ -189,6 +194,26 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, match: str
     with pytest.raises(InputError, match=match) as caught:
         load_envelope(path, PARK2008)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("option", ["--envelope", "--vehicle"])
+def test_a_law_s_file_that_is_not_there_is_told_with_the_file_that_names_it(tmp_path, railslip, option):
+    path = tmp_path / "mine.toml"
+    own = "mass = 3517\n" if option == "--vehicle" else ""
+    path.write_text(f'{own}[envelope]\nlaws = ["nosuch.py"]', encoding="utf-8")
+    words = ("margins", option, path, *(("--envelope", "default") if own else ()))
+    status, out, err = railslip(*words)
+    assert (status, out) == (2, "")
+    told = err.splitlines()[-1]  # after what is assumed of the vehicle
+    assert told.startswith(f"railslip: error: {option}: {path}: envelope: laws: {tmp_path / 'nosuch.py'}: no such file")
+    assert railslip(*words, "--adhesion", "curve", "--nominal", "--speed", "60")[0] in (0, 1)  # in place of it
+    with pytest.raises(InputError, match=f"^Envelope: laws: {tmp_path / 'nosuch.py'}: no such file"):
+        load_envelope(path, PARK2008).points()
+
+
+def test_a_vehicle_s_file_in_place_of_the_vehicle_is_told():
+    with pytest.raises(InputError, match=r"^Envelope: vehicle: 'coach\.toml' is not a Vehicle; give load_vehicle"):
+        Envelope("coach.toml")  # type: ignore[arg-type]
 
 
 def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused(tmp_path: Path):
@@ -550,7 +575,7 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
     [
         (("--mass", "4000"), "--mass: changes M alone, and the loads of an envelope are mass and wheel load"),
         (("--certify",), "--certify: goes with operating points"),
-        (("--slip", "0"), "reference.dry: 0 is not allowed"),
+        (("--slip", "0"), "--slip: 0 is not allowed with an envelope"),
     ],
 )
 def test_what_no_envelope_has_is_refused(railslip, arguments, message):

@@ -254,7 +254,7 @@ def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command
     more = {"tune": ASKED["tune"][2:], "verify": ("--law", "layered"), "report": ("--out", "never")}.get(command, ())
     told = refused(railslip(command, "--adhesion", name, *more))
     assert told.startswith("railslip: error: --adhesion 'beam' of fitted.toml: its parameters are for wet rail")
-    assert "; ask for wet rail alone (--rail wet" in told
+    assert "; ask for wet rail alone" in told
     if command in ASKED:
         assert railslip(command, "--adhesion", name, *more, "--rail", "wet")[0] in (0, 1)
 
