@@ -61,7 +61,7 @@ class Box:
 
 def box_about(law: AdhesionLaw, speed: float, wheel_load: float, width: float) -> Box:
     """Curves within a share of a law's between a speed, m/s, and 0.8 of it, fall as steep up to a slip of 0.6."""
-    speeds, slips = (speed, 0.8 * speed), np.minimum(SLIPS, 0.9999)
+    speeds, slips = (speed, 0.8 * speed), np.minimum(SLIPS, 0.999 * law.domain_limit(speed)[0])
     mu = np.array([adhesion_coefficient(law, v, slips, wheel_load) for v in speeds])
     fall = float(-np.gradient(mu, SLIPS, axis=1)[:, SLIPS < 0.6].min())
     first = min(peak(law, v, wheel_load).slip for v in speeds)
