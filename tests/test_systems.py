@@ -91,11 +91,6 @@ def test_what_is_no_such_system_is_refused(make: Callable[[], Any], match: str) 
         DeadTimeLoop(make())
 
 
-def test_states_of_a_plant_are_those_of_its_realisation() -> None:
-    with pytest.raises(InputError, match=r"^initial plant state: .* a Rational"):
-        closed_loop_response(2.0, SYSTEMS["control.ss"](), 0.1, time=TIMES, initial_plant_state=[1.0, 0.0])
-
-
 PLANT, DELAY = ct.tf([4], [0.4, 1, 0]), 0.15
 LOOP = DeadTimeLoop(PLANT, DELAY)
 FACTORS: dict[str, Callable[[DeadTimeLoop], DeadTimeLoop]] = {
