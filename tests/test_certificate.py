@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.certificate import CertificateError, certify
 
 MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")
 PER_KIND = 3
@@ -51,6 +52,15 @@ def test_the_checker_refuses_a_certificate_with_a_margin_moved(certified):
         low, high = getattr(certificate, name)
         moved = replace(certificate, **{name: (low * factor, high * factor)})
         assert refused(*one, moved), (name, factor)
+
+
+@pytest.mark.parametrize("name", ["ms_frequency", "mt_frequency"])
+def test_a_peak_that_another_part_of_the_axis_exceeds_is_not_certified(name, monkeypatch):
+    """|S| and |T| in the limit are below their peaks, which the bounds of the parts have to tell by themselves."""
+    monkeypatch.setattr("railslip_ctrl.loop.certificate._MOST_PARTS", 300)
+    loop = made([-0.125], [0.0, 0.25, -1 / 0.6], 2.0, 0.15)
+    with pytest.raises(CertificateError):
+        certify(loop._response, replace(loop.margins(), **{name: math.inf}))
 
 
 def test_enclosures_are_narrow_and_hold_the_margins(certified):
