@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
@@ -236,6 +237,8 @@ def test_pade_limit_is_the_exact_loop():
         ("1/s", 0.0, "str is not a linear system"),
         (ct.tf([float("nan")], [1, 1]), 0.0, "not finite"),
         (float("inf"), 0.0, "not finite"),
+        (signal.ZerosPolesGain([], [-1 + 1j], 1), 0.0, "without their conjugates"),
+        (ct.frd([1, 2, 3], [1, 2, 3]), 0.0, "not a linear system"),
     ],
 )
 def test_unsuitable_systems_are_refused(system, dead_time, match):
