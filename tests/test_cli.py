@@ -199,23 +199,6 @@ def test_extreme_numbers_give_a_verdict_or_one_line(railslip, option):
     assert (status in (0, 1) and len(cases(out)) == 1) or (status == 2 and err.count("\n") == 1 and out == "")
 
 
-@pytest.mark.long
-def test_report_json_is_one_object_and_its_files_are_those_it_names(railslip, tmp_path):
-    out_dir, where = tmp_path / "new" / "folder", ("--rail", "dry", "--speed", 100, "--loaded")
-    vehicle = ("--vehicle", "tests/data/rolling-stock/Facs124.yaml", "--kp", 190, "--ki", 5)
-    status, out, err = railslip("report", "--no-html", "--json", "--out", out_dir, *where, *vehicle)
-    assert status in (0, 1)
-    assert "4 axles are assumed" in err
-    content = json.loads(out)
-    assert content["envelope"]["loads"] == ["loaded"]
-    assert (out_dir / "report.json").read_text(encoding="utf-8") == out
-    written = {p.name for p in out_dir.iterdir()}
-    assert written == set(content["files"]) >= {"report.txt", "report.json", "recommended.toml", "map.png", "loop.svg"}
-    assert f"wrote {len(written)} files" in err
-    assert "report.html" not in err  # it was told --no-html
-    assert (out_dir / "loop.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_a_report_that_cannot_be_written_is_refused_before_the_work(railslip, tmp_path):
     (tmp_path / "report.txt").write_text("old")
     (tmp_path / "loop.png").mkdir()  # in the way of a picture

@@ -15,11 +15,10 @@ from project import refused
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import record_in
-from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
@@ -97,20 +96,6 @@ def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
         assert found.braking_distance == pytest.approx(
             simulate(SCENARIO.with_changes(events=()), expected.controller).braking_distance, rel=1e-9
         )
-
-
-def test_an_object_that_says_what_it_is_has_margins():
-    class Told(PI):
-        def linear(self, point: object) -> ct.TransferFunction:
-            return 1210.0 + 1220.0 / ct.tf("s")
-
-    point = operating_point(SCENARIO.adhesion, SCENARIO.vehicle, 20.0, 0.1)
-    expected = wheel_slip_loop(point, BUILT_IN.design).margins().ms
-    for controller in (Told(), as_run(Told())):
-        assert wheel_slip_loop(point, controller).margins().ms == pytest.approx(expected, rel=1e-9)
-    for controller in (PI(), as_run(PI()), pi, NUMBA_PI):
-        with pytest.raises(InputError, match=r"is known by its step alone and has no margins; give it a method linear"):
-            wheel_slip_loop(point, controller)
 
 
 # --- linear systems as they are given --------------------------------------------------------------------------------
@@ -199,16 +184,6 @@ def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, las
         execute(failing, tmp_path / "made" / "for it", workers=1, part_runs=1)
     assert len(list(tmp_path.rglob("*.parquet"))) == kept
     assert bool(list(tmp_path.iterdir())) == bool(kept)
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
-def test_a_dask_cluster_runs_them(tmp_path, campaign):
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
-        far = execute(campaign, tmp_path / "far", scheduler=cluster.scheduler_address, part_runs=4)
-    near = execute(campaign, tmp_path / "near", workers=1)
-    assert far.row(5) == near.row(5)
 
 
 # --- what goes wrong -------------------------------------------------------------------------------------------------
@@ -395,14 +370,6 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
             ask()
         assert "\n" not in str(caught.value)
         assert "railslip_ctrl" not in str(caught.value)
-
-
-def test_a_number_is_a_gain_and_says_so(railslip, tmp_path):
-    path = tmp_path / "three.py"
-    path.write_text("CONTROLLER = 3\n")
-    for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "park2008-si")):
-        assert "gain 3 N*m/(m/s)" in railslip(*command, "--controller", path)[1]
-    assert as_run(3).name == "gain-3"
 
 
 @pytest.mark.parametrize(
