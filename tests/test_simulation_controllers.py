@@ -18,6 +18,7 @@ from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+from railslip_ctrl.report.stops import braked
 from railslip_ctrl.simulation import (
     LinearControl,
     ScheduledControl,
@@ -26,6 +27,7 @@ from railslip_ctrl.simulation import (
     TorqueProfile,
     built_in_scenario,
     simulate,
+    stop,
 )
 from railslip_ctrl.simulation.catalogue import (
     MS_MAX,
@@ -42,6 +44,7 @@ from railslip_ctrl.simulation.catalogue import (
     slide_protection,
 )
 from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.scenario import load_scenario
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
@@ -250,9 +253,25 @@ def test_designs_follow_another_vehicle():
         update={"mass_loaded": 6000.0, "wheel_load": 69_000.0, "wheel_load_loaded": 69_000.0, "actuator": slow}
     )
     assert full_brake_torque(heavy) == pytest.approx(18_000.0)
+    assert full_brake_torque(heavy.model_copy(update={"wheel_load": 40_000.0})) == pytest.approx(18_000.0)  # loaded
     assert slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
     with pytest.raises(InfeasibleDesignError, match="give its gains"):
         recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
+
+
+@pytest.mark.parametrize("name", ["seeking", "slide-protection"])
+def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_load(name, tmp_path):
+    """As its file has it: `simulate --loaded`, a campaign over a loaded scenario and a report run the same."""
+    (tmp_path / "loaded.toml").write_text('extends = "stop"\nloaded = true\n[vehicle]\nmass = 4e3\nmass_loaded = 7e3\n')
+    scenario = load_scenario(tmp_path / "loaded.toml")
+    car = scenario.vehicle.empty()
+    assert (car.mass, scenario.vehicle.mass) == (4e3, 7e3)
+    own = controller_named(name, car)
+    assert controller_named(name, scenario.vehicle) == own
+    limits = [
+        braked(stop(one), control).limits for one in (car, car.loaded()) for control in (own, recommended_pi_lead())
+    ]
+    assert {limit.torque_max for limit in limits} == {full_brake_torque(car)}
 
 
 # --- by name -------------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import rounded, rounded_down, rounded_up
+from railslip_ctrl.core.rounding import ms_down, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.core.sources import cite
 from railslip_ctrl.core.units import KMH, shown, to_unit
 
@@ -146,6 +146,17 @@ def test_rounding_promises_no_more_and_keeps_what_has_the_digits(value: float, d
     assert high - low <= 10.0 ** (1 - digits) * abs(value) * (1 + 1e-9)
     kept = float(f"{value:.{digits - 1}e}")
     assert (rounded_down(kept, digits), rounded_up(kept, digits)) == pytest.approx((kept, kept), rel=1e-12)
+
+
+def test_an_ms_has_two_decimals_on_the_safe_side() -> None:
+    assert [ms_up(x) for x in (1.9326, 1.9, 2.0 * (1 + 5e-7), 123.4, math.inf)] == [
+        "1.94",
+        "1.90",
+        "2.00",
+        "124",
+        "inf",
+    ]
+    assert [ms_down(x) for x in (1.9379, 1.9, 1.0)] == ["1.93", "1.90", "1.00"]
 
 
 def test_rounding_of_bounds_is_to_three_digits() -> None:

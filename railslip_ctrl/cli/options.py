@@ -624,7 +624,7 @@ class ControllerOptions:
         gains = chosen_gains(self.kp, self.ki)
         column = self._column(scenario)
         reference = self._reference(scenario, column)
-        if is_tuned_when_asked(name, scenario.vehicle, gains):
+        if is_tuned_when_asked(name, scenario.vehicle.empty(), gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
         made = naming(
             "--controller",

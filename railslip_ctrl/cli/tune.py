@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.rounding import ms_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import SeekingDesign, seeking_over, tune_over
 from railslip_ctrl.design.specification import ROBUST_MS
@@ -180,7 +180,7 @@ def _saved(controller: PIController, points: list[OperatingPoint], out: Path, pe
     control.save(out)
     runs = [loop_as_run(control, linearize(point), point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
-    told = "unstable" if math.isinf(worst) else f"Ms {rounded_up(worst):g} at worst"
+    told = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"
     progress(f"sampled every {control.period:g} s: {told}")
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases, the same wherever one is said
 _EXACT = 1e-12  # a number that has the digits already keeps them
+_SAME = 1e-6  # relative: a design tuned to an Ms meets it to less than that
+_LARGE = 100.0  # an Ms beyond is as good as unstable
 
 
 def rounded_up(value: float, digits: int = BOUND_DIGITS) -> float:
@@ -22,6 +24,16 @@ def rounded_down(value: float, digits: int = BOUND_DIGITS) -> float:
 def rounded(value: float, digits: int) -> float:
     """A value to so many significant digits, the nearest."""
     return _rounded(value, digits, round)
+
+
+def ms_up(ms: float) -> str:
+    """An Ms as it is said everywhere: two decimals, not below it; three digits from 100 up."""
+    return f"{math.ceil(100 * ms * (1 - _SAME)) / 100:.2f}" if ms < _LARGE else f"{rounded_up(ms):g}"
+
+
+def ms_down(bound: float) -> str:
+    """A lower bound of Ms, likewise not above it."""
+    return f"{math.floor(100 * bound * (1 + _SAME)) / 100:.2f}" if bound < _LARGE else f"{rounded_down(bound):g}"
 
 
 def _rounded(value: float, digits: int, rounding: Callable[[float], float]) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.rounding import ms_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import MOST_POLES, FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -135,7 +135,7 @@ class Assessment:
         if self.verdict is Verdict.NO_FEEDBACK:
             return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
-            return f"{self.verdict.value} (Ms {rounded_up(self.margins.ms):g})"
+            return f"{self.verdict.value} (Ms {ms_up(self.margins.ms)})"
         how_many = (
             "a chain of closed-loop poles"
             if math.isinf(self.unstable_poles)

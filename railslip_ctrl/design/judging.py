@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.rounding import ms_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
@@ -108,7 +108,7 @@ class WorstCase:
 
 
 def _kept(margins: Margins | None) -> str:
-    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):g}"
+    return "unstable" if margins is None else f"Ms {ms_up(margins.ms)}"
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class Judgement:
         if self.verdict == "robust" and not self.nominal:
             line += f"; with tolerances {self.worst_with_tolerances.words}"
         if self.usable_from_kmh is None:
-            return f"{line}; not stable at {max(self.envelope.speeds):g} km/h either{self._handed_over}"
+            return f"{line}; unstable at the highest speed too, {max(self.envelope.speeds):g} km/h{self._handed_over}"
         if self.usable_from_kmh > min(self.envelope.speeds):
             line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
         left_out = len(self.points.skipped)

@@ -232,6 +232,7 @@ class Vehicle(Record):
     notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
     # text, as a record is hashed; no property of the car, so that it is in no dump
     envelope: str = Field("{}", exclude=True, repr=False, description="the table [envelope] of its file, as JSON")
+    _empty: tuple[float, float] | None = None  # mass and wheel load before `loaded`
 
     @model_validator(mode="after")
     def _load_adds(self) -> Vehicle:
@@ -258,7 +259,17 @@ class Vehicle(Record):
 
     def loaded(self) -> Vehicle:
         """The same vehicle with its loaded mass and wheel load as the ones in use."""
-        return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+        found = self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+        if (found.mass, found.wheel_load) != (self.mass, self.wheel_load):
+            BaseModel.__setattr__(found, "_empty", (self.mass, self.wheel_load))
+        return found
+
+    def empty(self) -> Vehicle:
+        """The same vehicle with the mass and the wheel load that it had before `loaded`."""
+        mass, wheel_load = self._empty or (self.mass, self.wheel_load)
+        found = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
+        BaseModel.__setattr__(found, "_empty", None)
+        return found
 
     def with_mass(self, mass: float) -> Vehicle:
         """The vehicle with another `mass`, kg, at its wheel load: a note says so unless it has both empty or loaded."""

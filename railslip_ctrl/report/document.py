@@ -21,7 +21,7 @@ from rich.measure import Measurement
 from rich.padding import Padding
 from rich.text import Text
 
-from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded, rounded_down, rounded_up
+from railslip_ctrl.core.rounding import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 
 WIDTH = 110
@@ -289,7 +289,7 @@ def below(value: float, digits: int = BOUND_DIGITS) -> str:
 
 def ms_text(ms: float) -> str:
     """A worst Ms, inf where a loop is unstable; NONE for NaN."""
-    return "unstable" if ms == math.inf else above(ms)
+    return "unstable" if ms == math.inf else NONE if math.isnan(ms) else ms_up(ms)
 
 
 def minus(text: str) -> str:

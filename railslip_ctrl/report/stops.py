@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.controllers import wheel_slip_loop
+from railslip_ctrl.design.controllers import seeking_of, wheel_slip_loop
 from railslip_ctrl.design.envelope import EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import Judgement
@@ -21,9 +21,10 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control
+from railslip_ctrl.simulation.catalogue import braking_control, full_brake_torque
 from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
+from railslip_ctrl.simulation.step_objects import StepControl
 
 _REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a slip ratio
 
@@ -36,14 +37,16 @@ class Stop:
     law: str  # the adhesion law's name
     rail: Rail
     load: str  # "empty" or "loaded"
-    run: Run  # of seed 0, recorded
+    run: Run  # the longest of all seeds, recorded
     others: tuple[Run, ...]  # of the other seeds
     bound: ClairvoyantStop | None  # what no controller of this brake beats; None where none is known
     held: float  # median of slip over the second half of the time under control, without the noise and the start
-    reference: float  # the slip ratio to be held
+    reference: float  # the slip ratio to be held, or of a controller that has its `own_slip`, that of the law
     cut_out: float = 0.0  # m/s: below, the slip is not controlled
     brake: str = ""  # the actuator's tolerances in words; empty: as given
     attainable: ClairvoyantStop | None = None  # a stop without noise that one can have who knows the rail; or None
+    own_slip: bool = False  # whether the controller finds its slip, or is known by its step alone
+    brake_torque: float = math.inf  # N*m, the largest, with which the bound is
 
     @property
     def swings(self) -> bool:
@@ -56,13 +59,13 @@ class Stop:
 
     @property
     def distance(self) -> float:
-        """Braking distance of `run`, m; inf if it does not stop."""
-        return self.run.braking_distance if self.run.stopped else math.inf
+        """The longest braking distance of all seeds, m; inf if one does not stop."""
+        return stopping_distance(self.run)
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Of all seeds."""
-        return (self.run, *self.others)
+        """Of all seeds, in their order."""
+        return tuple(sorted((self.run, *self.others), key=lambda run: run.seed or 0))
 
     @property
     def reached(self) -> bool:
@@ -86,10 +89,10 @@ class Stop:
 
     @property
     def over_bound(self) -> float:
-        """Braking distance of `run` over the bound, less 1; NaN without either."""
+        """`distance` over the bound, less 1; NaN without either."""
         if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
             return math.nan
-        return self.run.braking_distance / self.bound.braking_distance - 1
+        return self.distance / self.bound.braking_distance - 1
 
 
 @dataclass(frozen=True)
@@ -106,9 +109,8 @@ class RollingLoop:
     stable: bool
 
 
-SEED = 0
-OTHER_SEEDS = (1, 2, 3)
-"""Noise seeds of the spread; statistics over many are the campaign's."""
+SEEDS = (0, 1, 2, 3)
+"""Of the noise; statistics over many are the campaign's."""
 
 LOG_PERIOD = 0.01
 """s, between the samples of a recorded run: those of `railslip simulate`."""
@@ -165,27 +167,35 @@ def tolerance_stops(nominal: Sequence[Stop], control: Any, judgement: Judgement)
             brake = Actuator(dead_time=late * actuator.dead_time, lag=slow * actuator.lag)
             car = scenario.vehicle.model_copy(update={"actuator": brake})
             words = f"dead time {100 * (late - 1):+.3g} %, lag {100 * (slow - 1):+.3g} %"
-            found.append(_stop(control, scenario.with_changes(vehicle=car), one.load, (), words))
+            found.append(_stop(control, scenario.with_changes(vehicle=car), one.load, SEEDS[:1], words))
     return tuple(found)
 
 
-def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = OTHER_SEEDS, brake: str = "") -> Stop:
-    simulator = Simulator(scenario, control)
+def stopping_distance(run: Run) -> float:
+    """Braking distance of a run, m; inf if it does not stop."""
+    return run.braking_distance if run.stopped else math.inf
+
+
+def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = SEEDS, brake: str = "") -> Stop:
+    simulator, limited = Simulator(scenario, control), braked(scenario, control)
     every = max(round(LOG_PERIOD / simulator.period), 1)
-    run, cut_out = simulator.run(SEED, record_every=every), getattr(control, "cut_out_speed", 0.0)
-    run = replace(run, controller_signals={})  # not shown, and much to be sent from another process
+    # without what is not shown, and much to be sent from another process
+    runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
+    run, cut_out = max(runs, key=stopping_distance), getattr(control, "cut_out_speed", 0.0)
     return Stop(
         control.name,
         scenario.adhesion.name,
         scenario.rail,
         load,
         run,
-        tuple(simulator.run(seed, record_every=None) for seed in seeds),
-        None if brake else _known(clairvoyant_stop, braked(scenario, control)),
+        tuple(replace(one, signals=None) for one in runs if one is not run),
+        None if brake else _known(clairvoyant_stop, limited),
         _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
         cut_out,
         brake,
+        own_slip=seeking_of(control) is not None or isinstance(control, StepControl),
+        brake_torque=limited.limits.torque_max or math.inf,
     )
 
 
@@ -210,9 +220,9 @@ def _held(run: Run, cut_out: float) -> float:
 
 
 def braked(scenario: Scenario, control: Any) -> Scenario:
-    """The scenario with the largest torque of a controller as that of its brake."""
-    most = getattr(control, "torque_high", None)
-    return scenario if most is None or np.isinf(most) else scenario.with_changes(limits=BrakeLimits(torque_max=most))
+    """The scenario with the largest torque of the vehicle's brake, or of a controller that asks for more."""
+    most = max(full_brake_torque(scenario.vehicle), getattr(control, "torque_high", math.inf))
+    return scenario if math.isinf(most) else scenario.with_changes(limits=BrakeLimits(torque_max=most))
 
 
 def attainable_stops(scenarios: Sequence[Scenario]) -> list[ClairvoyantStop | None]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded_down, rounded_up
+from railslip_ctrl.core.rounding import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
@@ -61,7 +61,7 @@ def controller_text(controller: LinearController | SeekingGains) -> str:
     text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
     text += f"   ({kp * KMH:.5g} N·m per km/h, {ki * KMH:.5g} N·m per km/h per s)"
     if controller.structure != "PI":
-        text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1)"
+        text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1): a series PID"
     return text
 
 
@@ -79,10 +79,11 @@ def vehicle_line(vehicle: Vehicle) -> str:
     return f"{vehicle.name}{source}, wheel load {vehicle.wheel_load:g} N"
 
 
-def _masses(vehicle: Vehicle) -> str:
-    if vehicle.mass == vehicle.mass_loaded:
-        return f"{vehicle.mass:g} kg"  # one load, or taken as loaded
-    return f"{vehicle.mass:g} kg empty, {vehicle.mass_loaded:g} kg loaded"
+def _loads(empty: float, loaded: float, unit: str) -> str:
+    """A number of the vehicle as it is, and loaded where that is another."""
+    if empty == loaded:
+        return f"{empty:g} {unit}"  # one load, or taken as loaded
+    return f"{empty:g} {unit} empty, {loaded:g} {unit} loaded"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
@@ -90,8 +91,8 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
-        ("Quarter-car mass M", _masses(vehicle)),
-        ("Wheel load N", f"{vehicle.wheel_load:g} N"),
+        ("Quarter-car mass M", _loads(vehicle.mass, vehicle.mass_loaded, "kg")),
+        ("Wheel load N", _loads(vehicle.wheel_load, vehicle.wheel_load_loaded, "N")),
         (
             "Wheel",
             f"radius {wheel.radius:g} m, inertia {wheel.inertia:g} kg·m², "
@@ -248,7 +249,7 @@ def _sampled_line(period: float, sampled: Margins | None) -> str:
     if sampled is None:
         return f"As run, sampled every {period:g} s: unstable"
     return (
-        f"As run, sampled every {period:g} s: Ms {rounded_up(sampled.ms):g}, phase margin {sampled.phase_deg:.4g} deg, "
+        f"As run, sampled every {period:g} s: Ms {ms_up(sampled.ms)}, phase margin {sampled.phase_deg:.4g} deg, "
         f"delay margin {sampled.delay_s:.4g} s"
     )
 
@@ -284,23 +285,18 @@ def _limits(assessment: Assessment) -> str:
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}"
     )
-    if rounded_down(limits.ms_bound, BOUND_DIGITS) > 1.0:  # as every loop's is
-        text += f"; no controller gets Ms or Mt below {_least(limits.ms_bound)}"
+    if (least := ms_down(limits.ms_bound)) != "1.00":  # as every loop's is
+        text += f"; no controller gets Ms or Mt below {least}"
     for structure in (limits.pi, limits.pi_lead):
         if structure is None:
             continue
         name = "a PI" if structure.structure == "PI" else "a PI with lead on the lag"
         if structure.feasible:
             phase = fixed(rounded_up(structure.phase_deg, BOUND_DIGITS), BOUND_DIGITS)
-            text += f"; {name}: phase margin <= {phase} deg, Ms >= {_least(structure.ms_bound)}"
+            text += f"; {name}: phase margin <= {phase} deg, Ms >= {ms_down(structure.ms_bound)}"
         else:
             text += f"; {name} cannot stabilise it"
     return text
-
-
-def _least(bound: float) -> str:
-    """A lower bound, rounded to the side that claims less."""
-    return fixed(rounded_down(bound, BOUND_DIGITS), BOUND_DIGITS)
 
 
 def _decibel(factor: float) -> str:
@@ -491,7 +487,7 @@ def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
     parts.append(facts(known))
     if judgement is not None:
         return render([*parts, "", *judgement_parts(judgement)])
-    verdict = f"worst Ms {design.worst.ms:.4g} at {case_title(points[design.worst.ms_member])}"
+    verdict = f"worst Ms {ms_up(design.worst.ms)} at {case_title(points[design.worst.ms_member])}"
     alone = next((f". {point.vehicle.mass_alone}" for point in points if point.vehicle.mass_alone), "")
     parts += [_case_table(points, design.margins), f"Verdict: {verdict}, of the operating points alone{alone}"]
     return render(parts)

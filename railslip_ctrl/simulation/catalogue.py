@@ -249,7 +249,7 @@ def braking_control(
         name=name,
         period=run_period(linear_controller(design), period),
         torque_low=0.0,
-        torque_high=max(full_brake_torque(point.vehicle) for point in points),
+        torque_high=full_brake_torque(points[0].vehicle),
         tracking_time=TRACKING_TIME,
         rule=Rule.TUSTIN,
         initial_torque=sure,
@@ -326,7 +326,7 @@ def slide_protection(
     """
     car = published_vehicle() if vehicle is None else vehicle
     baseline = SlideProtection(reference or published_reference("bristle"))
-    share = full_brake_torque(car) / TORQUE_LIMIT
+    share = _share(car, car.wheel_load)
     return SlideProtection(
         baseline.reference,
         fill_rate=share * baseline.fill_rate,
@@ -362,7 +362,8 @@ def seeking_control(
         A vehicle whose brake has no dead time, by which its gains go.
     """
     car = PARK2008 if vehicle is None else vehicle
-    gains = seeking_gains(car, full_brake_torque(car))
+    # its largest torque, with which it starts, is what an empty wheel bears until the dead time is over
+    gains = seeking_gains(car, TORQUE_LIMIT * _share(car, car.wheel_load))
     return SeekingControl(
         gains, reference or published_reference("bristle"), period=PERIOD if period is None else period
     )
@@ -398,8 +399,14 @@ def lead_of(vehicle: Vehicle) -> tuple[float, float]:
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
-    """The torque limit of the designs, N*m: `TORQUE_LIMIT`, in proportion to wheel load times radius."""
-    return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
+    """The largest torque of a vehicle's brake, N*m, at which designs are limited and bounds taken: `TORQUE_LIMIT`, in
+    proportion to wheel load, loaded where that is more, times radius."""
+    return TORQUE_LIMIT * _share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
+
+
+def _share(vehicle: Vehicle, wheel_load: float) -> float:
+    """What the adhesion of a wheel load takes, over that of the published vehicle."""
+    return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
 def design_points(vehicle: Vehicle) -> list[LinearPlant]:
@@ -503,7 +510,7 @@ def controller_named(
     adaptive: bool = False,
     period: float | None = None,
 ) -> Controller:
-    """A controller of `NAMES` for a vehicle.
+    """A controller of `NAMES` for a vehicle, with the gains of the empty one also where it is `loaded`.
 
     Parameters
     ----------
@@ -533,6 +540,7 @@ def controller_named(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
     held = published_reference(column) if reference is None else reference
+    vehicle = vehicle.empty()
     if name == "scheduled":
         return recommended_schedule(vehicle, reference=held, period=period)
     if name == "slide-protection":

@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.rounding import ms_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.design.judging import MsMap
@@ -95,7 +95,7 @@ def _column(groups: tuple[ControllerGroup, ...]) -> float:
 
 def _label(assessment: Assessment) -> str:
     point: Any = assessment.point
-    state = f"Ms {assessment.margins.ms:.3g}" if assessment.margins is not None else "unstable"
+    state = f"Ms {ms_up(assessment.margins.ms)}" if assessment.margins is not None else "unstable"
     if point is None:
         return state
     return f"{point.rail}, {point.speed_kmh:g} km/h ({state})"
@@ -296,7 +296,7 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 _MS_TOP = 8.0  # an Ms beyond it is as good as unstable; the axis ends there
 _KICK = 0.03  # of the time shown: what a lead adds to the command at first is over by then
-_FITS = 9999.0  # the highest number a cell of a map has room for
+_FITS = 999.0  # the highest number a cell of a map has room for
 _NARROW = 0.15  # of the axes: a contour that its label would take away has none
 _SHORT = 4  # points of a contour too short for a label
 _CLEAR = 0.08  # of the axes: between a label and the side at which a picture is cut
@@ -535,16 +535,14 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
-        text = "unst." if np.isinf(worst[i, j]) else "" if np.isnan(worst[i, j]) else _three(worst[i, j])
+        text = "unst." if np.isinf(worst[i, j]) else "" if np.isnan(worst[i, j]) else _in_cell(worst[i, j])
         ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if shown[i, j] > 4.5 else "black")
     ax.set_xticks(range(len(loads)), loads)
     ax.set_yticks(range(speeds.size), [f"{v:g}" for v in speeds])
 
 
-def _three(value: float) -> str:
-    """Three digits, not below the value, and no exponent: what fits into a cell."""
-    value = rounded_up(value)
-    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}" if value < _FITS else f">{_FITS:g}"
+def _in_cell(ms: float) -> str:
+    return ms_up(ms) if ms < _FITS else f">{_FITS:g}"
 
 
 # --- pictures of a design report by name -----------------------------------------------------------------------------
@@ -577,8 +575,9 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
 
 
 def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
-    runs = {f"{one.rail} rail, {one.law}, {one.load}: {one.run.braking_distance:.4g} m": one.run for one in stops}
-    return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail, seed {stops[0].run.seed}")
+    where = {f"{one.rail} rail, {one.law}, {one.load}, seed {one.run.seed}": one.run for one in stops}
+    runs = {f"{name}: {run.braking_distance:.4g} m": run for name, run in where.items()}
+    return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail")
 
 
 def _gains(found: GainMap, vehicle: str) -> Figure:
@@ -615,7 +614,7 @@ def _responses(found: Responses, control: Any) -> Figure:
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     rails = list(dict.fromkeys(curve.rail for curve in curves))
     speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.speed_kmh for curve in curves))
-    figure = new_figure(3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip held, triangles: peaks")
+    figure = new_figure(3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip judged at, triangles: peaks")
     axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
         for i, curve in enumerate(one for one in curves if one.rail is rail):
