@@ -95,6 +95,8 @@ def test_another_vehicle_with_what_was_assumed_of_it(railslip, tmp_path):
     assert (found["vehicle"], found["inertia_scale"]) == ("train", 1.0)
     assert "inertia scale 1, the file's, in place of the scenario's 3.6" in err
     assert "No travelling resistance is given" in err
+    text = railslip("--vehicle", tmp_path / "train.toml", "--controller", "slide-protection", "--loaded")[1]
+    assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in text
     assert found["energy_balance"]["starting_j"] == pytest.approx(0.5 * (4000 + 60.35 / 0.43**2) * (100 / 3.6) ** 2)
 
 

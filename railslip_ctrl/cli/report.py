@@ -119,7 +119,8 @@ def command(
             meanwhile=lambda known: _draw(known, pictures, told),
         )
         _draw(found, pictures, told)
-        files, content, text = _made(found, pictures, whole, provenance(ctx), _rest(cases, found, out, whole))
+        rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
+        files, content, text = _made(found, pictures, whole, provenance(ctx), rest, _again(cases, found, out))
         written = write_files(out, {name: files[name] for name in content["files"]})
     if as_json:
         print_json(content)
@@ -149,7 +150,12 @@ def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Call
 
 
 def _made(
-    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, source: Provenance, rest: str
+    found: DesignReport,
+    pictures: dict[str, dict[str, bytes]],
+    whole: bool,
+    source: Provenance,
+    rest: str,
+    again: str,
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)
@@ -159,19 +165,18 @@ def _made(
         files[RECOMMENDED] = found.control.toml.encode()
     if whole:
         svg = {name: forms["svg"] for name, forms in pictures.items()}
-        files[_PAGE] = page(first, design_sections(found), svg, source, found.date, found.seconds).encode()
+        files[_PAGE] = page(first, design_sections(found, again), svg, source, found.date, found.seconds).encode()
     content = design_report_json(found, [*_TEXTS, *files])
     files["report.json"] = json_text(content).encode()
-    text = partial(design_report_text, found, first, rest)
+    text = partial(design_report_text, found, first, f"{rest}\n{again}".rstrip())
     files["report.txt"] = text().encode()
     return files, content, text
 
 
-def _rest(cases: CaseOptions, found: DesignReport, out: Path, whole: bool) -> str:
-    """Where the rest is, and how a stop is repeated."""
-    where = f"The rest: {out / _PAGE}" if whole else f"The rest: {out / 'report.json'}"
+def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
+    """How the first stop of the page is repeated, digit for digit; empty without one."""
     if not found.stops:
-        return where
+        return ""
     stop = found.longest_stops[0]
     words = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
     words += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
@@ -183,7 +188,8 @@ def _rest(cases: CaseOptions, found: DesignReport, out: Path, whole: bool) -> st
     words += [f"--speed {speed:g}"] if speed != 100.0 else []
     for name, value in (("inertia-scale", cases.inertia_scale), ("dead-time", cases.dead_time), ("lag", cases.lag)):
         words += [f"--{name} {value:g}"] if value is not None else []
-    return f"{where}\nThe {stop.rail} stop again: {' '.join(words)} --rail {stop.rail}"
+    words += [f"--rail {stop.rail}", f"--seed {stop.run.seed}"]
+    return f"The {stop.rail} stop again: {' '.join(words)}"
 
 
 def _timed() -> Callable[[str], None]:

@@ -11,14 +11,15 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.rounding import ms_down
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.envelope_tuning import SeekingDesign
+from railslip_ctrl.design.envelope_tuning import Choice, SeekingDesign
 from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import PIGains, doubts
-from railslip_ctrl.report.recommendation import FASTER, SEEKING, DesignReport, Rival, longest
+from railslip_ctrl.report.recommendation import FASTER, SEEKING, DesignReport, Rival, Trial, longest
 from railslip_ctrl.report.stops import Stop
 from railslip_ctrl.simulation import SeekingControl
 from railslip_ctrl.simulation.catalogue import is_published
@@ -59,7 +60,7 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-_VERDICT = ("verdict", "usable_from_kmh", "robust_from_kmh")
+_RANKED = "robust and without a slide from the lowest speed, then no oscillation, then mean stop"
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _MOST_TOLD = 8  # of points left out and knife edges
 
@@ -92,7 +93,14 @@ def _headline(report: DesignReport) -> str:
         verdict = "" if report.in_use is None else report.in_use.verdict
         return "DO NOT USE: fragile" if verdict == "fragile" else "DO NOT USE"
     at = " at the operating points" if report.nominal else ""
-    return (f"USE ABOVE {report.above_kmh:g} km/h" if report.hands_over else "USE") + at
+    return (f"USE ABOVE {_used_from(report):g} km/h" if report.hands_over else "USE") + at
+
+
+def _used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
+    """The speed, km/h, from which up a controller may be used and controls slip; None of one that did not run too."""
+    if ran is None or ran.above_kmh is None or ran.judgement is None:
+        return None
+    return max(ran.above_kmh, round(ran.judgement.hand_over_kmh, 9))
 
 
 def _design_words(report: DesignReport) -> str:
@@ -112,31 +120,33 @@ def _design_words(report: DesignReport) -> str:
 
 def _why(report: DesignReport) -> str:
     if report.in_use is None or report.best is None:
-        return "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
+        told = "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
+        return f"{told} The seeking controller does not serve either."
     judged = report.in_use
     operating = int(judged.points.operating.sum())
     robust = None if report.judgement is None else report.judgement.robust_from_kmh
     if report.above_kmh is None and robust is not None:
-        return "The best PI or PI-lead is robust by its margins, but in a stop the wheel slides: slip over 0.5."
+        return "The best design is robust by its margins, but in a stop the wheel slides: slip over 0.5."
     if report.above_kmh is None:
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
-        told = f"No PI or PI-lead found keeps {asked} at any speed. The best"
+        told = f"No design found keeps {asked} at any speed. The best"
         if judged.verdict == "unstable":
             return f"{told} has unstable loops."
         lowest = min(judged.envelope.speeds)
         begins = f"from {lowest:g} km/h up" if lowest > min(report.envelope.speeds) else "at every operating point"
-        return f"{told} is stable {begins}, Ms {_worst_cells(judged.worst)[0]} at worst."
+        return f"{told} is stable {begins}, Ms {_worst_cells(judged.worst)[1]} at worst."
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
     told += "."
     if robust != report.above_kmh:
-        told += f" Used below {report.above_kmh:g} km/h, a wheel slides."
+        told += f" Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
     factor = report.best.reference_factor
     if factor < 1.0:
         more = [choice.tier for choice in report.selection.choices if choice.reference_factor > factor]
-        told += f" It holds {factor:g} of the reference slip; more "
-        told += "is less robust." if min(more, default=report.best.tier) > report.best.tier else "stops no shorter."
+        less_robust = min(more, default=report.best.tier) > report.best.tier
+        told += f" It holds {100 * factor:g} % of the reference slip; designs that hold more "
+        told += "are less robust." if less_robust else "do no better."
     swinging = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
     return told + (f" With {' and '.join(swinging)} the wheel oscillates." if swinging else "")
 
@@ -159,48 +169,48 @@ def _steps(report: DesignReport) -> Iterator[str]:
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
         reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
-    if isinstance(report.control, SeekingControl):
-        yield f"Below {short(report.control.cut_out_speed / KMH)} km/h it holds what held the slip before."
-    elif report.hands_over:
-        assert report.control is not None
-        yield f"Below {report.above_kmh:g} km/h it holds {short(report.control.cut_out_torque)} N·m."
+    if report.hands_over and report.control is not None:
+        below_speed = f"Below {short(report.control.cut_out_speed / KMH)} km/h"
+        yield f"{below_speed} brake without slip control (the file: {_handed_over(report.control)})."
     if locked := sum(stop.locks for stop in report.tolerance_stops):
         yield f"With the actuator's tolerances a wheel locks in {locked} of {len(report.tolerance_stops)} stops."
     if slow and report.usable:
-        yield f"Slip stays below its reference ({', '.join(slow)}){reach}."
+        yield f"Expect long stops: slip stays below its reference ({', '.join(slow)}){reach}."
     if brake and not robust:
         yield f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}."
     elif brake and not report.usable:
         yield f"With {brake} no wheel slides in the stops tried."
     elif not report.usable:
         least = min(choice.reference_factor for choice in report.selection.choices)
-        slip = f"{least:g} of the reference slip, or " if least < 1 else ""
-        yield f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag."
+        tried = [] if least == 1 else [f"{100 * least:g} % of the reference slip"]
+        tried += [] if seeks else [f"{100 * FASTER[-1]:g} % of dead time and lag"]
+        if tried:
+            yield f"Tried, and not enough: {' or '.join(tried)}."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
-    yield from _seeking_words(report)
 
 
-def _seeking_words(report: DesignReport) -> Iterator[str]:
-    """That the seeking controller stops shorter on every rail, where no wheel locks with it and another is taken."""
-    trial = report.seeking
-    if trial is None or trial is report.trials[0] or any(stop.locks for stop in trial.stops):
-        return
-    found = list(zip(longest(trial.stops), report.longest_stops, strict=True))
-    if all(seeking.distance < stop.distance for seeking, stop in found):
-        told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
-        slides = any(stop.slides for stop in trial.stops)
-        above = f"Ms ≤ 2 only above {trial.above_kmh:g} km/h" if trial.above_kmh is not None else "not robust"
-        yield f"Shorter, but {'slip over 0.5 in a stop' if slides else above}: --controller seeking, {told}."
+def _handed_over(control: Any) -> str:
+    """The torque below the speed at which slip control ends."""
+    if isinstance(control, SeekingControl):
+        shares = [f"{100 * share:g}" for share in (control.gains.hand_over_share, control.gains.last_share)]
+        return f"{' to '.join(shares)} % of the mean torque"
+    return f"{short(control.cut_out_torque)} N·m"
 
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Of each controller of the user's that has no margins, that it is not judged, and how it stops."""
+    """Of each controller of the user's the verdict, or why there is none, and its longest stops."""
     for one in report.rivals:
-        if one.judgement is None:
-            told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in longest(one.stops))
-            locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
-            yield "Yours", f"NOT JUDGED: {one.name} is {one.reason} and has no margins. Stops {told}; {locks}."
+        told = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_words(stop)})" for stop in longest(one.stops))
+        locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
+        said = f"NOT JUDGED: {one.name} is {one.reason} and has no margins"
+        if (judged := one.judgement) is not None:
+            start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
+            held = "" if judged.nominal else " with every tolerance"
+            worst = _worst_cells(judged.worst)
+            ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
+            said = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
+        yield "Yours", f"{said}. Stops: {told}; {locks}."
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
@@ -208,51 +218,63 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     judged = report.in_use
     if judged is None:
         point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
-        yield "Least Ms of any linear controller", below(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
+        yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
         return
-    worst = judged.worst
-    yield "Ms", *_worst_cells(worst)
+    yield _worst_cells(judged.worst)
     if not judged.nominal:
-        yield "Ms with tolerances", *_worst_cells(judged.worst_with_tolerances)
-    if worst.margins is not None:
+        name, value, where = _worst_cells(judged.worst_with_tolerances)
+        yield name.replace("Ms", "Ms with tolerances"), value, where
+    if judged.worst.margins is not None:
         yield from _margin_rows(judged)
     for stop in report.longest_stops:
-        where = f"{stop.law}, {stop.load}: {_stop_words(stop)}; {_locks(report, stop)}"
-        yield f"Stop, {stop.rail}", _distance(stop), where
+        where = "; ".join(f"{one.law}, {one.load}" for one in report.stops if one.rail is stop.rail and one.locks)
+        locks = f"locks ({where})" if where else "no lock"
+        yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {locks}"
     if report.tolerance_stops:
-        slipped = max(report.tolerance_stops, key=lambda stop: stop.max_slip)
+        slipped = max((*report.stops, *report.tolerance_stops), key=lambda stop: stop.max_slip)
         locked = sum(stop.locks for stop in report.tolerance_stops)
-        where = f"{slipped.law}, {slipped.rail}, {slipped.load}, {slipped.brake}"
+        where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, slipped.brake)))
         of = f"{len(report.tolerance_stops)} stops with the actuator's tolerances"
         locks = counted(locked, "lock") if locked else "no lock"
         yield "Highest slip", above(slipped.max_slip), f"{where}; in {of} {locks}"
     if report.usable:
-        yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
-    car = report.vehicle
-    if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
-        where = f"more mass alone: its wheel load stays {short(car.wheel_load)} N"
-        yield "Loaded", f"{short(car.mass_loaded)} kg", where
+        seeds = len(report.stops[0].runs)
+        told = f"all laws, loads, rails and {seeds} seeds; best of {len(report.selection.choices)} by {_RANKED}"
+        yield "Mean stop", f"{short(report.trials[0].distance())} m", told
+    shortest = min(report.trials, key=Trial.distance)
+    if shortest is not report.trials[0]:
+        yield "Shortest mean", f"{short(shortest.distance())} m", _shortest(shortest)
 
 
-def _worst_cells(worst: WorstCase) -> tuple[str, str]:
-    """The larger Ms, of the loop or of the sampled one that runs, and its case."""
+def _worst_cells(worst: WorstCase) -> tuple[str, str, str]:
+    """The larger Ms, of the loop or of the sampled one that runs: which of them, its value, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return ms_text(worst.ms), worst.case.words
-    sampled = f"sampled every {worst.as_run.period:g} s; continuous {ms_text(worst.ms)}"
-    return ms_text(worst.run_ms), f"{worst.run_case.words}, {sampled}"
+        return "Ms, continuous", ms_text(worst.ms), worst.case.words
+    return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
 
 
-def _chosen(report: DesignReport) -> str:
-    """By what the design was chosen, and what the next would give."""
-    tried, (_, *others) = len(report.selection.choices), report.trials
-    told = f"over all laws, loads and rails; best of {tried} candidates"
-    if not others:
-        return told
-    after = others[0]
-    usable = "of no use" if after.above_kmh is None else f"above {after.above_kmh:g} km/h"
-    factor = after.choice.reference_factor
-    slip = "" if factor == 1.0 else f" with {factor:g} of the slip"
-    return f"{told}; next: {short(after.distance())} m{slip}, {usable}"
+def _shortest(trial: Trial) -> str:
+    """What a design that stops shorter than the one taken is, its longest stops, and what it lacks."""
+    choice = trial.choice
+    slip = "" if choice.structure == SEEKING else f" at {100 * choice.reference_factor:g} % of the reference slip"
+    told = ", ".join(f"{stop.rail} up to {short(stop.distance)} m" for stop in longest(trial.stops))
+    robust = None if trial.judgement is None else trial.judgement.robust_from_kmh
+    told += "; robust at no speed" if robust is None else f"; robust above {robust:g} km/h"
+    for what, name in (
+        ("a wheel locks", "locks"),
+        ("slip over 0.5 in a stop", "slides"),
+        ("the wheel oscillates", "swings"),
+    ):
+        told += f"; {what}" if any(getattr(stop, name) for stop in trial.stops) else ""
+    return f"{_kind(choice)}{slip}: {told}"
+
+
+def _kind(choice: Choice) -> str:
+    """Its structure, of a PI-lead with the lead and its filter."""
+    if choice.structure != "pi-lead":
+        return SEEKING if choice.structure == SEEKING else "PI"
+    lead = getattr(choice.design, "lead", None)
+    return "PI-lead" if lead is None else f"PI-lead {lead:.3g}/{choice.lead_filter:.3g} s"
 
 
 def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
@@ -265,43 +287,40 @@ def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         return float(values[index]), judged.points.case(index).words
 
     if np.isnan(m.phase_deg[operating]).any() and judged.worst.margins is not None:  # Ms alone is had of all points
-        worst, where = judged.worst.margins, f"{judged.worst.case.words}, of largest Ms"
-        yield "Phase margin", f"{below(worst.phase_deg)} deg", where
-        yield "Delay margin", f"{below(worst.delay_s)} s", where
-        yield "Gain range", f"{above(worst.gain_decrease)} to {below(worst.gain_increase)}", where
-        return
-    phase, where = least(m.phase_deg)
-    yield "Phase margin", f"{below(phase)} deg", where
-    delay, where = least(m.delay_s)
-    yield "Delay margin", f"{below(delay)} s", where
-    (low, under), (high, over) = least(m.gain_decrease, -1.0), least(m.gain_increase)
-    where = under if under == over else f"low: {under}; high: {over}"
-    yield "Gain range", f"{above(low)} to {below(high)}", where
+        worst, where = judged.worst.margins, f"{judged.worst.case.words}: where Ms is largest"
+        values = (worst.phase_deg, worst.delay_s, worst.gain_decrease, worst.gain_increase)
+        phase, delay, low, high = ((value, where) for value in values)
+    else:
+        phase, delay = least(m.phase_deg), least(m.delay_s)
+        low, high = least(m.gain_decrease, -1.0), least(m.gain_increase)
+    where = low[1] if low[1] == high[1] else f"low: {low[1]}; high: {high[1]}"
+    yield "Phase margin, continuous", f"{below(phase[0])} deg", phase[1]
+    yield "Delay margin, continuous", f"{below(delay[0])} s", delay[1]
+    yield "Gain range, continuous", f"{above(low[0])} to {below(high[0])}", where
 
 
 def _distance(stop: Stop) -> str:
-    return f"{short(stop.run.braking_distance)} m" if stop.run.stopped else "no stop"
+    return f"{short(stop.distance)} m" if stop.run.stopped else "no stop"
+
+
+def _over(stop: Stop) -> str:
+    """How far over the bound of a brake of its torque, and what could be had; ends before what follows."""
+    if stop.bound is None or math.isnan(stop.over_bound):
+        return ""
+    bound = short(stop.bound.braking_distance)
+    had = "" if stop.attainable is None else f", attainable {short(stop.attainable.braking_distance)} m"
+    brake = "any torque" if math.isinf(stop.brake_torque) else f"{short(stop.brake_torque)} N·m"
+    return f"{100 * stop.over_bound:.0f} % over the bound of a brake of {brake}, {bound} m{had}; "
+
+
+def _held(stop: Stop) -> str:
+    """The slip held, and of what, where the controller does not find its slip."""
+    return short(stop.held, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
 
 
 def _stop_words(stop: Stop) -> str:
-    """How far over the bound, which slip, whether the wheel locks."""
-    told = []
-    if stop.bound is not None and not math.isnan(stop.over_bound):
-        bound = short(stop.bound.braking_distance)
-        had = "" if stop.attainable is None else f"; {short(stop.attainable.braking_distance)} m attainable"
-        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m{had})")
-    told.append(f"slip held {short(stop.held, 2)} of {short(stop.reference)}, highest {above(stop.max_slip)}")
-    return "; ".join(told)
-
-
-def _locks(report: DesignReport, first: Stop) -> str:
-    """Whether the wheel locks in some stop on the rail, or else the largest slip, where it is another stop's."""
-    others = [stop for stop in report.stops if stop.rail is first.rail]
-    where = [f"{stop.law}, {stop.load}" for stop in others if stop.locks]
-    if where:
-        return f"locks ({'; '.join(where)})"
-    most = max(others, key=lambda stop: stop.max_slip)
-    return "no lock" if most is first else f"{above(most.max_slip)} with {most.law}, {most.load}; no lock"
+    """How far over the bound, and which slip."""
+    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
@@ -321,20 +340,23 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
     )
     if report.stops:
         told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
-        caption = "The longest stop on each rail with the recommended design."
+        caption = "The longest stop on each rail with the recommended design, of all laws, loads and seeds."
         yield Picture("stops", caption, f"Speed, slip and torque over time. {told}")
 
 
 # --- sections -------------------------------------------------------------------------------------------------------
 
 
-def design_sections(report: DesignReport) -> list[Section]:
-    """What stands behind the first page and can be left unread; what there is nothing to say of is left out."""
+def design_sections(report: DesignReport, again: str = "") -> list[Section]:
+    """What stands behind the first page and can be left unread; what there is nothing to say of is left out.
+
+    `again` says how a stop is repeated.
+    """
     made = (
         _envelope(report),
         _candidates(report),
         _rivals(report),
-        _stops(report),
+        _stops(report, again),
         _gains(report),
         _responses(report),
         _limits(report),
@@ -347,31 +369,36 @@ def design_sections(report: DesignReport) -> list[Section]:
 
 
 def _envelope(report: DesignReport) -> Section:
-    envelope, judged = report.envelope, report.judgement
-    blocks: list[Block] = [facts([("Envelope", envelope_words(envelope))])]
-    if judged is not None:
-        worst = [("Operating points", judged.worst)]
-        worst += [] if judged.nominal else [("With tolerances", judged.worst_with_tolerances)]
+    judged, used, car = report.judgement, report.in_use, report.vehicle
+    blocks: list[Block] = [facts([("Envelope", envelope_words(report.envelope))])]
+    if judged is not None and used is not None:
+        worst = [("Operating points", used.worst)]
+        worst += [] if used.nominal else [("With tolerances", used.worst_with_tolerances)]
         rows = []
         for name, one in worst:
             found = one.margins
             margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            rows.append((name, ms_text(one.ms), *margins, one.case.words))
+            run = (NONE, NONE) if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
+            rows.append((name, ms_text(one.ms), *margins, one.case.words, *run))
         axes = [
             (_AXES.get(axis, axis), _value(value), _percent(share), ms_text(ms))
             for axis, values in judged.by_axis().items()
             if len(values) > 1
-            for value, (share, ms) in values.items()
+            for value, (share, ms) in sorted(values.items())
         ]
         head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
-        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case")
+        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Its case")
+        lowest = f"{min(used.envelope.speeds):g} km/h"
         blocks += [
-            Paragraph(minus(judged.verdict_line) + "."),
-            table(worst_head, rows, caption="Worst cases from the usable speed up."),
-            table(head, axes, caption="The whole envelope by axis: what costs margin."),
+            Paragraph(f"Over the whole envelope {minus(judged.verdict_line)}."),
+            table(worst_head, rows, caption=f"Worst cases from {lowest} up, in continuous time, and of sampled loops."),
+            table(head, axes, caption="The whole envelope by axis, in continuous time: what costs margin."),
         ]
-    told = (*(judged.points.skipped if judged is not None else ()), *envelope.knife_edges())
-    blocks += [Paragraph(minus(text) + ".") for text in told[:_MOST_TOLD]]
+    told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
+    if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
+        load = f"the wheel load stays {short(car.wheel_load)} N: the vehicle has no other"
+        told = (*told, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
+    blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 
@@ -386,78 +413,73 @@ def _percent(share: float) -> str:
 def _candidates(report: DesignReport) -> Section:
     rows: list[tuple[str, ...]] = []
     for choice in report.selection.choices:
-        kind = {"pi-lead": "PI-lead", SEEKING: "seeking"}.get(choice.structure, "PI")
+        kind, slip = _kind(choice), f"{100 * choice.reference_factor:g}"
         if choice.design is None or choice.design.judgement is None:
-            rows.append((kind, f"{choice.reference_factor:g}", *(NONE,) * 6, choice.reason))
+            rows.append((kind, slip, *(NONE,) * 7, choice.reason))
             continue
-        judged, gains = choice.design.judgement, choice.design.gains
+        judged, gains, trial = choice.design.judgement, choice.design.gains, report.trial_of(choice)
         told = (short(gains.kp), short(gains.ki)) if isinstance(gains, PIGains) else (NONE, NONE)
         cells = (*told, _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
-        stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
-        reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
-        slip = "its own" if kind == SEEKING else f"{choice.reference_factor:g}"
-        rows.append((kind, slip, *cells, ms_text(judged.worst.ms), stop, reaches))
+        ran = (NONE, NONE) if trial is None else (_speed(_used_from(trial)), short(trial.distance(), 3))
+        needs = f"{short(choice.reach_s, 2)} s, and a stop has {short(choice.stop_s, 2)} s"
+        seeks = choice.structure == SEEKING
+        reaches = "finds its own" if seeks else "yes" if choice.reaches else f"no: it needs {needs}"
+        rows.append((kind, NONE if seeks else slip, *cells, _worst_cells(judged.worst)[1], *ran, reaches))
     head = (
-        "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
-        "Worst Ms", "Mean stop, m", "Reaches its slip",
+        "Structure", "Slip, % of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
+        "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Builds up to its slip",
     )  # fmt: skip
     text = (
-        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Of designs level "
-        "in that: used from the lowest speed without a slide, then without oscillation, then the shortest stops."
+        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Those level in "
+        f"that are run, and the seeking controller, and stand by {_RANKED}."
     )
     shown = table(head, rows, caption="What was tried.", wide=True)
     return Section("candidates", "Candidates", (Paragraph(text), shown))
 
 
 def _rivals(report: DesignReport) -> Section | None:
-    if not report.rivals or report.control is None or report.judgement is None:
+    if not report.rivals:
         return None
-    taken = Rival("recommended", report.judgement, report.stops)
+    taken = [Rival("recommended", report.judgement, report.stops)] if report.judgement is not None else []
+    first = report.rivals[0].stops[0]
     rows = []
-    for one in (taken, *report.rivals):
+    for one in (*taken, *report.rivals):
         distances = " / ".join(
-            f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
+            f"{_distance(stop)} {stop.rail}{', locks' if stop.locks else ''}"
             for stop in one.stops
-            if (stop.law, stop.load) == (one.stops[0].law, one.stops[0].load)
+            if (stop.law, stop.load) == (first.law, first.load)
         )
         told = ("not judged: no margins", *(NONE,) * 3)
         if (judged := one.judgement) is not None:
-            worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
+            worst = (_worst_cells(judged.worst)[1], _worst_cells(judged.worst_with_tolerances)[1])
             told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
         rows.append((one.name, *told, distances))
-    head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
-    return Section(
-        "given",
-        "Your controller beside it",
-        (table(head, rows, caption="Judged where it has margins, and run alike."),),
-    )
+    head = (
+        "Controller", "Over the whole envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
+        f"Longest stops, {first.law}, {first.load}",
+    )  # fmt: skip
+    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
 
 
-def _stops(report: DesignReport) -> Section | None:
-    if not report.stops or report.control is None:
-        return None
+def _stops(report: DesignReport, again: str = "") -> Section | None:
     control = report.control
-    below_speed = f"below {short(control.cut_out_speed * 3.6)} km/h to"
+    if not report.stops or control is None:
+        return None
     if isinstance(control, SeekingControl):
         told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "the largest torque")]
-        told += [("Hand-over", f"{below_speed} a share of what held the slip before")]
     else:
         told = [
             ("Limits", f"{short(control.torque_low)} to {short(control.torque_high)} N·m"),
             ("Starts with", f"{short(control.initial_torque)} N·m"),
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
-            (
-                "Hand-over",
-                f"{below_speed} {short(control.cut_out_torque)} N·m" if control.cut_out_speed > 0 else "none",
-            ),
         ]
-    known = facts(told)
+    below_speed = f"no slip control below {short(control.cut_out_speed / KMH)} km/h: {_handed_over(control)}"
+    known = facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
         "bound is what no controller of this brake beats, as if slip took no time to build up; attainable is a stop "
         "without noise that one can have who knows the rail. Slip held is the median over the second half of the time "
-        "under control. "
-        "railslip simulate --scenario stop --controller recommended.toml repeats them."
+        f"under control, in the longest stop. {again}"
     )
     shown = [_stop_table(report.stops, "Stops.")]
     if report.seeking is not None and report.seeking is not report.trials[0]:
@@ -473,9 +495,8 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
         bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
-        held = f"{short(stop.held, 2)} of {short(stop.reference)}"
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), held, locks))
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return table(head, rows, caption=caption, wide=True)
 
@@ -515,7 +536,7 @@ def _limits(report: DesignReport) -> Section:
     for point, limits in report.limits:
         where = (str(point.rail), short(point.vehicle.mass), f"{point.speed_kmh:g}", short(limits.unstable_pole, 3))
         structures = (_structure(limits.pi), _structure(limits.pi_lead))
-        rows.append((*where, below(limits.ms_bound), *structures, above(limits.longest_dead_time(ROBUST_MS))))
+        rows.append((*where, ms_down(limits.ms_bound), *structures, above(limits.longest_dead_time(ROBUST_MS))))
     head = (
         "Rail", "Mass, kg", "Speed, km/h", "Unstable pole, 1/s", "Any linear", "Any PI", "Any PI-lead",
         f"Longest dead time for Ms ≤ {ROBUST_MS:g}, s",
@@ -530,7 +551,7 @@ def _limits(report: DesignReport) -> Section:
 def _structure(limit: StructureLimit | None) -> str:
     if limit is None:
         return NONE
-    return below(limit.ms_bound) if limit.feasible else "none holds"
+    return ms_down(limit.ms_bound) if limit.feasible else "none holds"
 
 
 def _adhesion(report: DesignReport) -> Section:
@@ -540,11 +561,11 @@ def _adhesion(report: DesignReport) -> Section:
         peak = short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (falls)"
         held = (short(point.slip), short(point.adhesion_coefficient))
         rows.append((curve.law, str(curve.rail), f"{curve.speed_kmh:g}", short(curve.peak.coefficient), peak, *held))
-    head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip held", "μ there")
+    head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip judged at", "μ there")
     laws = listed(dict.fromkeys(curve.law for curve in report.curves))
-    alt = f"Steady adhesion coefficient over slip of {laws}, a panel a rail; circles where slip is held."
+    alt = f"Steady adhesion coefficient over slip of {laws}, a panel a rail; circles where slip is judged."
     picture = Picture("adhesion", "Steady adhesion over the slip ratio.", alt)
-    peaks = table(head, rows, caption="Peaks, and the slip held.")
+    peaks = table(head, rows, caption="Peaks, and the slip judged at.")
     return Section("adhesion", "Adhesion", (picture, peaks, facts(law_facts(curve.point for curve in report.curves))))
 
 
@@ -559,7 +580,8 @@ def _plant(report: DesignReport) -> Section:
         plant = linearize(point)
         roots = [minus(roots_text(values)) for values in (plant.poles, plant.zeros)]
         shown = [text if text == "none" else f"{text} 1/s" for text in roots]
-        rows.append((f"{point.adhesion}, {point.rail}, {point.speed_kmh:g} km/h", short(point.brake_torque), *shown))
+        where = f"{point.adhesion}, {point.rail}, {point.speed_kmh:g} km/h, {short(point.vehicle.mass)} kg"
+        rows.append((where, short(point.brake_torque), *shown))
     head = ("Operating point", "Torque, N·m", "Poles", "Zeros, torque to slip velocity")
     blocks: tuple[Block, ...] = (
         facts(row for row in vehicle_facts(vehicle) if row[0] != "Note"),
@@ -599,7 +621,7 @@ def _speed(speed: float | None) -> str:
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
-    """The first page, and where the rest is."""
+    """The first page, and where the rest is and how a stop is repeated."""
     file = f"   {first.file}" if first.file else ""
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),
@@ -620,7 +642,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "recommended": _recommended(report),
         "envelope": report.envelope.table(),
         "skipped": [] if judgement is None else list(judgement.points.skipped),
-        "knife_edges": list(report.envelope.knife_edges()),
+        "knife_edges": list(report.envelope.knife_edges() if judgement is None else judgement.slips_told),
         "candidates": [
             {
                 **exported(choice, "structure", "reference_factor", "reason"),
@@ -629,7 +651,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
                     kp_si="gains.kp",
                     ki_si="gains.ki",
                 ),
-                **exported(None if choice.design is None else choice.design.judgement, *_VERDICT),
+                **_from_speeds(None if choice.design is None else choice.design.judgement, report.trial_of(choice)),
             }
             for choice in report.selection.choices
         ],
@@ -639,6 +661,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
             {
                 "name": one.name,
                 **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
+                **_from_speeds(one.judgement, one),
                 "stops": [_stop_json(stop) for stop in one.stops],
             }
             for one in report.rivals
@@ -670,9 +693,8 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
     said = (report.in_use or judgement).table()
     return {
         "controller": tomllib.loads(report.control.toml),
-        **exported(judgement, "verdict", "nominal", "robust_from_kmh"),
-        "usable_from_kmh": report.above_kmh,
-        "stable_from_kmh": judgement.usable_from_kmh,
+        "nominal": judgement.nominal,
+        **_from_speeds(judgement, report),
         "worst": said["worst"],
         "worst_with_tolerances": said["worst_with_tolerances"],
         "reference_factor": report.best.reference_factor if report.best is not None else None,
@@ -680,12 +702,21 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
     }
 
 
+def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
+    """The verdict, and the speeds, km/h, from which up a controller is stable, robust, and to be used: robust, slip
+    controlled, and no wheel slides in its stops."""
+    named = {"stable_from_kmh": "usable_from_kmh"}
+    return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": _used_from(ran)}
+
+
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """A stop: numbers of seed 0, and the distances and highest slips of all seeds."""
-    of_stop = {"adhesion": "law", "held_slip": "held", "reference_slip": "reference", "reference_reached": "reached"}
+    """A stop: numbers of the seed with the longest, and the distances and highest slips of all seeds."""
+    of_stop = {"adhesion": "law", "held_slip": "held"}
+    of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}
     return {
         **exported(stop, "controller", "load", "rail", "locks", **of_stop),
+        **exported(None if stop.own_slip else stop, **of_reference),
         **exported(stop.run, "seed", "stopped", "max_slip", "locked_fraction", **of_run),
         **exported(stop.bound, bound_m="braking_distance"),
         **exported(stop.attainable, attainable_m="braking_distance"),

@@ -64,6 +64,7 @@ from .stops import (
     braked,
     operating_points,
     rolling_loops,
+    stopping_distance,
     stops,
     tolerance_stops,
 )
@@ -113,15 +114,22 @@ class Trial:
     control: LinearControl | SeekingControl
     stops: tuple[Stop, ...]
 
+    @property
+    def judgement(self) -> Judgement | None:
+        """Its design's."""
+        return None if self.choice.design is None else self.choice.design.judgement
+
     def distance(self) -> float:
-        """Mean braking distance of its stops, m; inf where one does not stop."""
-        return sum(stop.distance for stop in self.stops) / len(self.stops)
+        """Mean braking distance of its stops over all seeds, m; inf where one does not stop."""
+        distances = [stopping_distance(run) for stop in self.stops for run in stop.runs]
+        return sum(distances) / len(distances)
 
     @property
-    def rank(self) -> tuple[bool, float, bool, float]:
-        """Smaller is better: used from the lowest speed, then without oscillation, then the shortest stops."""
-        swings = any(stop.swings for stop in self.stops)
-        return self.above_kmh is None, self.above_kmh or 0.0, swings, self.distance()
+    def rank(self) -> tuple[bool, float, tuple[bool, float, float] | None, bool, float]:
+        """Smaller is better: used from the lowest speed, of none used the best judged, then without oscillation, then
+        the shortest stops."""
+        swings, tier = any(stop.swings for stop in self.stops), self.choice.tier if self.above_kmh is None else None
+        return self.above_kmh is None, self.above_kmh or 0.0, tier, swings, self.distance()
 
 
 @dataclass(frozen=True)
@@ -173,6 +181,12 @@ class Rival:
     stops: tuple[Stop, ...]
     reason: str = ""
 
+    @property
+    def above_kmh(self) -> float | None:
+        """As of a `Trial`."""
+        robust = None if self.judgement is None else self.judgement.robust_from_kmh
+        return None if any(stop.slides for stop in self.stops) else robust
+
 
 @dataclass(frozen=True)
 class DesignReport:
@@ -189,7 +203,8 @@ class DesignReport:
     )
     # km/h: from there up it is robust, and handed over below it no wheel slides in its own stops
     above_kmh: float | None = None
-    in_use: Judgement | None = None  # from `above_kmh` up; if that is None, at all speeds at which it is stable, or all
+    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all
+    in_use: Judgement | None = None
     worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # of the recommended design
     tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
@@ -228,6 +243,10 @@ class DesignReport:
     def seeking(self) -> Trial | None:
         """The seeking controller; None where it has no gains."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
+
+    def trial_of(self, choice: Choice) -> Trial | None:
+        """A choice in its stops; None of one that did not run."""
+        return next((trial for trial in self.trials if trial.choice is choice), None)
 
     @property
     def usable(self) -> bool:
@@ -438,7 +457,8 @@ def _designed(
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    in_use = restricted(judgement, trials[0].lowest_kmh)
+    used = max(trials[0].lowest_kmh, (1 - 1e-9) * judgement.hand_over_kmh)
+    in_use = restricted(judgement, min(used, max(envelope.speeds)))
     had = submit(attainable_stops, [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops])
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None

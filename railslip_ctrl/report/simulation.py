@@ -169,6 +169,7 @@ def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
     speeds = f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"
     return [
         *vehicle_facts(scenario.vehicle),
+        ("Begins with", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
         ("Viscous friction", _viscous(scenario)),
         ("Brake limits", _limits(scenario)),
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),

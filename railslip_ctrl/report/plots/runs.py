@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design.controllers import seeking_of
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
@@ -115,7 +116,8 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
         speed.plot(signals.time, signals.speed / KMH, label="train, v", **line_style(0))
         speed.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **line_style(1))
         slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
-        slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
+        if seeking_of(run.controller) is None:  # it finds its slip
+            slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
         torque.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
         torque.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
         slips += [float(np.quantile(signals.slip, 0.999)), float(np.nanmax(signals.reference))]
