@@ -174,16 +174,8 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     poles : int
         Number of rightmost closed-loop poles to find, 1 to 1000.
 
-    Returns
-    -------
-    Assessment
-        Limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade rows
-        and verdict.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a number of poles out of its range.
+    Returns limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade
+    rows and verdict. InputError: an argument of another kind, or a number of poles out of its range.
     """
     number("poles", poles, ge=1, le=MOST_POLES)
     design = seeking_of(controller) or linear_controller(controller, plant.point)

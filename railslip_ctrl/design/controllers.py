@@ -50,10 +50,7 @@ class PIController:
         Time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0; > 0 with a
         lead, or C is not proper. Without a lead it filters the error.
 
-    Raises
-    ------
-    InputError
-        A field of another kind, a negative or non-finite time constant, or a lead without a filter.
+    InputError: a field of another kind, a negative or non-finite time constant, or a lead without a filter.
     """
 
     gains: PIGains
@@ -125,10 +122,7 @@ class PolynomialController(_System):
     period : float, optional
         Of a discrete-time controller, s; left out, it is continuous.
 
-    Raises
-    ------
-    InputError
-        Coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
+    InputError: coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
     """
 
     num: tuple[float, ...]
@@ -152,10 +146,7 @@ class StateSpaceController(_System):
     period : float, optional
         As of `PolynomialController`, s.
 
-    Raises
-    ------
-    InputError
-        Shapes that do not fit, entries that are not finite, or a period that is not > 0.
+    InputError: shapes that do not fit, entries that are not finite, or a period that is not > 0.
     """
 
     a: tuple[tuple[float, ...], ...]
@@ -191,10 +182,7 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     point : OperatingPoint, optional
         What `linear` is asked for.
 
-    Raises
-    ------
-    InputError
-        What is none of these: a step object or function has no margins.
+    InputError: what is none of these: a step object or function has no margins.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
@@ -323,10 +311,7 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     actuator : Actuator
         Its lag, s, is put before the wheel.
 
-    Returns
-    -------
-    Rational
-        m/s over N*m, SISO.
+    Returns m/s over N*m, SISO.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -359,15 +344,8 @@ def wheel_slip_loop(
     actuator : Actuator, optional
         Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
 
-    Returns
-    -------
-    DeadTimeLoop | SampledLoop | DelayedLoop
-        L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a controller without a transfer function.
+    Returns L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
+    InputError: an argument of another kind, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)
@@ -432,10 +410,7 @@ class SampledController:
         Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest zero (of a PI
         kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no anti-windup.
 
-    Raises
-    ------
-    InputError
-        A design that is not linear, a period, limit or tracking time out of its range.
+    InputError: a design that is not linear, a period, limit or tracking time out of its range.
     """
 
     design: Any
@@ -781,10 +756,7 @@ def suggested_period(margins: Margins, *, share: float = 0.1, computation: float
     h wc = 0.15 to 0.5 of [Astrom1997] 8 is share 0.1 at phase margins from 43 deg; for the fragile loops below, this
     one asks for a shorter period.
 
-    Raises
-    ------
-    InputError
-        A share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
+    InputError: a share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
     """
     if not 0 < share < 1:
         raise InputError(f"share: {share:g} is not allowed; give a value > 0 and < 1")

@@ -393,16 +393,8 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     nominal : bool
         The operating points alone, without the tolerances around them.
 
-    Returns
-    -------
-    Judgement
-        The verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
-        every case; printed, the verdict in words.
-
-    Raises
-    ------
-    InputError
-        A controller without margins, or an envelope without points.
+    Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
+    every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.
     """
     held, seeking = getattr(controller, "reference", None), seeking_of(controller)
     if envelope.reference is None and seeking is not None:

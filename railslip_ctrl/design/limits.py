@@ -142,15 +142,8 @@ def fundamental_limits(
     allowed_lag_deg : float
         deg, in (0, 180): for the rule on the crossover.
 
-    Returns
-    -------
-    Limits
-        What no controller, no PI and no PI with a lead can beat, SI and deg.
-
-    Raises
-    ------
-    InputError
-        Another kind of system, a number outside its range, or a lag that is not in the plant.
+    Returns what no controller, no PI and no PI with a lead can beat, SI and deg. InputError: another kind of system, a
+    number outside its range, or a lag that is not in the plant.
     """
     plant = Rational.from_control(plant, "plant")
     number("dead time", dead_time, "s", ge=0)

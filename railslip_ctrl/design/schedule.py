@@ -140,15 +140,7 @@ def plant_at(
     speed_kmh, initial_speed_kmh : float
         Train speed and v0 of the law, km/h.
 
-    Returns
-    -------
-    LinearPlant
-        SI, with its operating point.
-
-    Raises
-    ------
-    InputError
-        A law without a reference slip, or an argument of another kind.
+    In SI, with its operating point. InputError: a law without a reference slip, or an argument of another kind.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     slip = adhesion.reference_slip(rail)

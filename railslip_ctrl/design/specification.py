@@ -38,10 +38,7 @@ class Specification:
     crossover : tuple of float
         Lowest and highest gain crossover, rad/s, that of the phase margin.
 
-    Raises
-    ------
-    InputError
-        A value of another kind or out of its range.
+    InputError: a value of another kind or out of its range.
     """
 
     ms_max: float | None = None

@@ -421,16 +421,8 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     dead_time : float
         s, >= 0.
 
-    Returns
-    -------
-    StabilizingRegion
-        The whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is empty
-        `kp_range` is None, and `reason` says why.
-
-    Raises
-    ------
-    InputError
-        The plant or the dead time is not of this form.
+    Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is
+    empty `kp_range` is None, and `reason` says why. InputError: the plant or the dead time is not of this form.
     """
     return _region(plant, dead_time)
 
@@ -457,10 +449,7 @@ def stabilizing_pid(
     derivative_gain : float
         kd itself, in units of kp times s, of either sign. Give one of the two.
 
-    Raises
-    ------
-    InputError
-        Both or neither of derivative time and gain, or a value outside its range.
+    InputError: both or neither of derivative time and gain, or a value outside its range.
     """
     if (derivative_time is None) == (derivative_gain is None):
         raise InputError("PID: give either derivative_time (s) or derivative_gain, not both and not neither")
@@ -484,15 +473,7 @@ def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> Inters
     names : sequence of str
         What to call the plant of each where the intersection is empty; left out, by number.
 
-    Returns
-    -------
-    IntersectionRegion
-        In the units of the regions.
-
-    Raises
-    ------
-    InputError
-        No region is given, or another number of names.
+    In the units of the regions. InputError: no region is given, or another number of names.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -579,21 +560,14 @@ def outline(
         Gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says so. By default the
         whole region.
 
-    Returns
-    -------
-    tuple of Strip
-        From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without bound
-        and no `ki_limit` is given.
-
-    Raises
-    ------
-    InputError
-        The region goes on without bound in kp, and neither columns nor a limit are given; a limit is not > 0.
-
     Notes
     -----
     A strip's ends are refined only where the number of intervals changes between columns; what appears and
     vanishes between two of them is not seen. `Region.contains` is what decides.
+
+    From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without
+    bound and no `ki_limit` is given. InputError: the region goes on without bound in kp, and neither columns nor a
+    limit are given; a limit is not > 0.
     """
     number("count", count, ge=2)
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
@@ -631,15 +605,8 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     kp, ki : arrays, 1-D
         Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
 
-    Returns
-    -------
-    MarginGrid
-        Arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the region.
-
-    Raises
-    ------
-    InputError
-        A gain is not finite.
+    Returns arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the
+    region. InputError: a gain is not finite.
     """
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]

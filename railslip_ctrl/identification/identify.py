@@ -476,15 +476,7 @@ def identify(
     observed : callable, optional
         Given the observed samples as they come, SI.
 
-    Returns
-    -------
-    Identification
-        In SI.
-
-    Raises
-    ------
-    InputError
-        A log or an option that cannot be used, in one line.
+    In SI. InputError: a log or an option that cannot be used, in one line.
     """
     path, options = Path(path), options or Options()
     _model_names(options)  # before a large log is read

@@ -130,19 +130,10 @@ def operating_point(
     rail, initial_speed_kmh : Rail, float, optional
         Labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
 
-    Returns
-    -------
-    OperatingPoint
-        Speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a published law made for another wheel load.
-    DomainError
-        The speed is not finite and positive, the slip is outside 0 <= lambda < 1, or the law does not hold there.
-    KinkError
-        Slip 0 with a dynamic law, whose rest state is undefined there.
+    Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
+    argument of another kind, or a published law made for another wheel load. DomainError: the speed is not finite and
+    positive, the slip is outside 0 <= lambda < 1, or the law does not hold there. KinkError: slip 0 with a dynamic law,
+    whose rest state is undefined there.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
@@ -287,17 +278,9 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     speed_state : bool
         Keep v as the first state; by default it is frozen.
 
-    Returns
-    -------
-    LinearPlant
-        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
-
-    Raises
-    ------
-    InputError
-        An argument of another kind.
-    KinkError
-        The law has no unique derivative there (within 1e-9 of the slip).
+    Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
+    InputError: an argument of another kind. KinkError: the law has no unique derivative there (within 1e-9 of the
+    slip).
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -353,16 +336,9 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     reference_slip : float
         lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 
-    Returns
-    -------
-    control.NonlinearIOSystem
-        Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s),
-        omega (rad/s). [Park2008] (1)-(4).
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a reference slip out of its range.
+    Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
+    (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of another kind, or a reference slip out of its
+    range.
     """
     import control
 

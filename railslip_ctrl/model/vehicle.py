@@ -94,11 +94,8 @@ class Record(BaseModel):
     Numbers are SI, or text with a unit ("3.5 t"); neither text without one ("3500") nor True is a number, and no
     number is True or False.
 
-    Raises
-    ------
-    InputError
-        An unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is set
-        after the record was made.
+    InputError: an unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is
+    set after the record was made.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -213,10 +210,7 @@ class Vehicle(Record):
     (speeds integrated in km/h with forces in N). Equations of motion have the `effective_` ones. `wheel_load` does not
     follow the mass by itself.
 
-    Raises
-    ------
-    InputError
-        As of any `Record`, and a loaded mass below the empty one.
+    InputError: as of any `Record`, and a loaded mass below the empty one.
     """
 
     name: str = Field(description="for reports")

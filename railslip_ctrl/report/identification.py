@@ -202,10 +202,7 @@ def model_toml(found: Identification) -> str:
     found : Identification
         Of `identify`.
 
-    Returns
-    -------
-    str
-        The TOML text: parameters in SI, speeds in km/h.
+    Returns the TOML text: parameters in SI, speeds in km/h.
     """
     fit, curve = found.chosen.fit, found.curve
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)

@@ -91,10 +91,7 @@ def published_controller(
     period : float, optional
         Sampling period, s; every step of the scenario if not given.
 
-    Raises
-    ------
-    InputError
-        Another kind or column, or an option of the ASMC with the PI.
+    InputError: another kind or column, or an option of the ASMC with the PI.
     """
     if kind not in KINDS:
         raise InputError(f"controller: {kind!r} is not in [Park2008] Table 4; choose {' or '.join(KINDS)}")
@@ -201,10 +198,7 @@ def recommended_pi_lead(
     plants : sequence of LinearPlant, optional
         Linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's own.
 
-    Raises
-    ------
-    InfeasibleDesignError
-        No gains with Ms <= `MS_MAX` for that vehicle, and none are given.
+    InfeasibleDesignError: no gains with Ms <= `MS_MAX` for that vehicle, and none are given.
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
@@ -319,10 +313,7 @@ def slide_protection(
     period : float, optional
         Sampling period, s.
 
-    Returns
-    -------
-    SlideProtection
-        In SI.
+    In SI.
     """
     car = published_vehicle() if vehicle is None else vehicle
     baseline = SlideProtection(reference or published_reference("bristle"))
@@ -351,15 +342,7 @@ def seeking_control(
     period : float, optional
         Sampling period, s; left out, 10 ms.
 
-    Returns
-    -------
-    SeekingControl
-        In SI.
-
-    Raises
-    ------
-    InputError
-        A vehicle whose brake has no dead time, by which its gains go.
+    In SI. InputError: a vehicle whose brake has no dead time, by which its gains go.
     """
     car = PARK2008 if vehicle is None else vehicle
     gains = seeking_gains(car, full_brake_torque(car))
@@ -516,10 +499,7 @@ def controller_named(
     reference, knows_rail, adaptive, period
         As in `published_controller`.
 
-    Raises
-    ------
-    InputError
-        Another name, or an option that the controller does not have.
+    InputError: another name, or an option that the controller does not have.
     """
     if name not in NAMES:
         raise InputError(

@@ -313,15 +313,8 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
     initial_speed : float, optional
         v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
 
-    Returns
-    -------
-    Controller | Any
-        What a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
-
-    Raises
-    ------
-    InputError
-        One line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.
+    Returns what a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
+    InputError: one line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.
     """
     path = given_path(path)
     where = file_name(path)

@@ -149,11 +149,8 @@ class LinearControl(Filed):
     model_law, knows_rail
         As of `Controller`: no adhesion law, and the reference follows the rail.
 
-    Raises
-    ------
-    InputError
-        An initial or cut-out torque that is not finite, a cut-out speed that is not or is negative; as of
-        `SampledController`, where the period is known.
+    InputError: an initial or cut-out torque that is not finite, a cut-out speed that is not or is negative; as of
+    `SampledController`, where the period is known.
     """
 
     design: Any
@@ -355,10 +352,7 @@ class TorqueProfile:
     name, period, knows_rail, model_law
         As of `LinearControl`.
 
-    Raises
-    ------
-    InputError
-        Lists of different lengths, or times that do not rise.
+    InputError: lists of different lengths, or times that do not rise.
     """
 
     times: tuple[float, ...]

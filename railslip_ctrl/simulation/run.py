@@ -215,17 +215,9 @@ def simulate(
     compiled : bool
         False runs the same in the interpreter, hundreds of times slower.
 
-    Returns
-    -------
-    Run
-        Outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
-        arrays of one length, 1-D, in SI, or None.
-
-    Raises
-    ------
-    InputError
-        A seed or record_every out of range, an event that changes nothing the law knows, a period below the step's,
-        or a step that fails or gives no torque.
+    Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
+    arrays of one length, 1-D, in SI, or None. InputError: a seed or record_every out of range, an event that changes
+    nothing the law knows, a period below the step's, or a step that fails or gives no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 

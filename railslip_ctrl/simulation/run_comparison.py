@@ -80,11 +80,8 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
     seeds : sequence of int
         One for each run, any number of them.
 
-    Returns
-    -------
-    RunComparison
-        Means for each controller, SI, and the bound of `clairvoyant_stop`, without noise: where the scenario sets no
-        largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
+    Returns means for each controller, SI, and the bound of `clairvoyant_stop`, without noise: where the scenario sets
+    no largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
     """
     bound = clairvoyant_stop(scenario)
     simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}

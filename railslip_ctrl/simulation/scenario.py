@@ -103,11 +103,8 @@ class Scenario(Record):
     The viscous coefficient is the vehicle's plus `viscous_rate` t, times the inertia scale, and at least
     `viscous_least`. The published run ([Park2008] p. 55) is `published_scenario`.
 
-    Raises
-    ------
-    InputError
-        As of any `Record`; a final speed that is not below the initial one, events whose order is open, or limits
-        that need a lag the actuator does not have.
+    InputError: as of any `Record`; a final speed that is not below the initial one, events whose order is open, or
+    limits that need a lag the actuator does not have.
     """
 
     name: str = Field(description="for reports")
@@ -251,15 +248,7 @@ def stop(
     adhesion : str or AdhesionLaw
         A published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
 
-    Returns
-    -------
-    Scenario
-        In SI.
-
-    Raises
-    ------
-    InputError
-        An unknown rail or law, or a speed out of its range.
+    In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
     speed = speed_kmh * KMH
     law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
@@ -286,15 +275,8 @@ def built_in_scenario(name: str) -> Scenario:
     name : str
         One of `BUILT_IN`.
 
-    Returns
-    -------
-    Scenario
-        The published run in the reading of that name, or a plain stop; a frozen record in SI.
-
-    Raises
-    ------
-    InputError
-        No scenario of that name; lists them.
+    Returns the published run in the reading of that name, or a plain stop; a frozen record in SI. InputError: no
+    scenario of that name; lists them.
     """
     if name not in BUILT_IN:
         raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
@@ -324,15 +306,7 @@ def load_scenario(source: str | Path) -> Scenario:
     source : str or Path
         "park2008", "park2008-si", "stop" or a file.
 
-    Returns
-    -------
-    Scenario
-        In SI.
-
-    Raises
-    ------
-    InputError
-        One line with the file, the key, the value and what is allowed.
+    In SI. InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(source, "scenario")
     return _from_file(path, ()) if path.suffix.lower() == ".toml" else built_in_scenario(str(source))

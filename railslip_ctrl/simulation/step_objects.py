@@ -129,10 +129,7 @@ class StepControl:
     knows_rail, model_law
         As of `Controller`.
 
-    Raises
-    ------
-    InputError
-        A step that cannot be called.
+    InputError: a step that cannot be called.
     """
 
     step: Any

@@ -447,15 +447,7 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
     law : str, optional
         Name of the adhesion law put in place of Ta; left out, Ta is an argument.
 
-    Returns
-    -------
-    Derivation
-        Equations and steps as SymPy expressions in SI, by name; no arrays.
-
-    Raises
-    ------
-    InputError
-        An unknown reference or law.
+    Returns equations and steps as SymPy expressions in SI, by name; no arrays. InputError: an unknown reference or law.
     """
     adaptive = _whatever_the_adhesion(reference)
     estimates_step, estimation = _estimates(adaptive)

@@ -99,17 +99,9 @@ def published_law(
     wheel_load : float
         Wheel load N, N, > 0. `operating_point` refuses the law for a vehicle of another.
 
-    Returns
-    -------
-    AdhesionLaw
-        A frozen record of the law, its fields in SI, with the reference slips where the source has them.
-
-    Raises
-    ------
-    InputError
-        No law of that name, no such rail condition, or a number outside its range.
-    MissingParametersError
-        The source gives no parameters for this law.
+    Returns a frozen record of the law, its fields in SI, with the reference slips where the source has them.
+    InputError: no law of that name, no such rail condition, or a number outside its range. MissingParametersError: the
+    source gives no parameters for this law.
     """
     law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
     return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law
@@ -181,15 +173,8 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     initial_speed_kmh : float or None
         v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
 
-    Returns
-    -------
-    AdhesionLaw
-        A frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or one line naming file, key, value and bound.
+    Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
+    InputError: the file cannot be read, or one line naming file, key, value and bound.
     """
     path = given_path(path)
     if initial_speed_kmh is not None:

@@ -383,15 +383,7 @@ def campaign(
         Number of processes; more than this one import the calling script again, which then needs its
         `if __name__ == "__main__"`.
 
-    Returns
-    -------
-    CampaignSummary
-        Statistics in SI; its `table()` has a line a controller.
-
-    Raises
-    ------
-    InputError
-        As of `Campaign` and `execute`.
+    Returns statistics in SI; its `table()` has a line a controller. InputError: as of `Campaign` and `execute`.
     """
     told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
     with nullcontext(folder) if folder is not None else TemporaryDirectory() as place:
