@@ -18,7 +18,7 @@ import pytest
 
 import railslip_ctrl
 from railslip_ctrl.core import errors
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.campaign.specification import Distribution

@@ -11,13 +11,11 @@ from pathlib import Path
 
 import click
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.extras import check_extra
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
 from railslip_ctrl.simulation.campaign.execution import execute, replay
-from railslip_ctrl.simulation.campaign.files import load_campaign
-from railslip_ctrl.simulation.campaign.specification import Campaign
+from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
@@ -98,7 +96,7 @@ def command(
 
 def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
     from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.campaign import replay_figure
+    from railslip_ctrl.report.plots.runs import replay_figure
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
@@ -125,7 +123,7 @@ def _write_csv(run: Run, path: Path) -> None:
 
 def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
     from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
+    from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 
     figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
     return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}

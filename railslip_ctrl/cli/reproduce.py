@@ -10,8 +10,7 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.extras import check_extra
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
@@ -102,7 +101,7 @@ def _seeds(text: str) -> int:
 def _files(
     text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
 ) -> dict[str, str | bytes]:
-    from railslip_ctrl.core.cache import cached
+    from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import rounded_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import SeekingDesign, seeking_over, tune_over
 from railslip_ctrl.design.specification import ROBUST_MS

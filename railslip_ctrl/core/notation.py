@@ -1,4 +1,7 @@
-"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning. Those of an adhesion law are its fields."""
+"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning; and the sources cited by key.
+
+Symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a source.
+"""
 
 from __future__ import annotations
 
@@ -41,3 +44,13 @@ def symbol(name: str) -> Any:
 def latex_names() -> dict[Any, str]:
     """What `sympy.latex(..., symbol_names=...)` needs to print the table's symbols as the source does."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
+
+
+_TEXTS = tomllib.loads(files(__package__).joinpath("sources.toml").read_text("utf-8"))
+SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in _TEXTS.items()})  #: full references by key
+
+
+def cite(key: str, where: str = "") -> str:
+    """Return "[key] where"; raises KeyError for a key that is not in `SOURCES`."""
+    SOURCES[key]
+    return f"[{key}] {where}".rstrip()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import MOST_POLES, FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
 from railslip_ctrl.loop.quasi import DelayedLoop

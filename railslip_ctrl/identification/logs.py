@@ -36,8 +36,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.core import extras
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.units import shown, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 
@@ -539,7 +538,7 @@ class Log:
         units: Mapping[str, str] | None = None,
         block_bytes: int = BLOCK_BYTES,
     ) -> None:
-        extras.check_extra("identify", "identify")
+        check_extra("identify", "identify")
         self._file = LogFile(path)
         self.name = self._file.name
         self.broken = Broken()

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from railslip_ctrl.core.sources import cite
+from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law

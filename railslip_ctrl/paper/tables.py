@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.processes import cpu_count
-from railslip_ctrl.core.sources import cite
 from railslip_ctrl.core.templates import filled
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
@@ -323,7 +323,7 @@ _POINTS = 801
 
 
 @dataclass(frozen=True)
-class AdhesionCurve:
+class ModelCurve:
     """mu = Fa/N over the slip ratio at v = v0, km/h; its peak, and the published slip to hold (100 km/h only)."""
 
     law: str
@@ -346,7 +346,7 @@ def model_curves(
     speeds_kmh: Sequence[float] = SPEEDS_KMH,
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
-) -> tuple[AdhesionCurve, ...]:
+) -> tuple[ModelCurve, ...]:
     """Curves by law, then initial speed (km/h, 30 to 140), then rail, at the rig's wheel load. [Park2008] Figs. 13 to
     15.
 
@@ -356,12 +356,12 @@ def model_curves(
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 
 
-def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> AdhesionCurve:
+def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
     law, speed = published_law(name, rail, v0), v0 * KMH
     end = min(largest_slip, law.domain_limit(speed)[0] * (1.0 - 1e-9))
     # a dynamic law has no rest state without slip: its curve starts just above
     slip = np.linspace(1e-6 if law.has_state else 0.0, end, _POINTS)
-    return AdhesionCurve(
+    return ModelCurve(
         law=name,
         rail=rail,
         initial_speed_kmh=v0,
@@ -372,7 +372,7 @@ def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> AdhesionCur
     )
 
 
-def wet_and_dry() -> tuple[AdhesionCurve, ...]:
+def wet_and_dry() -> tuple[ModelCurve, ...]:
     """The curves of [Park2008] Fig. 17: bristle along a ramp and beam, dry and wet, at 100 km/h up to slip 0.5."""
     return model_curves(("curve", "beam"), speeds_kmh=(INITIAL_SPEED_KMH,), rails=tuple(Rail), largest_slip=0.5)
 

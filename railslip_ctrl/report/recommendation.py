@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.core.cache import cached, look_up
 from railslip_ctrl.core.errors import RailslipError
-from railslip_ctrl.core.folders import cache_folder
+from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController

@@ -22,9 +22,9 @@ from railslip_ctrl.simulation import (
     SlideProtection,
     SlidingControl,
 )
+from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.run import events_log
-from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.law import LawGains
 

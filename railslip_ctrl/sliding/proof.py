@@ -15,8 +15,7 @@ from pathlib import Path
 
 import sympy as sp
 
-from railslip_ctrl.core.notation import latex_names, notation_in
-from railslip_ctrl.core.sources import cite
+from railslip_ctrl.core.notation import cite, latex_names, notation_in
 
 _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d"))
 

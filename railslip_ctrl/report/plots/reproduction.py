@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, AdhesionCurve, Table5
+from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, ModelCurve, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
@@ -37,7 +37,7 @@ _LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bris
 _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
 
-def model_figures(curves: Sequence[AdhesionCurve]) -> dict[str, Figure]:
+def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
     """Figs. 13, and 14 with 15 (dry, by initial speed), by file name."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
@@ -52,7 +52,7 @@ def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
     }
 
 
-def _models_by_speed(curves: Sequence[AdhesionCurve]) -> Figure:
+def _models_by_speed(curves: Sequence[ModelCurve]) -> Figure:
     speeds = list(dict.fromkeys(curve.initial_speed_kmh for curve in curves))
     title = "[Park2008] Fig. 13: adhesion models on dry rail by initial speed (without the rig's marks)"
     figure = new_figure(5.6, title)
@@ -70,7 +70,7 @@ def _models_by_speed(curves: Sequence[AdhesionCurve]) -> Figure:
     return figure
 
 
-def _speeds_by_model(curves: Sequence[AdhesionCurve]) -> Figure:
+def _speeds_by_model(curves: Sequence[ModelCurve]) -> Figure:
     laws = list(dict.fromkeys(curve.law for curve in curves))
     title = "[Park2008] Figs. 14 and 15: adhesion models on dry rail, by initial speed"
     figure = new_figure(4.4, title)
@@ -89,7 +89,7 @@ def _speeds_by_model(curves: Sequence[AdhesionCurve]) -> Figure:
     return figure
 
 
-def wet_and_dry_figure(curves: Sequence[AdhesionCurve]) -> Figure:
+def wet_and_dry_figure(curves: Sequence[ModelCurve]) -> Figure:
     """Fig. 17: adhesion dry and wet, with the published references."""
     speeds = " and ".join(f"{speed:g}" for speed in dict.fromkeys(curve.initial_speed_kmh for curve in curves))
     figure = new_figure(4.8, f"[Park2008] Fig. 17: adhesion dry and wet, v0 = {speeds} km/h")
