@@ -60,26 +60,15 @@ class PadeRow:
 class Assessment:
     """One loop, assessed; printed, its report.
 
-    Attributes
-    ----------
-    label : str
-        Name of the controller.
-    plant, controller, actuator
-        What the loop is of, SI.
-    loop : DeadTimeLoop, SampledLoop or DelayedLoop
-        The second of a discrete controller, the last of one with delays in it, such as a seeking one.
-    limits : Limits
-        What no controller can beat.
-    closed_loop_poles : array, 1-D
-        The rightmost, 1/s; none of a `DelayedLoop`.
-    margins : Margins or None
-        None of an unstable loop.
-    pade : tuple of PadeRow
-        The same with Pade approximations.
-    verdict : Verdict
-        In a word.
-    as_run, sampled
-        The sampled loop of a continuous controller that says how it is run, and its margins.
+    - label: name of the controller.
+    - plant, controller, actuator: what the loop is of, SI.
+    - loop: the second of a discrete controller, the last of one with delays in it, such as a seeking one.
+    - limits: what no controller can beat.
+    - closed_loop_poles: array, 1-D; the rightmost, 1/s; none of a `DelayedLoop`.
+    - margins: none of an unstable loop.
+    - pade: the same with Pade approximations.
+    - verdict: in a word.
+    - as_run, sampled: the sampled loop of a continuous controller that says how it is run, and its margins.
     """
 
     label: str
@@ -160,19 +149,12 @@ def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
 def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "", poles: int = 6) -> Assessment:
     """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
 
-    Parameters
-    ----------
-    plant : LinearPlant
-        The wheel, from `linearize`.
-    controller : linear system
-        From slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control system, continuous or
-        discrete, or what else `design.controllers.linear_controller` takes.
-    actuator : Actuator
-        Dead time and lag between commanded and acting torque.
-    label : str
-        Name of the controller in reports; its structure unless given.
-    poles : int
-        Number of rightmost closed-loop poles to find, 1 to 1000.
+    - plant: the wheel, from `linearize`.
+    - controller: linear system; from slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control
+      system, continuous or discrete, or what else `design.controllers.linear_controller` takes.
+    - actuator: dead time and lag between commanded and acting torque.
+    - label: name of the controller in reports; its structure unless given.
+    - poles: number of rightmost closed-loop poles to find, 1 to 1000.
 
     Returns limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade
     rows and verdict. InputError: an argument of another kind, or a number of poles out of its range.

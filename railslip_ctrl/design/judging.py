@@ -134,16 +134,11 @@ class MsMap:
 class Judgement:
     """A controller over an envelope; see `judge`.
 
-    Attributes
-    ----------
-    controller : linear system
-    envelope : Envelope
-        With the reference slip that was judged at.
-    nominal : bool
-        Whether the operating points alone were judged.
-    points : EnvelopePoints
-        The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a discrete
-        controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
+    - controller: linear system
+    - envelope: with the reference slip that was judged at.
+    - nominal: whether the operating points alone were judged.
+    - points: the cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a
+      discrete controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
     """
 
     controller: Any
@@ -381,16 +376,11 @@ class Judgement:
 def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgement:
     """Judge a linear controller over an envelope, the dead times exact.
 
-    Parameters
-    ----------
-    controller : linear system
-        From slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes it. One that has a
-        `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such
-        as a seeking controller, at that of each law.
-    envelope : Envelope
-        What it must hold.
-    nominal : bool
-        The operating points alone, without the tolerances around them.
+    - controller: linear system; from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop`
+      takes it. One that has a `reference` (slip ratios) is judged there, unless the envelope has its own; one that
+      finds its own slip, such as a seeking controller, at that of each law.
+    - envelope: what it must hold.
+    - nominal: the operating points alone, without the tolerances around them.
 
     Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
     every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.

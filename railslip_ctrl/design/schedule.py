@@ -129,16 +129,10 @@ def plant_at(
 ) -> LinearPlant:
     """The linear plant at a law's published reference slip.
 
-    Parameters
-    ----------
-    law : str
-        A published law's name, for the vehicle's wheel load.
-    vehicle : Vehicle
-        With the load that it has.
-    rail : Rail
-        "dry" or "wet".
-    speed_kmh, initial_speed_kmh : float
-        Train speed and v0 of the law, km/h.
+    - law: a published law's name, for the vehicle's wheel load.
+    - vehicle: with the load that it has.
+    - rail: "dry" or "wet".
+    - speed_kmh, initial_speed_kmh: train speed and v0 of the law, km/h.
 
     In SI, with its operating point. InputError: a law without a reference slip, or an argument of another kind.
     """

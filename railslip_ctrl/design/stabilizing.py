@@ -413,13 +413,10 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
     ([Park2008] (3), Table 4); the set of a plant of the other sign has kp < 0.
 
-    Parameters
-    ----------
-    plant : python-control TransferFunction or StateSpace, `Rational`, or a real number
-        P, controlled variable over controller output, the actuator's lag included; any units, time in s. SISO, may be
-        unstable; strictly proper if there is dead time.
-    dead_time : float
-        s, >= 0.
+    - plant: python-control TransferFunction or StateSpace, `Rational`, or a real number; P, controlled variable over
+      controller output, the actuator's lag included; any units, time in s. SISO, may be unstable; strictly proper if
+      there is dead time.
+    - dead_time: s, >= 0.
 
     Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is
     empty `kp_range` is None, and `reason` says why. InputError: the plant or the dead time is not of this form.
@@ -438,16 +435,10 @@ def stabilizing_pid(
 ) -> StabilizingRegion:
     """All (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
 
-    Parameters
-    ----------
-    plant, dead_time
-        As for `stabilizing_pi`.
-    derivative_filter : float
-        Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
-    derivative_time : float
-        Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
-    derivative_gain : float
-        kd itself, in units of kp times s, of either sign. Give one of the two.
+    - plant, dead_time: as for `stabilizing_pi`.
+    - derivative_filter: Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
+    - derivative_time: Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
+    - derivative_gain: kd itself, in units of kp times s, of either sign. Give one of the two.
 
     InputError: both or neither of derivative time and gain, or a value outside its range.
     """
@@ -466,12 +457,8 @@ def stabilizing_pid(
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
     """The gains that lie in every one of `regions`, intervals and all.
 
-    Parameters
-    ----------
-    regions : sequence of Region
-        At least one.
-    names : sequence of str
-        What to call the plant of each where the intersection is empty; left out, by number.
+    - regions: at least one.
+    - names: what to call the plant of each where the intersection is empty; left out, by number.
 
     In the units of the regions. InputError: no region is given, or another number of names.
     """
@@ -548,17 +535,12 @@ def outline(
 ) -> tuple[Strip, ...]:
     """The region as strips over kp, each between two continuous boundaries; exact in every column.
 
-    Parameters
-    ----------
-    region : Region
-    kp : array, 1-D, optional
-        Columns, ascending, in the plant's unit of gain; by default `count` of them over `region.kp_range`, closer
-        towards its ends.
-    count : int
-        Number of columns where none are given, >= 2.
-    kp_limit, ki_limit : float
-        Gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says so. By default the
-        whole region.
+    - region
+    - kp: array, 1-D; columns, ascending, in the plant's unit of gain; by default `count` of them over
+      `region.kp_range`, closer towards its ends.
+    - count: number of columns where none are given, >= 2.
+    - kp_limit, ki_limit: gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says
+      so. By default the whole region.
 
     Notes
     -----
@@ -599,11 +581,8 @@ def outline(
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     """Exact margins at each pair of gains inside a region; see `MarginGrid`.
 
-    Parameters
-    ----------
-    region : Region
-    kp, ki : arrays, 1-D
-        Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
+    - region
+    - kp, ki: arrays, 1-D; grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
 
     Returns arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the
     region. InputError: a gain is not finite.

@@ -56,26 +56,18 @@ def tune_pi(
 ) -> PIDesign:
     """One PI, kp + ki/s, for all the plants.
 
-    Parameters
-    ----------
-    plants : python-control system, `Rational`, or a sequence of them
-        From controller output to controlled variable, without the dead time; negative feedback.
-    dead_time : float or sequence
-        s; one for all plants, or one each.
-    ms_max, phase_min_deg, delay_min_s : float
-        What every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin, s. ki is maximised under it; see
-        the notes on how sure that is.
-    crossover : tuple of float
-        Lowest and highest gain crossover, rad/s; see `Specification`.
-    minimise_ms : bool
-        Instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants are stable
-        that is next to no gain, and Ms next to 1: give `ms_max` then.
-    ki_min : float
-        In the plant's unit of gain per second, > 0; without it the integral action would vanish.
-    compensator : python-control system, `Rational`, or a real number
-        A further transfer function in series with the PI, such as a lead.
-    names : sequence of str
-        What an error calls each plant; left out, by number.
+    - plants: python-control system, `Rational`, or a sequence of them; from controller output to controlled variable,
+      without the dead time; negative feedback.
+    - dead_time: s; one for all plants, or one each.
+    - ms_max, phase_min_deg, delay_min_s: what every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin,
+      s. ki is maximised under it; see the notes on how sure that is.
+    - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
+    - minimise_ms: instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants
+      are stable that is next to no gain, and Ms next to 1: give `ms_max` then.
+    - ki_min: in the plant's unit of gain per second, > 0; without it the integral action would vanish.
+    - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
+      PI, such as a lead.
+    - names: what an error calls each plant; left out, by number.
 
     Notes
     -----
@@ -307,12 +299,8 @@ class CommonPI:
 def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
     """The kp that minimises the worst Ms over some plants, at an integral time of 50 (dead time + lag).
 
-    Parameters
-    ----------
-    plants : sequence of LinearPlant
-        At least one.
-    actuator : Actuator
-        Dead time and lag, s.
+    - plants: at least one.
+    - actuator: dead time and lag, s.
 
     Returns kp in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all the plants; says the range
     of each. Or all are stable: zero gain then has the least Ms. InputError: no plant is given.
@@ -370,10 +358,7 @@ def _common_range(
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Where a loop has most phase.
 
-    Parameters
-    ----------
-    loop : DeadTimeLoop
-        L.
+    - loop: L.
 
     The frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous. InputError:
     the phase has no interior maximum (it only falls).
@@ -391,12 +376,8 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     """Factor on the gain of a loop that makes |L(j omega)| = 1.
 
-    Parameters
-    ----------
-    loop : DeadTimeLoop
-        L.
-    omega : float
-        rad/s, > 0.
+    - loop: L.
+    - omega: rad/s, > 0.
 
     Returns the factor, > 0. InputError: omega is not finite and positive.
     """

@@ -54,21 +54,13 @@ Integers = NDArray[np.int64]
 class Options:
     """How to identify; None takes it from the log. See `railslip identify --help`.
 
-    Parameters
-    ----------
-    model : str
-        A model's name, or "best": of those with a formula the one with the lowest BIC.
-    rail : Rail
-    initial_speed, slip_acceleration, time_constant : float or None
-        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
-    columns, units : mapping
-        Header and unit of a quantity's column, by quantity.
-    delays, zeros : mapping
-        Column delay, s, and sensor offset, SI, by quantity.
-    fixed, bounds : mapping
-        Value (SI), or lowest and highest, of a parameter, by name.
-    block_bytes : int
-        How much of a log is read at a time.
+    - model: a model's name, or "best": of those with a formula the one with the lowest BIC.
+    - rail
+    - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    - columns, units: header and unit of a quantity's column, by quantity.
+    - delays, zeros: column delay, s, and sensor offset, SI, by quantity.
+    - fixed, bounds: value (SI), or lowest and highest, of a parameter, by name.
+    - block_bytes: how much of a log is read at a time.
     """
 
     model: str = "best"

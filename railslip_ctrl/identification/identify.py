@@ -445,18 +445,11 @@ def identify(
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
-    Parameters
-    ----------
-    path : str or Path
-        The CSV, as `railslip identify --help` says.
-    vehicle : Vehicle
-        Its wheel and load, SI.
-    options : Options, optional
-        The rest; without it, what `railslip identify` takes unless told.
-    progress : callable, optional
-        Told the share that is read, a ratio of 0 to 1.
-    observed : callable, optional
-        Given the observed samples as they come, SI.
+    - path: the CSV, as `railslip identify --help` says.
+    - vehicle: its wheel and load, SI.
+    - options: the rest; without it, what `railslip identify` takes unless told.
+    - progress: callable; told the share that is read, a ratio of 0 to 1.
+    - observed: callable; given the observed samples as they come, SI.
 
     In SI. InputError: a log or an option that cannot be used, in one line.
     """

@@ -40,14 +40,9 @@ _NEAR_ORIGIN, _SERIES = 0.03, 12  # |s| delay in which so many terms of the seri
 class QuasiPolynomial:
     """F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    Parameters
-    ----------
-    terms : sequence of arrays
-        Coefficients of c_0, c_1, ... in descending powers of s, real.
-    delays : sequence of float, or float
-        s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
-    removed : int
-        Zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
+    - terms: sequence of arrays; coefficients of c_0, c_1, ... in descending powers of s, real.
+    - delays: s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
+    - removed: zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -228,11 +223,8 @@ class DelayedRatio:
 class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
-    Parameters
-    ----------
-    ratio : DelayedRatio
-        L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
-        characteristic function of plant and controller *as realised*.
+    - ratio: L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
+      characteristic function of plant and controller *as realised*.
 
     InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 

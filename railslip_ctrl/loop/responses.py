@@ -44,22 +44,13 @@ class TimeResponse:
     Where a signal jumps the value after the jump is given. SI; for a wheel-slip loop torques in N*m and slip
     velocities in m/s.
 
-    Attributes
-    ----------
-    time : array
-        s, ascending.
-    output : array
-        y, without measurement noise.
-    control : array
-        u, the controller's command, before the dead time.
-    plant_input : array
-        q, what acts on the plant: the command after dead time and actuator, plus the disturbance.
-    error : array
-        e = reference - (output + noise), what the controller sees.
-    control_rate : array
-        du/dt, per s; jumps of u (a reference step through a biproper controller, at t = 0) not included.
-    dead_time, reference, disturbance, noise : float
-        s, and the heights of the steps at t = 0.
+    - time: s, ascending.
+    - output: y, without measurement noise.
+    - control: u, the controller's command, before the dead time.
+    - plant_input: q, what acts on the plant: the command after dead time and actuator, plus the disturbance.
+    - error: e = reference - (output + noise), what the controller sees.
+    - control_rate: du/dt, per s; jumps of u (a reference step through a biproper controller, at t = 0) not included.
+    - dead_time, reference, disturbance, noise: s, and the heights of the steps at t = 0.
     """
 
     time: Floats
@@ -149,21 +140,15 @@ def closed_loop_response(
 ) -> TimeResponse:
     """Response of the loop to steps at t = 0 and to an initial state of the plant, stable or not.
 
-    Parameters
-    ----------
-    controller, actuator, plant : python-control system, `Rational`, or a real number
-        C, G and P, proper, each with any poles; the dead time acts between C and G.
-    dead_time : float
-        tau, s, >= 0.
-    time : array, shape (n,)
-        s, >= 0, ascending, at which to give the response. Either this or `final_time`.
-    final_time : float
-        s, > 0: 1001 equally spaced times from 0.
-    reference, disturbance, noise : float
-        Heights of the steps of the reference, of the load at the plant's input and of the measurement's offset.
-    initial_plant_state : array, shape (order of P,)
-        States of `realise(plant)`, of a `Rational`, at t = 0; `realise(plant).b * J` is what an impulse J at its input
-        leaves.
+    - controller, actuator, plant: python-control system, `Rational`, or a real number; C, G and P, proper, each with
+      any poles; the dead time acts between C and G.
+    - dead_time: tau, s, >= 0.
+    - time: array, shape (n,); s, >= 0, ascending, at which to give the response. Either this or `final_time`.
+    - final_time: s, > 0: 1001 equally spaced times from 0.
+    - reference, disturbance, noise: heights of the steps of the reference, of the load at the plant's input and of the
+      measurement's offset.
+    - initial_plant_state: array, shape (order of P,); states of `realise(plant)`, of a `Rational`, at t = 0;
+      `realise(plant).b * J` is what an impulse J at its input leaves.
 
     InputError: a system, dead time, time, height or state that is not allowed; times so long against dead time and time
     constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.

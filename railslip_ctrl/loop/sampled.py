@@ -75,16 +75,12 @@ class HeldPlant:
 class SampledLoop(BoundedLoop):
     """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
 
-    Parameters
-    ----------
-    controller : python-control or scipy.signal system of that period, `Rational` in z, or a real number
-        C, proper; u = C (reference - y) at the samples.
-    plant : python-control or scipy.signal system, or `Rational` in s
-        P, continuous-time, strictly proper, without dead time.
-    dead_time : float
-        s, >= 0, between the controller's output and the plant: actuator and computation together.
-    period : float
-        h, s, > 0.
+    - controller: python-control or scipy.signal system of that period, `Rational` in z, or a real number; C, proper; u
+      = C (reference - y) at the samples.
+    - plant: python-control or scipy.signal system, or `Rational` in s; P, continuous-time, strictly proper, without
+      dead time.
+    - dead_time: s, >= 0, between the controller's output and the plant: actuator and computation together.
+    - period: h, s, > 0.
 
     InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
@@ -215,10 +211,7 @@ class SampledLoop(BoundedLoop):
 
         The step is seen by the sample at t = 0; `control` is held between samples, its `control_rate` 0.
 
-        Parameters
-        ----------
-        time : array, shape (n,), or float
-            s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        - time: array, shape (n,), or float; s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times = given_times(*((None, time) if np.ndim(time) == 0 else (time, None)))
         at, inside = pieces_at(times, self.period)

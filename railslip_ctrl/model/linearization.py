@@ -45,24 +45,14 @@ _LIMIT_TOLERANCE = 1e-6
 class OperatingPoint:
     """A point of constant slip.
 
-    Attributes
-    ----------
-    law, vehicle, rail : AdhesionLaw, Vehicle, Rail
-        What the point belongs to.
-    speed : float
-        v, m/s.
-    slip : float
-        lambda, slip ratio, 0 <= lambda < 1.
-    adhesion_state : float or None
-        z at rest, m; None for a static law.
-    adhesion_force : float
-        Fa, N.
-    brake_torque : float
-        Tb with lambda' = 0, N*m; Td = Tr = 0.
-    initial_speed_kmh : float or None
-        v0 the law's parameters were made for, km/h; None where they do not depend on it.
-    residual : float
-        Larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
+    - law, vehicle, rail: what the point belongs to.
+    - speed: v, m/s.
+    - slip: lambda, slip ratio, 0 <= lambda < 1.
+    - adhesion_state: z at rest, m; None for a static law.
+    - adhesion_force: Fa, N.
+    - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
+    - initial_speed_kmh: v0 the law's parameters were made for, km/h; None where they do not depend on it.
+    - residual: larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -119,16 +109,10 @@ def operating_point(
 ) -> OperatingPoint:
     """The operating point of a law at a speed and a slip: the state at rest and the brake torque that keeps it.
 
-    Parameters
-    ----------
-    law, vehicle : AdhesionLaw, Vehicle
-        The law with parameters for the rail meant; the quarter car, SI.
-    speed : float
-        v, m/s, > 0.
-    slip : float
-        lambda, a ratio, 0 <= slip < 1; positive in braking.
-    rail, initial_speed_kmh : Rail, float, optional
-        Labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
+    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
+    - speed: v, m/s, > 0.
+    - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
+    - rail, initial_speed_kmh: labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
 
     Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
     argument of another kind, or a published law made for another wheel load. DomainError: the speed is not finite and
@@ -183,16 +167,11 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
 class LinearPlant:
     """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
 
-    Attributes
-    ----------
-    point : OperatingPoint
-        Where.
-    A, B, C, D : ndarray, (n, n), (n, 1), (3, n), (3, 1)
-        SI; deviations from the operating point.
-    states : tuple of str
-        "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
-    inputs, outputs : tuple of str
-        "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as lambda_d.
+    - point: where.
+    - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
+    - states: "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
+    - inputs, outputs: "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as
+      lambda_d.
     """
 
     point: OperatingPoint
@@ -271,12 +250,8 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
     """Linearise at an operating point, by the analytic Jacobian of the statement.
 
-    Parameters
-    ----------
-    point : OperatingPoint
-        From `operating_point`.
-    speed_state : bool
-        Keep v as the first state; by default it is frozen.
+    - point: from `operating_point`.
+    - speed_state: keep v as the first state; by default it is frozen.
 
     Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
     InputError: an argument of another kind. KinkError: the law has no unique derivative there (within 1e-9 of the
@@ -329,12 +304,8 @@ NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
     """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
 
-    Parameters
-    ----------
-    law, vehicle : AdhesionLaw, Vehicle
-        The law with parameters for the rail meant; the quarter car, SI.
-    reference_slip : float
-        lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
+    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
+    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 
     Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
     (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of another kind, or a reference slip out of its

@@ -9,8 +9,8 @@ from enum import StrEnum
 from functools import cache, partial
 from importlib.resources import files
 from operator import attrgetter
-from types import MappingProxyType, NoneType, UnionType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
@@ -27,19 +27,14 @@ _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def documented(record: type[BaseModel]) -> str:
-    """The docstring of a record with a section of its described fields: type, meaning, unit, range, default."""
-    entries = [
-        f"{name} : {_type_words(info.annotation)}\n    {_sentence(info)}"
-        for name, info in record.model_fields.items()
-        if info.description
-    ]
+    """The docstring of a record with a list of its described fields: meaning, unit, range, default."""
+    entries = [f"- {name}: {_sentence(info)}" for name, info in record.model_fields.items() if info.description]
     own = inspect.cleandoc(record.__doc__ or "")
-    return "\n".join([own, "", "Attributes", "----------", *entries, ""]) if entries else own
+    return "\n".join([own, "", *entries, ""]) if entries else own
 
 
 def _sentence(info: FieldInfo) -> str:
-    meaning, extra = info.description or "", info.json_schema_extra
-    parts = [meaning[0].upper() + meaning[1:]]
+    extra, parts = info.json_schema_extra, [info.description or ""]
     if isinstance(extra, dict) and "unit" in extra:
         bounds = ((sign, getattr(each, key, None)) for key, sign in _BOUNDS for each in info.metadata)
         unit = "dimensionless" if extra["unit"] == "1" else str(extra["unit"])
@@ -48,15 +43,6 @@ def _sentence(info: FieldInfo) -> str:
         default = f"{info.default:g}" if type(info.default) in (int, float) else str(info.default)
         parts.append(f"default {default}")
     return "; ".join(parts) + "."
-
-
-def _type_words(annotation: Any) -> str:
-    if get_origin(annotation) in (Union, UnionType):
-        members = [_type_words(member) for member in get_args(annotation) if member is not NoneType]
-        return " or ".join([*members, *(["None"] if NoneType in get_args(annotation) else [])])
-    if get_origin(annotation) is tuple:
-        return f"tuple of {_type_words(get_args(annotation)[0])}"
-    return getattr(annotation, "__name__", str(annotation))
 
 
 # --- records --------------------------------------------------------------------------------------------------------
@@ -68,12 +54,8 @@ _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 class Rail(StrEnum):
     """Rail condition, a member or its name; what a wet rail changes is the law's to say, see `AdhesionLaw.wet`.
 
-    Attributes
-    ----------
-    DRY
-        "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
-    WET
-        "wet": those parameters times the law's own factors, or a published set of their own.
+    - DRY: "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
+    - WET: "wet": those parameters times the law's own factors, or a published set of their own.
     """
 
     DRY = "dry"

@@ -221,12 +221,8 @@ class Table5:
 def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> Table5:
     """Run the four columns and compare them with [Park2008] Table 5.
 
-    Parameters
-    ----------
-    seeds : int
-        Runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
-    progress : callable, optional
-        Told what is run, a line for each column done.
+    - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
+    - progress: callable; told what is run, a line for each column done.
     """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(

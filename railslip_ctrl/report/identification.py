@@ -197,10 +197,7 @@ def _doubt(found: Identification) -> str:
 def model_toml(found: Identification) -> str:
     """The chosen law of an identified log, for `--adhesion FILE`.
 
-    Parameters
-    ----------
-    found : Identification
-        Of `identify`.
+    - found: of `identify`.
 
     Returns the TOML text: parameters in SI, speeds in km/h.
     """

@@ -331,14 +331,9 @@ class RunComparison:
 def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequence[int]) -> RunComparison:
     """Run every controller through the scenario with every seed, on all cores; all meet the same noise.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The run, SI.
-    controllers : mapping
-        By name, what `simulate` takes.
-    seeds : sequence of int
-        One for each run, any number of them.
+    - scenario: the run, SI.
+    - controllers: by name, what `simulate` takes.
+    - seeds: one for each run, any number of them.
 
     Returns means for each controller, SI, and the bound of `clairvoyant_stop`, without noise: where the scenario sets
     no largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.

@@ -287,12 +287,10 @@ _OLD = {"torque_low": "torque_min", "torque_high": "torque_max"}  # keys of file
 def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Any:
     """Read a controller.
 
-    Parameters
-    ----------
-    path : str or Path
-        The TOML file; the module says what is in it. A Python file is run as a script is: give only those you trust.
-    initial_speed : float, optional
-        v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
+    - path: the TOML file; the module says what is in it. A Python file is run as a script is: give only those you
+      trust.
+    - initial_speed: v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed
+      without.
 
     Returns what a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
     InputError: one line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.

@@ -237,16 +237,10 @@ def stop(
 ) -> Scenario:
     """A plain stop on one rail with the random forces of [Park2008], to 5 km/h.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the load that it has.
-    rail : Rail or str
-        "dry" or "wet", throughout.
-    speed_kmh : float
-        Speed at which the brake is applied, km/h.
-    adhesion : str or AdhesionLaw
-        A published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
+    - vehicle: with the load that it has.
+    - rail: "dry" or "wet", throughout.
+    - speed_kmh: speed at which the brake is applied, km/h.
+    - adhesion: a published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
 
     In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
@@ -270,10 +264,7 @@ BUILT_IN = ("park2008", "park2008-si", "stop")
 def built_in_scenario(name: str) -> Scenario:
     """A built-in scenario by its name.
 
-    Parameters
-    ----------
-    name : str
-        One of `BUILT_IN`.
+    - name: one of `BUILT_IN`.
 
     Returns the published run in the reading of that name, or a plain stop; a frozen record in SI. InputError: no
     scenario of that name; lists them.
@@ -301,10 +292,7 @@ class _Keys(Scenario):
 def load_scenario(source: str | Path) -> Scenario:
     """A built-in scenario by name, or one from a TOML file.
 
-    Parameters
-    ----------
-    source : str or Path
-        "park2008", "park2008-si", "stop" or a file.
+    - source: "park2008", "park2008-si", "stop" or a file.
 
     In SI. InputError: one line with the file, the key, the value and what is allowed.
     """

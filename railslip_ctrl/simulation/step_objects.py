@@ -111,23 +111,15 @@ def _unpacked(content: bytes) -> UserStep:
 class StepControl:
     """A controller known by its step.
 
-    Parameters
-    ----------
-    step : object or function
-        An object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before the
-        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
-        copied. SI.
-    reference : ReferenceSlip
-        What the slip error is taken against; the step has its own.
-    name : str
-        For reports.
-    period : float
-        Sampling period, s.
-    start_numbers : tuple of float
-        What a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v, omega, x), where x
-        is an array of them that it changes.
-    knows_rail, model_law
-        As of `Controller`.
+    - step: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
+      the first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
+      copied. SI.
+    - reference: what the slip error is taken against; the step has its own.
+    - name: for reports.
+    - period: sampling period, s.
+    - start_numbers: what a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v,
+      omega, x), where x is an array of them that it changes.
+    - knows_rail, model_law: as of `Controller`.
 
     InputError: a step that cannot be called.
     """

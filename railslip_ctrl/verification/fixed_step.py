@@ -30,9 +30,9 @@ from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_par
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Actuator, Rail, Resistance, Vehicle
 from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
 from railslip_ctrl.sliding.law import LawGains, gain_parameters
+from railslip_ctrl.verification import reaching
 
 from . import fixed_step_kernel as layout
-from . import reaching
 from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
 
 Floats = NDArray[np.float64]

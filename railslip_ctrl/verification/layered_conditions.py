@@ -22,8 +22,8 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.linearization import OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
+from railslip_ctrl.verification import layered
 
-from . import layered
 from .fixed_step import END_SPEED, FineRun, SteppedLaw, simulate_fine, slip_range
 from .reaching import with_friction
 from .robust import LOWEST_FRICTION

@@ -23,8 +23,8 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
+from railslip_ctrl.verification import reaching
 
-from . import reaching
 from .fixed_step import PUBLISHED, RUNS, IdealRun, simulate_ideal
 from .verdict import Condition, How
 

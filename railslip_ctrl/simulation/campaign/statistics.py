@@ -365,23 +365,14 @@ def campaign(
 ) -> CampaignSummary:
     """Many runs of a scenario, each with noise of its own, the same for every controller.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The run, SI.
-    controllers : sequence
-        One or more, whatever `simulate` takes.
-    runs : int
-        Number of runs of each.
-    quantities : sequence of Quantity
-        What else differs from run to run, SI.
-    seed : int
-        Number that the runs repeat with.
-    folder : str or Path, optional
-        Where the runs are kept, and resumed; left out, nothing is kept.
-    workers : int, optional
-        Number of processes; more than this one import the calling script again, which then needs its
-        `if __name__ == "__main__"`.
+    - scenario: the run, SI.
+    - controllers: one or more, whatever `simulate` takes.
+    - runs: number of runs of each.
+    - quantities: what else differs from run to run, SI.
+    - seed: number that the runs repeat with.
+    - folder: where the runs are kept, and resumed; left out, nothing is kept.
+    - workers: number of processes; more than this one import the calling script again, which then needs its `if
+      __name__ == "__main__"`.
 
     Returns statistics in SI; its `table()` has a line a controller. InputError: as of `Campaign` and `execute`.
     """
