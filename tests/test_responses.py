@@ -174,7 +174,7 @@ def test_final_values_of_a_stable_loop_with_integral_action():
     step = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0])
     assert step.output == pytest.approx([1.0, 1.0], abs=1e-8)
     assert step.control == pytest.approx([1 / dc] * 2, rel=1e-7)
-    load = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], height=50.0)
+    load = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], disturbance=50.0)
     assert load.output == pytest.approx([0.0, 0.0], abs=1e-8)
     assert load.control == pytest.approx([-50.0, -50.0], rel=1e-7)
     assert load.plant_input == pytest.approx([0.0, 0.0], abs=1e-5)

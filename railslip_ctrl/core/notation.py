@@ -5,12 +5,12 @@ Symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
+
+from .templates import texts
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 
-NOTATION = notation_in(tomllib.loads(files(__package__).joinpath("notation.toml").read_text("utf-8")))
+NOTATION = notation_in(texts(__package__, "notation.toml"))
 """The table, by name."""
 
 
@@ -46,8 +46,8 @@ def latex_names() -> dict[Any, str]:
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
 
 
-_TEXTS = tomllib.loads(files(__package__).joinpath("sources.toml").read_text("utf-8"))
-SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in _TEXTS.items()})  #: full references by key
+SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in texts(__package__, "sources.toml").items()})
+"""Full references by key."""
 
 
 def cite(key: str, where: str = "") -> str:

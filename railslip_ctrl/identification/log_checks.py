@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +141,7 @@ class FreeRolling:
             return None
         torque, v, omega, _, _, _, moves = windows
         zero, speed, turning, centre, _, slows, _ = np.median(windows, axis=1).tolist()
-        by_brake = slows - _resistance(self._vehicle, speed) / self._vehicle.effective_mass
+        by_brake = slows - self._vehicle.resistance.force(speed) / self._vehicle.effective_mass
         slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
         if zero >= _BRAKES * self._radius * centre and slowed:
             return None
@@ -173,12 +172,6 @@ class FreeRolling:
         ends = np.searchsorted(torque, reach, side="right")
         enough = np.flatnonzero(ends - np.arange(len(torque)) >= least)
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
-
-
-def _resistance(vehicle: Vehicle, speed: Any) -> Any:
-    """The train's own, N, of the quarter car, at a speed in m/s."""
-    r = vehicle.resistance
-    return r.constant + r.linear * speed + r.quadratic * speed**2
 
 
 def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
@@ -379,7 +372,7 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
     turned = -float(np.diff(record.omega)[inside].sum())
     adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
-    resistance = float(step @ _resistance(vehicle, v))
+    resistance = float(step @ vehicle.resistance.force(v))
     asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
     return _lost(record) / asked if asked > 0.0 else math.nan
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -90,41 +91,6 @@ class TimeResponse:
         return float(self.time[last + 1]) if last + 1 < self.time.size else math.inf
 
 
-def step_response(
-    controller: Any,
-    plant: Any,
-    dead_time: float,
-    *,
-    time: ArrayLike | None = None,
-    final_time: float | None = None,
-    actuator: Any = 1.0,
-    height: float = 1.0,
-) -> TimeResponse:
-    """Response to a reference step of `height` (unit of y) at t = 0; see `closed_loop_response`."""
-    return closed_loop_response(
-        controller, plant, dead_time, time=time, final_time=final_time, actuator=actuator, reference=height
-    )
-
-
-def disturbance_response(
-    controller: Any,
-    plant: Any,
-    dead_time: float,
-    *,
-    time: ArrayLike | None = None,
-    final_time: float | None = None,
-    actuator: Any = 1.0,
-    height: float = 1.0,
-) -> TimeResponse:
-    """Response to a load step of `height` (unit of q) at the plant's input, behind dead time and actuator.
-
-    See `closed_loop_response`; for a torque at the wheel give the brake's lag as `actuator`, the wheel as `plant`.
-    """
-    return closed_loop_response(
-        controller, plant, dead_time, time=time, final_time=final_time, actuator=actuator, disturbance=height
-    )
-
-
 def closed_loop_response(
     controller: Any,
     plant: Any,
@@ -174,6 +140,16 @@ def closed_loop_response(
     signals, rate = Marcher(equations, dead_time, steps).run(start, times)
     output, control, plant_input, error = signals
     return TimeResponse(times, output, control, plant_input, error, rate, dead_time, *steps.tolist())
+
+
+step_response = partial(closed_loop_response, reference=1.0)
+"""To a unit step of the reference, or one of the height `reference` (unit of y)."""
+
+disturbance_response = partial(closed_loop_response, disturbance=1.0)
+"""To a unit load, or one of the height `disturbance`, at the plant's input, behind dead time and actuator.
+
+For a torque at the wheel give the brake's lag as `actuator`, the wheel as `plant`.
+"""
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import tomllib
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import cache, partial
-from importlib.resources import files
 from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin
@@ -17,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import one_line, unknown_key
 
@@ -170,6 +169,10 @@ class Resistance(Record):
     linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
     quadratic: float = quantity("N/(m/s)^2", "coefficient of v^2", ge=0, default=0.0)
 
+    def force(self, speed: Any) -> Any:
+        """Fr, N, at a `speed`, m/s, or at speeds, an array of any shape."""
+        return self.constant + self.linear * speed + self.quadratic * speed**2
+
 
 class Actuator(Record):
     """Pneumatic brake, commanded to acting torque: Ga(s) = exp(-dead_time s)/(lag s + 1) ([Park2008] p. 55)."""
@@ -320,16 +323,11 @@ def table4_gains(adhesion: str) -> PIGains:
 _SPEED = 100.0 * KMH  # at which travelling resistance is looked at
 
 
-def _resistance(vehicle: Vehicle) -> float:
-    terms = vehicle.resistance
-    return terms.constant + terms.linear * _SPEED + terms.quadratic * _SPEED * _SPEED
-
-
 _VALUES: Mapping[str, Callable[[Vehicle], float]] = {
     **{name: attrgetter(name) for name in ("mass", "mass_loaded", "wheel_load", "wheel_load_loaded")},
     **{name: attrgetter(f"wheel.{name}") for name in ("radius", "inertia", "viscous_friction")},
     **{name: attrgetter(f"actuator.{name}") for name in ("dead_time", "lag")},
-    "resistance": _resistance,
+    "resistance": lambda v: v.resistance.force(_SPEED),
 }
 _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
     "wheel_load": lambda v: v.mass * GRAVITY,
@@ -339,7 +337,7 @@ _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
     "resistance": lambda v: v.wheel_load,
 }
 
-USUAL_RANGES: Mapping[str, Any] = tomllib.loads(files(__package__).joinpath("usual_ranges.toml").read_text("utf-8"))
+USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 """By key of the vehicle's file; the file says what is in it."""
 
 

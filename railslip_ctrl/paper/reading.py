@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
 from railslip_ctrl.core.notation import cite
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
@@ -81,10 +80,9 @@ def _rules() -> tuple[ReadingRule, ...]:
         "random_force": PUBLISHED_DISTURBANCES.random_force,
         "random_hold": PUBLISHED_DISTURBANCES.random_hold,
     }
-    texts = tomllib.loads(Path(__file__).with_name("reading.toml").read_text("utf-8"))
     return tuple(
         ReadingRule(name, one["used"].format(**numbers), Basis(one["basis"]), cite("Park2008", one["where"]))
-        for name, one in texts.items()
+        for name, one in texts(__package__, "reading.toml").items()
     )
 
 

@@ -5,12 +5,10 @@ as far as its own printed numbers can be checked; and the adhesion curves of Fig
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.processes import cpu_count
-from railslip_ctrl.core.templates import filled
+from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, assess
@@ -426,13 +424,10 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
 
 def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
     """The fact of a name with its words of `facts.toml`."""
-    statement, found, how = (filled(_texts()[name][part], numbers) for part in ("statement", "found", "how"))
+    statement, found, how = (
+        filled(texts(__package__, "facts.toml")[name][part], numbers) for part in ("statement", "found", "how")
+    )
     return Fact(name, statement, found, holds, how)
-
-
-@cache
-def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(Path(__file__).with_name("facts.toml").read_text("utf-8"))
 
 
 def pi_margins() -> Fact:

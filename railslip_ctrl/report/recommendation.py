@@ -587,8 +587,8 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     bare, brake = Rational(plant.zeros, plant.poles, plant.gain), _lag(actuator)
     c, tau = design.transfer_function, actuator.dead_time
     try:
-        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=KMH)
-        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
+        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, reference=KMH)
+        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, disturbance=LOAD_STEP)
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)

@@ -204,7 +204,7 @@ def _run(
     parts = (slice(0, min(changed, length)), slice(min(changed, length), length))
     for part, vehicle in zip(parts, vehicles, strict=True):
         M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-        acting = (r * force[:, :length].T[part], reaching.resistance_force(vehicle, speed[part]), Td[part])
+        acting = (r * force[:, :length].T[part], vehicle.resistance.force(speed[part]), Td[part])
         d[part] = reaching.disturbance_function()(*acting, M, J, r) * J / r
         theta = reaching.true_theta(vehicle, nominal)
         errors = (theta[0] - theta1[part], theta[1] - theta2[part])

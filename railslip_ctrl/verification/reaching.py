@@ -89,7 +89,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     return ReachingSet(
         random_torque=vehicle.wheel.radius * sigmas * ADHESION_NOISE * vehicle.wheel_load,
         torque_fraction=TORQUE_FRACTION if with_torque else 0.0,
-        resistance=(0.0, resistance_force(vehicle, speed)),
+        resistance=(0.0, vehicle.resistance.force(speed)),
         adhesion_torque=(torque, torque),
         speed=(speed, speed),
         slip=(slip, slip),
@@ -119,12 +119,6 @@ def reference_slip(rail: Rail = Rail.DRY) -> float:
     slip = published_law("bristle", rail).reference_slip(rail)
     assert slip is not None, "the bristle model has a published reference"
     return slip
-
-
-def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
-    """Fr, N, at a speed or an array of speeds, m/s."""
-    resistance = vehicle.resistance
-    return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 
 
 def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant, tuple[float, ...]]:
