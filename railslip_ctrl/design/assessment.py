@@ -10,9 +10,8 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
@@ -77,7 +76,7 @@ class Assessment:
     actuator: Actuator
     loop: Any
     limits: Limits
-    closed_loop_poles: NDArray[np.complex128]
+    closed_loop_poles: Complexes
     margins: Margins | None
     pade: tuple[PadeRow, ...]
     verdict: Verdict
@@ -180,7 +179,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     )
 
 
-def _poles_found(loop: Any, count: int) -> NDArray[np.complex128]:
+def _poles_found(loop: Any, count: int) -> Complexes:
     """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one, and
     none is looked for with delays inside the controller.
 

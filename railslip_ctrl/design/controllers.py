@@ -16,9 +16,8 @@ from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
@@ -30,9 +29,6 @@ from railslip_ctrl.model.vehicle import Actuator, PIGains
 
 from .difference import linear_step
 from .seeking import SeekingGains, seeking_loop
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

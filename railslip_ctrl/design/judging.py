@@ -10,9 +10,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Flags, Floats, checked
 from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
@@ -35,9 +34,6 @@ from .controllers import (
 )
 from .envelope import Case, Envelope, EnvelopePoints
 from .specification import is_robust
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 % at 10 ms, is not judged"
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""

@@ -20,16 +20,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Unstable poles nearer than this, relative to their size, count once: fewer conditions bound less, never wrongly.
 _DISTINCT = 1e-3

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, checked, number
+from railslip_ctrl.core.arguments import Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import validated
@@ -271,8 +270,8 @@ class MarginSweep:
     title: str
     axis: str
     unit: str
-    values: NDArray[np.float64]
-    pole: NDArray[np.float64]
+    values: Floats
+    pole: Floats
     margins: Mapping[str, BatchMargins]
 
 

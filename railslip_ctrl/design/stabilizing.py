@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 from flint import arb, ctx
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number, numbers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.crossings import SIZE, ExactLoop, Response
@@ -40,8 +40,6 @@ from .decomposition import (
     stable_intervals,
 )
 from .specification import family_margins
-
-Floats = NDArray[np.float64]
 
 # --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
 
@@ -307,7 +305,7 @@ class StabilizingRegion(Region):
         return float(usable.min()) if usable.size else 1.0
 
     @cached_property
-    def _hidden(self) -> NDArray[np.complex128]:
+    def _hidden(self) -> Complexes:
         """Poles not left of the axis that a zero cancels exactly."""
         found = np.intersect1d(self.plant.zeros, self.plant.poles)
         return np.asarray(found[found.real >= 0], dtype=np.complex128)

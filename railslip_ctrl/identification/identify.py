@@ -17,9 +17,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -42,9 +41,6 @@ from .log_checks import (
 )
 from .observed import BrakedRows, Observed
 from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
-
-Floats = NDArray[np.float64]
-
 
 # --- can a fit be? ---------------------------------------------------------------------------------------------------
 

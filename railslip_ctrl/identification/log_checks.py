@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
 from .logs import UNITS, Column, Rows
 from .observed import LOWEST_SPEED, BrakedRows, Survey
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ class FreeRolling:
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
 
 
-def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
+def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
     """In which windows values neither rise nor bend, beyond the noise of neighbours or a least change."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import InputError
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
 from .margins import SHAPES, box_bounds, heights, responses
-from .rational import Complexes, Floats, Rational
+from .rational import Rational
 
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Spans = tuple[Floats, Floats]
 

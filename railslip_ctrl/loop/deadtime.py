@@ -14,13 +14,13 @@ import numpy as np
 from flint import ctx
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, complexes, number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
 from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .rational import Complexes, Floats, Rational, pade
+from .rational import Rational, pade
 from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
 

@@ -11,8 +11,9 @@ import numpy as np
 from flint import ctx, fmpq
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
+
 from .crossings import REFINED_BITS, Pieces, Response
-from .rational import Complexes, Floats
 from .stability import count_right_of
 
 _NEWTON_STEPS, _HALF_OF_THE_DIGITS = 8, 1e-9  # for a peak by doubles
@@ -328,7 +329,7 @@ def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
-def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> NDArray[np.bool_]:
+def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> Flags:
     """Which parts may hold a value above the best, by their bounds, (3, n), and the relative rounding of L there."""
     slack = rounding * (best[0][0] * best[1][0])  # |S| and |T| amplify it
     most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best]) + slack

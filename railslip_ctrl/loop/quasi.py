@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, number, numbers
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
 from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
-from .rational import DOUBLE_BITS, Complexes, Floats, Rational
+from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.

@@ -17,13 +17,10 @@ from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mat, fmpq_poly
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, complexes, number, real, reals
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, real, reals
 from railslip_ctrl.core.errors import InputError
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
 

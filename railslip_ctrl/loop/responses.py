@@ -22,10 +22,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.arguments import number, reals
+from railslip_ctrl.core.arguments import Floats, number, reals
 from railslip_ctrl.core.errors import InputError
 
-from .rational import Floats, Rational, realise
+from .rational import Rational, realise
 
 _DEFAULT_POINTS = 1001  # a smooth line in print
 # On a piece of length h = 4/rate the Chebyshev series of order 20 of any signal of the loop is cut off

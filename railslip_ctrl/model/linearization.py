@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
 
@@ -175,10 +174,10 @@ class LinearPlant:
     """
 
     point: OperatingPoint
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    C: NDArray[np.float64]
-    D: NDArray[np.float64]
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
     states: tuple[str, ...]
     inputs: tuple[str, ...] = INPUTS
     outputs: tuple[str, ...] = OUTPUTS
@@ -189,12 +188,12 @@ class LinearPlant:
         return "v" in self.states
 
     @property
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> Complexes:
         """Eigenvalues of A, rad/s, rightmost first."""
         return _sorted_roots(self.A)
 
     @property
-    def zeros(self) -> NDArray[np.complex128]:
+    def zeros(self) -> Complexes:
         """Zeros of brake torque to sigma, rad/s, rightmost first: eigenvalues of A without sigma, whose equation
         alone has the torque."""
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
@@ -205,7 +204,7 @@ class LinearPlant:
         """Leading coefficient of the numerator of torque to sigma, (m/s^2)/(N*m): r/J."""
         return float(self.B[self.states.index("sigma"), 0])
 
-    def transfer_function(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def transfer_function(self) -> tuple[Floats, Floats]:
         """Numerator and denominator of brake torque to sigma, highest power first, denominator monic."""
         return self.gain * _polynomial(self.zeros), _polynomial(self.poles)
 
@@ -217,12 +216,12 @@ class LinearPlant:
         return control.ss(self.A, self.B, self.C, self.D, name=f"{self.point.adhesion}_{self.point.rail}", **labels)
 
 
-def _sorted_roots(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _sorted_roots(matrix: Floats) -> Complexes:
     roots = np.linalg.eigvals(matrix).astype(np.complex128)
     return roots[np.lexsort((roots.imag, -roots.real))]
 
 
-def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _polynomial(roots: Complexes) -> Floats:
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
 
 
@@ -277,7 +276,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     return _linear_plant(point, full, speed_state=speed_state)
 
 
-def _jacobian(point: OperatingPoint, sigma: float) -> NDArray[np.float64]:
+def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
     """Of the rates of v, sigma and z to these and the torques, at another sigma, m/s."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
@@ -286,7 +285,7 @@ def _jacobian(point: OperatingPoint, sigma: float) -> NDArray[np.float64]:
     return np.array([[float(entry) for entry in row] for row in rows])
 
 
-def _linear_plant(point: OperatingPoint, full: NDArray[np.float64], *, speed_state: bool) -> LinearPlant:
+def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> LinearPlant:
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
@@ -318,11 +317,11 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     radius = vehicle.wheel.radius
     states = STATES[: 3 if law.has_state else 2]
 
-    def update(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+    def update(t: float, x: Floats, u: Floats, params: object) -> Floats:
         z = x[2] if law.has_state else 0.0
         return np.array([float(rate) for rate in rates(x[0], x[1], z, u[0], u[1], u[2], p)[: len(states)]])
 
-    def output(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+    def output(t: float, x: Floats, u: Floats, params: object) -> Floats:
         v, sigma = x[:2]
         return np.array([sigma, sigma / v, reference_slip * v - sigma, v, (v - sigma) / radius])
 

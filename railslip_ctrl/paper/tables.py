@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.processes import cpu_count
@@ -33,9 +33,6 @@ from railslip_ctrl.verification.actuator_effects import largest_adaptation, publ
 from railslip_ctrl.verification.lyapunov_runs import judge_run
 
 from . import printed
-
-Floats = NDArray[np.float64]
-
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
 """What Table 5 gives of each column, by the names of the comparison."""

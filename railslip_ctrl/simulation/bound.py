@@ -10,23 +10,18 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize, minimize_scalar
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 
 from .run import Outcome, Run, Simulator
 from .scenario import Event, Scenario, event_place
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 _SPEEDS = 33  # of the grid on which the peak is looked for; it is smooth in speed
 _TOLERANCE = 1e-9  # of the integration, relative

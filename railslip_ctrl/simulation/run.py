@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.model.adhesion import AdhesionLaw
@@ -23,12 +23,6 @@ from .controllers import Controller, Situation, reference_slip
 from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
 from .step_objects import ADDRESS, Call, StepControl, as_control
 from .steps import kernel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-
 
 LOCKED_SHARE = 0.02
 """A wheel counts as locked where r omega < 0.02 v."""
@@ -348,7 +342,7 @@ class Plan:
     events: layout.Events
     p: Floats
     c: Floats
-    chosen: NDArray[np.int64]
+    chosen: Integers
     tables: Floats
     limits: Floats
     samples: int

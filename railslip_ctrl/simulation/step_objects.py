@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import check_fields
+from railslip_ctrl.core.arguments import Floats, check_fields
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
@@ -43,11 +43,8 @@ from .controllers import Controller, LinearControl, Situation
 from .steps import step_text
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from railslip_ctrl.model.linearization import OperatingPoint
 
-    Floats = NDArray[np.float64]
 
 ADDRESS = 2
 """Place of the step's address in a controller's row; see `steps.called`."""

@@ -19,8 +19,8 @@ from types import ModuleType
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
@@ -34,8 +34,6 @@ from railslip_ctrl.verification import reaching
 
 from . import fixed_step_kernel as layout
 from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
-
-Floats = NDArray[np.float64]
 
 END_SPEED = 5.0 * KMH  #: m/s, where a stop ends ([Park2008] p. 56)
 STEP = 0.002  # s, without an actuator

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
@@ -45,9 +45,6 @@ from .reaching import (
 )
 from .robust import LAYER_WIDTH, RATE, TILDE, gain_units
 from .verdict import Condition
-
-Floats = NDArray[np.float64]
-
 
 AXES = ("speed_kmh", "slip", "mass_kg", "random_force_n", "torque_fraction", "s")
 """Coordinates of the box: km/h, 1, kg, N at the empty wheel load, Td/Tb, m/s."""

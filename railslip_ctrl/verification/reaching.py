@@ -24,8 +24,8 @@ from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
@@ -35,9 +35,6 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
-
-Floats = NDArray[np.float64]
-
 
 ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
 """Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.report.campaign import measure_head, quantity_heads
 from railslip_ctrl.simulation import Run, Signals
@@ -23,7 +24,6 @@ from . import style
 if TYPE_CHECKING:  # it loads SymPy
     from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
-Floats = NDArray[np.float64]
 
 _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 

@@ -14,12 +14,13 @@ from enum import Enum, StrEnum
 from functools import cached_property, lru_cache, partial
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from railslip_ctrl.core import units
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -29,11 +30,6 @@ from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 from railslip_ctrl.simulation.step_objects import UserStep, as_control
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 T = TypeVar("T")
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Floats, Integers, checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.run import Outcome
@@ -28,10 +28,7 @@ from .specification import Campaign, Quantity
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
     Columns = dict[str, Floats]
 
 CONFIDENCE = 0.95
@@ -119,7 +116,7 @@ class Histogram(NamedTuple):
     """Counts between `edges` (one more than counts); their running sum is the distribution function at the edges."""
 
     edges: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
