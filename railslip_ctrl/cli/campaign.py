@@ -21,7 +21,7 @@ from railslip_ctrl.simulation.run import Run
 
 from .options import controller_option, tell_remarks
 from .output import print_json, print_text, progress
-from .settings import HELP
+from .settings import HELP, option
 
 _REPORT = ("report.txt", "report.json")
 
@@ -36,10 +36,8 @@ _REPORT = ("report.txt", "report.json")
     metavar="DIR",
     help="Folder for runs (Parquet), report and pictures; a campaign begun there is continued.",
 )
-@click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
-@click.option(
-    "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it, tcp://HOST:PORT.  [default: none]"
-)
+@option("--workers", "N", "Processes.", "one for each core", type=int)
+@option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
 @click.option(
     "--worst-by",
     default="braking_distance_m",
@@ -47,13 +45,7 @@ _REPORT = ("report.txt", "report.json")
     metavar="MEASURE",
     help="Measure of the worst runs: a column of the runs, its unit at the end of its name.",
 )
-@click.option(
-    "--replay",
-    "number",
-    type=int,
-    metavar="I",
-    help="Repeat run number I, with its time series (CSV, picture).  [default: none]",
-)
+@option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
     campaign_file: Path,

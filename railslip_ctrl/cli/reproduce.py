@@ -23,7 +23,7 @@ from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
 
 from .output import print_json, print_text, progress, provenance
-from .settings import HELP
+from .settings import HELP, option
 
 _PAGE = "reproduce.html"
 PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
@@ -44,12 +44,13 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
     help="Put each rule of the reading to its alternatives, one at a time, with fewer seeds "
     f"(N, at most {SENSITIVITY_SEEDS}). The first time this compiles for a minute or two.",
 )
-@click.option(
+@option(
     "--out",
+    "DIR",
+    "Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
+    "reproduction.json and the figures redrawn (PNG).",
+    "nothing is written",
     type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
-    "reproduction.json and the figures redrawn (PNG).  [default: nothing is written]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @click.pass_context
