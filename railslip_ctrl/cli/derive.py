@@ -17,7 +17,7 @@ from railslip_ctrl.report.export import check_directory, write_files
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Reference, derive
 
-from .options import Quantity, law_from_file
+from .options import Number, law_from_file
 from .output import print_text, progress
 from .settings import HELP, option
 
@@ -43,7 +43,7 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     "KMH",
     "Speed v0 at which the brake was applied, km/h; for a file with parameters over it.",
     f"{INITIAL_SPEED_KMH:g}",
-    type=Quantity("km/h", gt=0),
+    type=Number("km/h", gt=0),
 )
 @option("--format", "|".join(_FORMATS), "What to print.", "text", to="form")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")

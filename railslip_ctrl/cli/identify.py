@@ -32,7 +32,7 @@ from railslip_ctrl.report.identification import (
     series_toml,
 )
 
-from .options import Quantity, from_file
+from .options import Number, from_file
 from .output import print_json, print_text, progress
 from .settings import HELP, option
 
@@ -56,21 +56,21 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "KMH",
     "Speed v0 at which the brake was applied, km/h.",
     "the log's highest",
-    type=Quantity("km/h", gt=0),
+    type=Number("km/h", gt=0),
 )
 @option(
     "--slip-acceleration",
     "X",
     "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
     "the log's; curve: 2.93",
-    type=Quantity("m/s^2", gt=0),
+    type=Number("m/s^2", gt=0),
 )
 @option(
     "--tau",
     "S",
     "Time constant of the observer, s.",
     "0.05, or five intervals of the log if that is more",
-    type=Quantity("s", gt=0),
+    type=Number("s", gt=0),
 )
 @click.option(
     "--observer",

@@ -23,7 +23,7 @@ from railslip_ctrl.report.text import judgement_json, judgement_text
 
 from .options import (
     CaseOptions,
-    Quantity,
+    Number,
     case_options,
     chosen_gains,
     controller_from_file,
@@ -43,8 +43,8 @@ from .settings import HELP, option
 @envelope_options("the points of those options")
 @gain_options
 @controller_option(None, otherwise="a PI of --kp, --ki and --lead")
-@option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Quantity("s", ge=0))
-@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Quantity("s", ge=0))
+@option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Number("s", ge=0))
+@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Number("s", ge=0))
 @click.option(
     "--certify", is_flag=True, help="Enclosures of all margins by ball arithmetic, relative width at most 1e-9."
 )

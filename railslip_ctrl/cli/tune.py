@@ -21,7 +21,7 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
+from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options
 from .output import print_json, print_text, progress
 from .settings import HELP, option
 
@@ -37,18 +37,18 @@ from .settings import HELP, option
     help="PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
     "seeking controller, whose gains go by rules and are judged.",
 )
-@option("--ms-max", "X", "Largest Ms allowed, a ratio; ki is maximised.", "none", type=Quantity("1", gt=1))
-@option("--phase-min", "DEG", "Least phase margin allowed, deg.", "none", type=Quantity("deg", ge=0))
-@option("--delay-min", "S", "Least delay margin allowed, s.", "none", type=Quantity("s", ge=0))
+@option("--ms-max", "X", "Largest Ms allowed, a ratio; ki is maximised.", "none", type=Number("1", gt=1))
+@option("--phase-min", "DEG", "Least phase margin allowed, deg.", "none", type=Number("deg", ge=0))
+@option("--delay-min", "S", "Least delay margin allowed, s.", "none", type=Number("s", ge=0))
 @click.option("--minimise-ms", is_flag=True, help="Minimise the worst Ms instead; needs --ki-min.")
-@option("--ki-min", "X", "Least integral gain, N*m/m.", "none", type=Quantity("N*m/m", gt=0))
-@option("--lead", "S", "Lead of pi-lead, s.", "the actuator's lag", type=Quantity("s", gt=0))
-@option("--lead-filter", "S", "Its filter, s.", "a tenth of it", type=Quantity("s", gt=0))
+@option("--ki-min", "X", "Least integral gain, N*m/m.", "none", type=Number("N*m/m", gt=0))
+@option("--lead", "S", "Lead of pi-lead, s.", "the actuator's lag", type=Number("s", gt=0))
+@option("--lead-filter", "S", "Its filter, s.", "a tenth of it", type=Number("s", gt=0))
 @click.option(
     "--period",
     default=PERIOD,
     show_default=True,
-    type=Quantity("s", ge=LEAST_STEP),
+    type=Number("s", ge=LEAST_STEP),
     metavar="S",
     help="Sampling period of the controller, s; twice the lead's filter where that is less.",
 )

@@ -19,7 +19,7 @@ from railslip_ctrl.verification.joint_verification import (
 )
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, Quantity, is_law_file, stop_options
+from .options import CaseOptions, Number, is_law_file, stop_options
 from .output import print_json, print_text
 from .settings import HELP, option
 
@@ -44,7 +44,7 @@ _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the packag
     "robust: 1.1 times what (40) asks for with Ta and v' known to 10 %; layered: 1.05 times what its bound and a "
     "holding torque known to 10 % ask for",
     to="gain",
-    type=Quantity("N*m", ge=0),
+    type=Number("N*m", ge=0),
 )
 @option(
     "--D",
@@ -52,14 +52,14 @@ _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the packag
     f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.",
     "Table 4's 1.53 N*m/(km/h)",
     to="damping",
-    type=Quantity("N*m/(m/s)", gt=0),
+    type=Number("N*m/(m/s)", gt=0),
 )
 @option(
     "--ki-min",
     "X",
     "Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.",
     "100 times the inertia scale",
-    type=Quantity("N*m/m", gt=0),
+    type=Number("N*m/m", gt=0),
 )
 @click.option(
     "--seed", default="2008", show_default=True, metavar="N", help="First seed of samples and simulated runs."
