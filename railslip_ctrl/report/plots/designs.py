@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import rounded_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.design.judging import MsMap
