@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.paper.tables import AdhesionCurve, published_runs, wet_and_dry
+from railslip_ctrl.paper.tables import ModelCurve, published_runs, wet_and_dry
 from railslip_ctrl.simulation import Run
 
 SEED = 0
@@ -27,7 +27,7 @@ SETTLED = 10.0  # s after the brake is applied
 class Figures:
     """The curves of Fig. 17 and the runs of Figs. 18 to 21 by column."""
 
-    adhesion: tuple[AdhesionCurve, ...]
+    adhesion: tuple[ModelCurve, ...]
     runs: dict[str, Run]
 
     def highest_slip_after_switch(self, column: str) -> float:

@@ -14,17 +14,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.paper.tables import AdhesionCurve, Table3, model_curves, table3
+from railslip_ctrl.paper.tables import ModelCurve, Table3, model_curves, table3
 
 
 @dataclass(frozen=True)
 class ModelCurves:
     """The curves of Figs. 13 to 15 and what follows from Table 3."""
 
-    curves: tuple[AdhesionCurve, ...]
+    curves: tuple[ModelCurve, ...]
     table3: Table3
 
-    def curve(self, law: str, initial_speed_kmh: float) -> AdhesionCurve:
+    def curve(self, law: str, initial_speed_kmh: float) -> ModelCurve:
         """One of the curves; StopIteration where there is none."""
         return next(c for c in self.curves if (c.law, c.initial_speed_kmh) == (law, initial_speed_kmh))
 

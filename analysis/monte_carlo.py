@@ -72,7 +72,7 @@ def main() -> None:
 def draw(result: CampaignSummary, folder: Path) -> None:
     """Distributions, and the braking distance over what was varied."""
     from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
+    from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 
     for name, figure in (("distributions", distributions_figure(result)), ("scatter", scatter_figure(result))):
         assert figure is not None, "quantities are varied, and runs stop"

@@ -150,11 +150,11 @@ def run() -> Comparison:
         rows=tuple(rows),
         limits=limits,
         reference={
-            n: responses.step_response(c, bare, tau, final_time=30.0, actuator=lag, height=KMH)
+            n: responses.step_response(c, bare, tau, final_time=30.0, actuator=lag, reference=KMH)
             for n, c in shown.items()
         },
         load={
-            n: responses.disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, height=100.0)
+            n: responses.disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, disturbance=100.0)
             for n, c in shown.items()
         },
         gangs={

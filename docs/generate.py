@@ -18,8 +18,7 @@ from pathlib import Path
 from types import ModuleType
 
 import railslip_ctrl
-from railslip_ctrl.core.notation import NOTATION, Notation
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import NOTATION, SOURCES, Notation
 from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import Derivation, derive

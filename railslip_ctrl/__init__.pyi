@@ -78,12 +78,12 @@ from .simulation import built_in_scenario as built_in_scenario
 from .simulation import catalogue as catalogue
 from .simulation import simulate as simulate
 from .simulation import stop as stop
+from .simulation.bound import RunComparison as RunComparison
+from .simulation.bound import compare_runs as compare_runs
 from .simulation.campaign.statistics import campaign as campaign
 from .simulation.catalogue import seeking_control as seeking_control
 from .simulation.catalogue import slide_protection as slide_protection
 from .simulation.controller_files import load_controller as load_controller
-from .simulation.run_comparison import RunComparison as RunComparison
-from .simulation.run_comparison import compare_runs as compare_runs
 from .simulation.scenario import load_scenario as load_scenario
 from .sliding import law as law
 from .sliding.derivation import derive as derive

@@ -18,7 +18,7 @@ import pytest
 
 import railslip_ctrl
 from railslip_ctrl.core import errors
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.campaign.specification import Distribution
@@ -177,16 +177,12 @@ def arguments_of(thing: Any) -> dict[str, str]:
 
 
 def entry(text: str, name: str) -> str:
-    """What a docstring says of an argument: its entry in a section, else the sentences that name it; "" if nothing."""
-    block = re.search(rf"^(?:[\w, ]*[ ,])?{name}(?:,[\w, ]*)?(?: :.*)?$(?:\n {{4}}.*)*", _sections(text), flags=re.M)
+    """What a docstring says of an argument: its entry in a list, else the sentences that name it; "" if nothing."""
+    block = re.search(rf"^- (?:[\w, ]*[ ,])?{name}(?:,[\w, ]*)?(?::.*)?$(?:\n {{2}}.*)*", text, flags=re.M)
     if block:
         return block[0]
     sentences = re.split(r"(?<=[.;])\s+|\n\n", text)
     return " ".join(sentence for sentence in sentences if re.search(rf"(?<!\w){name}(?!\w)", sentence))
-
-
-def _sections(text: str) -> str:
-    return "\n".join(re.findall(r"^(?:Parameters|Attributes)\n-+\n((?:.+\n?)*)", text, flags=re.M))
 
 
 def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]:
@@ -197,7 +193,7 @@ def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]
         if annotation.startswith("Callable") or not (array or re.search(r"\bfloat\b", annotation)):
             continue
         said = entry(text, name)
-        pointer = re.search(r"[Aa]s (?:of|for) `([\w.]+)`", said)
+        pointer = re.search(r"[Aa]s (?:of|for)\s+`([\w.]+)`", said)
         said += entry(docstring_of(pointer[1]), name) if pointer else ""
         found += [] if UNIT.search(said) or UNIT.search(general) else [f"{name}: no unit in {said!r}"]
         found += [] if not array or SHAPE.search(said) or SHAPE.search(general) else [f"{name}: no shape in {said!r}"]

@@ -7,9 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from railslip_ctrl.core import cache as module
-from railslip_ctrl.core.cache import cached
-from railslip_ctrl.core.folders import CACHE_VARIABLE
+from railslip_ctrl.core import folders as module
+from railslip_ctrl.core.folders import CACHE_VARIABLE, cached
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
-from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
+from railslip_ctrl.report.plots.runs import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario
 from railslip_ctrl.simulation.campaign import (
     Campaign,
@@ -45,8 +45,7 @@ from railslip_ctrl.simulation.campaign import (
     summarise,
 )
 from railslip_ctrl.simulation.campaign.execution import MANIFEST, MEASURES, REFUSED, Part, run_part, run_rows
-from railslip_ctrl.simulation.campaign.files import load_campaign
-from railslip_ctrl.simulation.campaign.specification import numbers, replaced
+from railslip_ctrl.simulation.campaign.specification import load_campaign, numbers, replaced
 from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Moments, quantile, share
 from railslip_ctrl.simulation.catalogue import controller_named, published_controller
 from railslip_ctrl.simulation.scenario import Event

@@ -14,9 +14,8 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Resistance, Ve
 from railslip_ctrl.report.plots import run_comparison_figure, save_figure
 from railslip_ctrl.report.simulation import run_comparison_text
 from railslip_ctrl.simulation import BrakeLimits, Disturbances, Event, built_in_scenario, published_scenario
-from railslip_ctrl.simulation.bound import clairvoyant_stop
+from railslip_ctrl.simulation.bound import clairvoyant_stop, compare_runs
 from railslip_ctrl.simulation.catalogue import published_controller
-from railslip_ctrl.simulation.run_comparison import compare_runs
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
-from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import published_reference
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.law import LawGains

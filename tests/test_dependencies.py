@@ -10,7 +10,7 @@ import tomllib
 import pytest
 from project import ROOT, refused
 
-from railslip_ctrl.core.extras import EXTRAS
+from railslip_ctrl.core.errors import EXTRAS
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 PAGE = (ROOT / "docs/reference/dependencies.md").read_text("utf-8")

@@ -24,7 +24,7 @@ import yaml
 from project import ROOT
 
 import railslip_ctrl
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force

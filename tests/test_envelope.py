@@ -20,7 +20,7 @@ from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.design.envelope_tuning import (
     REACH_SHARE,
-    Choice,
+    StructureChoice,
     held_slips,
     operating_plants,
     select,
@@ -423,7 +423,7 @@ def selection():
     return select(ONE_LAW)
 
 
-def choice(selection, structure, factor) -> Choice:
+def choice(selection, structure, factor) -> StructureChoice:
     (found,) = (c for c in selection.choices if (c.structure, c.reference_factor) == (structure, factor))
     return found
 

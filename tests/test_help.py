@@ -18,7 +18,7 @@ from rig_logs import rig_rows, write_log
 
 from railslip_ctrl import __version__
 from railslip_ctrl.cli import main
-from railslip_ctrl.cli.options import Quantity
+from railslip_ctrl.cli.options import Number
 from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.core.units import KMH
@@ -121,7 +121,7 @@ def test_an_option_says_its_unit_or_choice_and_its_default(option):
     default = option.required or (option.show_default and option.default is not None) or "[default: " in text
     assert default, "no default"
     assert option.metavar
-    if isinstance(option.type, Quantity):
+    if isinstance(option.type, Number):
         unit = r"\b([Ff]actor|[Rr]atio|[Ss]lip)\b" if option.type.unit == "1" else re.escape(option.type.unit)
         assert re.search(unit, text), f"no unit in {text!r}"
     else:

@@ -124,7 +124,7 @@ def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
 
 
 def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
-    from railslip_ctrl.simulation.campaign.files import load_campaign
+    from railslip_ctrl.simulation.campaign.specification import load_campaign
 
     file("law.toml", f'law = "burckhardt"\n{PARAMETERS}')
     file("own.toml", 'extends = "park2008"\nadhesion = "law.toml"\n')

@@ -27,7 +27,7 @@ from railslip_ctrl.simulation import (
     built_in_scenario,
     simulate,
 )
-from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import (
     published_controller,
     recommended_pi_lead,

@@ -11,9 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import ms_down, ms_up, rounded, rounded_down, rounded_up
-from railslip_ctrl.core.sources import cite
-from railslip_ctrl.core.units import KMH, shown, to_unit
+from railslip_ctrl.core.notation import cite
+from railslip_ctrl.core.units import KMH, ms_down, ms_up, rounded, rounded_down, rounded_up, shown, to_unit
 
 TAKEN = [
     (3517, "kg", 3517.0),

@@ -63,8 +63,8 @@ def test_the_published_vehicle() -> None:
         assert bool(PARK2008.with_mass(heavy).mass_alone) == alone
     assert PARK2008.with_mass(6000.0).mass_loaded == 6000.0
     said = Actuator.__doc__ or ""
-    assert "lag : float\n    Time constant of the first-order lag; s, >= 0." in said
-    assert "Factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
+    assert "- lag: time constant of the first-order lag; s, >= 0." in said
+    assert "factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
 
 
 # --- TOML --------------------------------------------------------------------------------------------------

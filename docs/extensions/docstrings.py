@@ -1,14 +1,12 @@
 """Docstrings of the package for Sphinx: plain prose and formulas, escaped where reStructuredText reads signs.
 
 The docstrings are written to be read in an editor: |x| is a size, N*m a unit, a `name` in backticks a name. Here the
-signs are escaped, names are linked where there is such an object, and the fields of a record get their unit, bounds and
-meaning from its declaration.
+signs are escaped, and names are linked where there is such an object.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 from docutils import nodes
@@ -23,12 +21,10 @@ _SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")
 
 
 def escape(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Escape the signs outside code, before napoleon reads the sections; then add a record's fields."""
+    """Escape the signs outside code, before napoleon reads the sections."""
     lines[:] = _escaped("\n".join(lines)).split("\n")
     if what in ("attribute", "data", "property"):
         lines[:0] = ["..", ""]  # an empty comment: napoleon takes a first line with a colon for a type
-    if what == "class" and isinstance(obj, type) and issubclass(obj, Record):
-        lines += ["", *_fields(obj)]
 
 
 def signature(
@@ -48,24 +44,6 @@ def _escaped(text: str) -> str:
         if i and re.match(r"[\w^]", parts[i]):
             parts[i] = "\\ " + parts[i]  # what follows a name at once has to be told apart from it
     return "".join(parts)
-
-
-def _fields(record: type[Record]) -> Iterator[str]:
-    """The fields that carry a unit, as a list: unit, meaning, bounds, default."""
-    for name, info in record.model_fields.items():
-        extra = info.json_schema_extra
-        if not isinstance(extra, dict) or "unit" not in extra:
-            continue
-        bounds = [
-            f"{sign} {value:g}"
-            for constraint in info.metadata
-            for key, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
-            if (value := getattr(constraint, key, None)) is not None
-        ]
-        default = [] if info.is_required() else [f"default {info.default}"]
-        unit = "" if extra["unit"] == "1" else f" ({extra['unit']})"
-        text = ", ".join([f"{info.description}{unit}", *bounds, *default])
-        yield f":ivar {name}: {_escaped(text)}"
 
 
 def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:

@@ -11,19 +11,17 @@ from pathlib import Path
 
 import click
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.extras import check_extra
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
 from railslip_ctrl.simulation.campaign.execution import execute, replay
-from railslip_ctrl.simulation.campaign.files import load_campaign
-from railslip_ctrl.simulation.campaign.specification import Campaign
+from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
 from .options import controller_option, tell_remarks
 from .output import print_json, print_text, progress
-from .settings import HELP
+from .settings import HELP, option
 
 _REPORT = ("report.txt", "report.json")
 
@@ -38,10 +36,8 @@ _REPORT = ("report.txt", "report.json")
     metavar="DIR",
     help="Folder for runs (Parquet), report and pictures; a campaign begun there is continued.",
 )
-@click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
-@click.option(
-    "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it, tcp://HOST:PORT.  [default: none]"
-)
+@option("--workers", "N", "Processes.", "one for each core", type=int)
+@option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
 @click.option(
     "--worst-by",
     default="braking_distance_m",
@@ -49,13 +45,7 @@ _REPORT = ("report.txt", "report.json")
     metavar="MEASURE",
     help="Measure of the worst runs: a column of the runs, its unit at the end of its name.",
 )
-@click.option(
-    "--replay",
-    "number",
-    type=int,
-    metavar="I",
-    help="Repeat run number I, with its time series (CSV, picture).  [default: none]",
-)
+@option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
     campaign_file: Path,
@@ -98,7 +88,7 @@ def command(
 
 def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
     from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.campaign import replay_figure
+    from railslip_ctrl.report.plots.runs import replay_figure
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
@@ -125,7 +115,7 @@ def _write_csv(run: Run, path: Path) -> None:
 
 def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
     from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
+    from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 
     figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
     return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}

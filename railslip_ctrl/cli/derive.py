@@ -17,9 +17,9 @@ from railslip_ctrl.report.export import check_directory, write_files
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Reference, derive
 
-from .options import Quantity, law_from_file
+from .options import Number, law_from_file
 from .output import print_text, progress
-from .settings import HELP
+from .settings import HELP, option
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
 
@@ -32,26 +32,27 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     metavar="proportional|constant",
     help="Reference slip velocity: lambda_d v, or constant.",
 )
-@click.option(
+@option(
     "--adhesion",
-    metavar="LAW|FILE.toml",
-    help=f"Adhesion law put in for Ta: {', '.join(law_names())}; or a file, with whose numbers the law is given too.  "
-    "[default: none, Ta is an argument]",
+    "LAW|FILE.toml",
+    f"Adhesion law put in for Ta: {', '.join(law_names())}; or a file, with whose numbers the law is given too.",
+    "none, Ta is an argument",
 )
-@click.option(
+@option(
     "--initial-speed",
-    type=Quantity("km/h", gt=0),
-    metavar="KMH",
-    help="Speed v0 at which the brake was applied, km/h; for a file with parameters over it.  "
-    f"[default: {INITIAL_SPEED_KMH:g}]",
+    "KMH",
+    "Speed v0 at which the brake was applied, km/h; for a file with parameters over it.",
+    f"{INITIAL_SPEED_KMH:g}",
+    type=Number("km/h", gt=0),
 )
-@click.option("--format", "form", metavar="|".join(_FORMATS), help="What to print.  [default: text]")
+@option("--format", "|".join(_FORMATS), "What to print.", "text", to="form")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option(
+@option(
     "--out",
+    "FILE",
+    "Write it into a file instead; its folder is made if missing.",
+    "it is printed",
     type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write it into a file instead; its folder is made if missing.  [default: it is printed]",
 )
 def command(
     reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None

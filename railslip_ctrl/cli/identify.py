@@ -32,9 +32,9 @@ from railslip_ctrl.report.identification import (
     series_toml,
 )
 
-from .options import Quantity, from_file
+from .options import Number, from_file
 from .output import print_json, print_text, progress
-from .settings import HELP
+from .settings import HELP, option
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 
@@ -49,25 +49,28 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     help="Model to fit. best: all but bristle_rest; of those with a formula the one with the lowest BIC.",
 )
 @click.option("--rail", default="dry", show_default=True, metavar="dry|wet", help="Rail condition of the log.")
-@click.option("--vehicle", type=click.Path(path_type=Path), metavar="FILE", help="Vehicle.  [default: the published]")
+@option("--vehicle", "FILE", "Vehicle.", "the published", type=click.Path(path_type=Path))
 @click.option("--loaded", is_flag=True, help="Use the vehicle's loaded wheel load.")
-@click.option(
+@option(
     "--initial-speed",
-    type=Quantity("km/h", gt=0),
-    metavar="KMH",
-    help="Speed v0 at which the brake was applied, km/h.  [default: the log's highest]",
+    "KMH",
+    "Speed v0 at which the brake was applied, km/h.",
+    "the log's highest",
+    type=Number("km/h", gt=0),
 )
-@click.option(
+@option(
     "--slip-acceleration",
-    type=Quantity("m/s^2", gt=0),
-    metavar="X",
-    help="Slip acceleration R of the ramps, m/s^2, for bristle and curve.  [default: the log's; curve: 2.93]",
+    "X",
+    "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
+    "the log's; curve: 2.93",
+    type=Number("m/s^2", gt=0),
 )
-@click.option(
+@option(
     "--tau",
-    type=Quantity("s", gt=0),
-    metavar="S",
-    help="Time constant of the observer, s.  [default: 0.05, or five intervals of the log if that is more]",
+    "S",
+    "Time constant of the observer, s.",
+    "0.05, or five intervals of the log if that is more",
+    type=Number("s", gt=0),
 )
 @click.option(
     "--observer",
@@ -77,57 +80,43 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     help="Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
     "table); prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects.",
 )
-@click.option(
+@option(
     "--column",
+    "NAME=HEADER",
+    f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}, or its place, the first being 1; repeatable.",
+    "its name",
     multiple=True,
-    metavar="NAME=HEADER",
-    help=f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}, or its place, the first being 1; "
-    "repeatable.  [default: its name]",
 )
-@click.option(
+@option(
     "--unit",
+    "NAME=UNIT",
+    "Unit of the column of a quantity, NAME as of --column; repeatable.",
+    "the header's",
     multiple=True,
-    metavar="NAME=UNIT",
-    help="Unit of the column of a quantity, NAME as of --column; repeatable.  [default: the header's]",
 )
-@click.option(
+@option(
     "--delay",
+    "NAME=S",
+    "Column delay of a quantity, s; half its interval for an encoder's difference of counts; repeatable.",
+    "0",
     multiple=True,
-    metavar="NAME=S",
-    help="Column delay of a quantity, s; half its interval for an encoder's difference of counts; "
-    "repeatable.  [default: 0]",
 )
-@click.option(
-    "--zero",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Sensor offset of a quantity's column, SI or with a unit; repeatable.  [default: 0]",
+@option(
+    "--zero", "NAME=VALUE", "Sensor offset of a quantity's column, SI or with a unit; repeatable.", "0", multiple=True
 )
-@click.option(
-    "--fix",
-    multiple=True,
-    metavar="PARAMETER=VALUE",
-    help="Parameter not to be fitted, SI or with a unit; repeatable.  [default: none]",
+@option("--fix", "PARAMETER=VALUE", "Parameter not to be fitted, SI or with a unit; repeatable.", "none", multiple=True)
+@option(
+    "--bound", "PARAMETER=LOW:HIGH", "Bounds of a parameter, SI or with units; repeatable.", "its own", multiple=True
 )
-@click.option(
-    "--bound",
-    multiple=True,
-    metavar="PARAMETER=LOW:HIGH",
-    help="Bounds of a parameter, SI or with units; repeatable.  [default: its own]",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder for the model's file, reports and pictures.  [default: none]",
-)
-@click.option(
+@option("--out", "DIR", "Folder for the model's file, reports and pictures.", "none", type=click.Path(path_type=Path))
+@option(
     "--observed",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake, beside slip, speed "
+    "FILE",
+    "CSV for the observed adhesion torque and coefficient, a line for each row under brake, beside slip, speed "
     "and load behind the observer's filter, with its regime: adhesion below the slip of the chosen model's peak, "
-    "sliding from there on.  [default: none]",
+    "sliding from there on.",
+    "none",
+    type=click.Path(path_type=Path),
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(

@@ -23,7 +23,7 @@ from railslip_ctrl.report.text import judgement_json, judgement_text
 
 from .options import (
     CaseOptions,
-    Quantity,
+    Number,
     case_options,
     chosen_gains,
     controller_from_file,
@@ -35,7 +35,7 @@ from .options import (
     warn,
 )
 from .output import print_json, print_text
-from .settings import HELP
+from .settings import HELP, option
 
 
 @click.command(context_settings=HELP)
@@ -43,18 +43,8 @@ from .settings import HELP
 @envelope_options("the points of those options")
 @gain_options
 @controller_option(None, otherwise="a PI of --kp, --ki and --lead")
-@click.option(
-    "--lead",
-    type=Quantity("s", ge=0),
-    metavar="S",
-    help="Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.  [default: none]",
-)
-@click.option(
-    "--lead-filter",
-    type=Quantity("s", ge=0),
-    metavar="F",
-    help="Its filter time constant F, s.  [default: a tenth of the lead]",
-)
+@option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Number("s", ge=0))
+@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Number("s", ge=0))
 @click.option(
     "--certify", is_flag=True, help="Enclosures of all margins by ball arithmetic, relative width at most 1e-9."
 )

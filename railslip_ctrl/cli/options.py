@@ -68,7 +68,7 @@ LAW_FILES = (".toml", ".py")
 """How the name of a file ends that --adhesion takes."""
 
 
-class Quantity(click.ParamType[float]):
+class Number(click.ParamType[float]):
     """A finite number in `unit`, or text with a unit of that dimension, within bounds."""
 
     name = "number"
@@ -369,7 +369,7 @@ def _several(name: str, to: str, *, many: bool, text: str, default: str, **kind:
 
 def _number(name: str, unit: str, text: str, default: str, **bounds: float) -> Any:
     metavar = "X" if unit == "1" else unit.upper()
-    return click.option(name, type=Quantity(unit, **bounds), metavar=metavar, help=f"{text}  [default: {default}]")
+    return click.option(name, type=Number(unit, **bounds), metavar=metavar, help=f"{text}  [default: {default}]")
 
 
 def _speed_option(*, run: bool) -> Any:
@@ -379,7 +379,7 @@ def _speed_option(*, run: bool) -> Any:
         many=not run,
         text="Speed at which the brake is applied, km/h" if run else "Train speed, km/h",
         default=_SCENARIO if run else "100",
-        type=Quantity("km/h", gt=0),
+        type=Number("km/h", gt=0),
         metavar="KMH",
     )
 
@@ -406,7 +406,7 @@ def _point_options(*, run: bool) -> list[Any]:
             "--initial-speed",
             default=INITIAL_SPEED_KMH,
             show_default=not run,
-            type=Quantity("km/h", gt=0),
+            type=Number("km/h", gt=0),
             metavar="KMH",
             help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
             + ("  [default: --speed]" if run else ""),
@@ -430,7 +430,7 @@ def _vehicle_options(*, masses: bool, run: bool) -> list[Any]:
             many=masses,
             text="Quarter-car mass M, kg; the wheel load stays",
             default="the vehicle's",
-            type=Quantity("kg", gt=0),
+            type=Number("kg", gt=0),
             metavar="KG",
         ),
         _number(
@@ -467,7 +467,7 @@ def _slip_option(*, of_point: bool) -> Any:
     text = point if of_point else "Reference slip ratio held, 0 < X < 1."
     return click.option(
         "--slip",
-        type=Quantity("1", ge=0, lt=1) if of_point else Quantity("1", gt=0, lt=1),
+        type=Number("1", ge=0, lt=1) if of_point else Number("1", gt=0, lt=1),
         metavar="X",
         help=f"{text}  [default: the law's published reference]",
     )
@@ -492,13 +492,13 @@ def gain_options(function: F) -> F:
     for option in (
         click.option(
             "--ki",
-            type=Quantity("N*m/m"),
+            type=Number("N*m/m"),
             metavar="X",
             help='Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.  [default: Table 4\'s]',
         ),
         click.option(
             "--kp",
-            type=Quantity("N*m/(m/s)"),
+            type=Number("N*m/(m/s)"),
             metavar="X",
             help='Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").  [default: Table 4\'s]',
         ),
@@ -725,7 +725,7 @@ def _controller_options() -> list[Any]:
         ),
         click.option(
             "--slip",
-            type=Quantity("1", gt=0, lt=1),
+            type=Number("1", gt=0, lt=1),
             metavar="X",
             help="Reference slip on either rail.  [default: the adhesion law's; with --gains the column's]",
         ),
@@ -735,7 +735,7 @@ def _controller_options() -> list[Any]:
         click.option("--adaptive", is_flag=True, help="asmc: with the printed adaptation."),
         click.option(
             "--period",
-            type=Quantity("s", ge=LEAST_STEP),
+            type=Number("s", ge=LEAST_STEP),
             metavar="S",
             help="The controller's sampling period, s.  [default: every step; slide-protection 0.01]",
         ),

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.core.extras import check_extra
+from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.adhesion import ReferenceSlip

@@ -10,30 +10,20 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.extras import check_extra
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
+from railslip_ctrl.paper import tables
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
-from railslip_ctrl.paper.tables import (
-    DEFAULT_SEEDS,
-    MOST_SEEDS,
-    Fact,
-    Table5,
-    checked_seeds,
-    published_facts,
-    table3,
-    table5,
-)
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
 
 from .output import print_json, print_text, progress, provenance
-from .settings import HELP
+from .settings import HELP, option
 
 _PAGE = "reproduce.html"
 PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
@@ -42,7 +32,7 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
 @click.command(context_settings=HELP)
 @click.option(
     "--seeds",
-    default=str(DEFAULT_SEEDS),
+    default=str(tables.DEFAULT_SEEDS),
     show_default=True,
     metavar="N",
     help="Number of noise seeds, runs of each column.",
@@ -54,12 +44,13 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
     help="Put each rule of the reading to its alternatives, one at a time, with fewer seeds "
     f"(N, at most {SENSITIVITY_SEEDS}). The first time this compiles for a minute or two.",
 )
-@click.option(
+@option(
     "--out",
+    "DIR",
+    "Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
+    "reproduction.json and the figures redrawn (PNG).",
+    "nothing is written",
     type=click.Path(path_type=Path),
-    metavar="DIR",
-    help="Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
-    "reproduction.json and the figures redrawn (PNG).  [default: nothing is written]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @click.pass_context
@@ -75,34 +66,34 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     if out is not None:
         check_extra("html", "--out")
         check_directory(out, names)  # before the work, not after it
-    comparison = table5(count, progress=progress)
-    found = published_facts(progress=progress)
+    comparison = tables.table5(count, progress=progress)
+    found = tables.published_facts(progress=progress)
     worth = sensitivity(min(count, SENSITIVITY_SEEDS), progress=progress) if with_sensitivity else None
-    text = reproduction_text(comparison, table3(), found, worth)
-    content = reproduction_json(comparison, table3(), found, worth)
+    text = reproduction_text(comparison, tables.table3(), found, worth)
+    content = reproduction_json(comparison, tables.table3(), found, worth)
     if out is not None:
         write_files(out, _files(text, content, comparison, found, provenance(ctx)))
         progress(f"wrote {len(names)} files to {out}")
     if as_json:
         print_json(content)
     else:
-        print_text(reproduction_text, comparison, table3(), found, worth)
+        print_text(reproduction_text, comparison, tables.table3(), found, worth)
     ctx.exit(0 if comparison.within else 1)
 
 
 def _seeds(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= len(str(MOST_SEEDS))):
-        raise InputError(f"--seeds: {text[:60]!r} is not allowed; give a whole number from 2 to {MOST_SEEDS}")
+    if not (text.isascii() and text.isdigit() and len(text) <= len(str(tables.MOST_SEEDS))):
+        raise InputError(f"--seeds: {text[:60]!r} is not allowed; give a whole number from 2 to {tables.MOST_SEEDS}")
     try:
-        return checked_seeds(int(text))
+        return tables.checked_seeds(int(text))
     except InputError as error:
         raise InputError(f"--{error}") from None
 
 
 def _files(
-    text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
+    text: str, content: dict[str, Any], comparison: tables.Table5, facts: Sequence[tables.Fact], source: Provenance
 ) -> dict[str, str | bytes]:
-    from railslip_ctrl.core.cache import cached
+    from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry

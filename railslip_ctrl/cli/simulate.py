@@ -14,7 +14,7 @@ from railslip_ctrl.report.simulation import simulation_json, simulation_text, wr
 from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import CaseOptions, ControllerOptions, Quantity, gain_options, run_options
+from .options import CaseOptions, ControllerOptions, Number, gain_options, run_options
 from .output import print_json, print_text, progress
 from .settings import HELP
 
@@ -47,7 +47,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "--log-period",
     default=LOG_PERIOD,
     show_default=True,
-    type=Quantity("s", ge=LEAST_STEP),
+    type=Number("s", ge=LEAST_STEP),
     metavar="S",
     help="Time between rows of the time series, s; at least the sampling period.",
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import ms_up
+from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import SeekingDesign, seeking_over, tune_over
 from railslip_ctrl.design.specification import ROBUST_MS
@@ -21,9 +21,9 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
+from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options
 from .output import print_json, print_text, progress
-from .settings import HELP
+from .settings import HELP, option
 
 
 @click.command(context_settings=HELP)
@@ -37,40 +37,27 @@ from .settings import HELP
     help="PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
     "seeking controller, whose gains go by rules and are judged.",
 )
-@click.option(
-    "--ms-max",
-    type=Quantity("1", gt=1),
-    metavar="X",
-    help="Largest Ms allowed, a ratio; ki is maximised.  [default: none]",
-)
-@click.option(
-    "--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.  [default: none]"
-)
-@click.option(
-    "--delay-min", type=Quantity("s", ge=0), metavar="S", help="Least delay margin allowed, s.  [default: none]"
-)
+@option("--ms-max", "X", "Largest Ms allowed, a ratio; ki is maximised.", "none", type=Number("1", gt=1))
+@option("--phase-min", "DEG", "Least phase margin allowed, deg.", "none", type=Number("deg", ge=0))
+@option("--delay-min", "S", "Least delay margin allowed, s.", "none", type=Number("s", ge=0))
 @click.option("--minimise-ms", is_flag=True, help="Minimise the worst Ms instead; needs --ki-min.")
-@click.option(
-    "--ki-min", type=Quantity("N*m/m", gt=0), metavar="X", help="Least integral gain, N*m/m.  [default: none]"
-)
-@click.option(
-    "--lead", type=Quantity("s", gt=0), metavar="S", help="Lead of pi-lead, s.  [default: the actuator's lag]"
-)
-@click.option("--lead-filter", type=Quantity("s", gt=0), metavar="S", help="Its filter, s.  [default: a tenth of it]")
+@option("--ki-min", "X", "Least integral gain, N*m/m.", "none", type=Number("N*m/m", gt=0))
+@option("--lead", "S", "Lead of pi-lead, s.", "the actuator's lag", type=Number("s", gt=0))
+@option("--lead-filter", "S", "Its filter, s.", "a tenth of it", type=Number("s", gt=0))
 @click.option(
     "--period",
     default=PERIOD,
     show_default=True,
-    type=Quantity("s", ge=LEAST_STEP),
+    type=Number("s", ge=LEAST_STEP),
     metavar="S",
     help="Sampling period of the controller, s; twice the lead's filter where that is less.",
 )
-@click.option(
+@option(
     "--out",
+    "FILE.toml|FILE.c",
+    "Write the controller, as every command takes it with --controller; of the seeking one also its C99 program.",
+    "none",
     type=click.Path(path_type=Path),
-    metavar="FILE.toml|FILE.c",
-    help="Write the controller, as every command takes it with --controller; of the seeking one also its C99 program.  "
-    "[default: none]",
 )
 @click.pass_context
 def command(

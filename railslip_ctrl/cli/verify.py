@@ -19,9 +19,9 @@ from railslip_ctrl.verification.joint_verification import (
 )
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, Quantity, is_law_file, stop_options
+from .options import CaseOptions, Number, is_law_file, stop_options
 from .output import print_json, print_text
-from .settings import HELP
+from .settings import HELP, option
 
 LAWS: tuple[Law, ...] = get_args(Law)
 _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the package calls a quantity that an option gives
@@ -36,29 +36,30 @@ _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the packag
     help="The published law with the robust variants after it, the robust variants alone, or the layered law that "
     "accounts for the actuator.",
 )
-@click.option(
+@option(
     "--K",
-    "gain",
-    type=Quantity("N*m", ge=0),
-    metavar="X",
-    help=f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.  [default: Table 4's 70; "
+    "X",
+    f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.",
+    "Table 4's 70; "
     "robust: 1.1 times what (40) asks for with Ta and v' known to 10 %; layered: 1.05 times what its bound and a "
-    "holding torque known to 10 % ask for]",
+    "holding torque known to 10 % ask for",
+    to="gain",
+    type=Number("N*m", ge=0),
 )
-@click.option(
+@option(
     "--D",
-    "damping",
-    type=Quantity("N*m/(m/s)", gt=0),
-    metavar="X",
-    help=f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.  [default: "
-    "Table 4's 1.53 N*m/(km/h)]",
+    "X",
+    f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.",
+    "Table 4's 1.53 N*m/(km/h)",
+    to="damping",
+    type=Number("N*m/(m/s)", gt=0),
 )
-@click.option(
+@option(
     "--ki-min",
-    type=Quantity("N*m/m", gt=0),
-    metavar="X",
-    help="Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.  "
-    "[default: 100 times the inertia scale]",
+    "X",
+    "Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.",
+    "100 times the inertia scale",
+    type=Number("N*m/m", gt=0),
 )
 @click.option(
     "--seed", default="2008", show_default=True, metavar="N", help="First seed of samples and simulated runs."

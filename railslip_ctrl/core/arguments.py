@@ -27,6 +27,11 @@ from .units import shown
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
 
 class _Refused(Exception):
     """A value of another kind; the message names the wanted one with its article."""
@@ -84,7 +89,7 @@ def real(name: str, value: object) -> float:
     return float(_apply(name, float, value))
 
 
-def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def reals(name: str, values: ArrayLike) -> Floats:
     """Return an array of real numbers, of any shape, finite or not; InputError for anything else."""
     if type(values) is float or (isinstance(values, np.ndarray) and values.dtype == np.float64):
         return np.asarray(values)
@@ -93,7 +98,7 @@ def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(array, dtype=float)
 
 
-def complexes(name: str, values: ArrayLike) -> NDArray[np.complex128]:
+def complexes(name: str, values: ArrayLike) -> Complexes:
     """Return an array of complex numbers, of any shape, finite or not; InputError for anything else."""
     if isinstance(values, np.ndarray) and values.dtype in (np.complex128, np.float64):
         return values.astype(complex, copy=False)
@@ -102,7 +107,7 @@ def complexes(name: str, values: ArrayLike) -> NDArray[np.complex128]:
 
 def numbers(
     name: str, values: ArrayLike, unit: str = "", *, gt: float | None = None, ge: float | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return an array of finite numbers, of any shape, each within the bounds; InputError names the first outside."""
     array = reals(name, values)
     inside = np.isfinite(array) & (gt is None or array > gt) & (ge is None or array >= ge)

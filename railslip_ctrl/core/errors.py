@@ -1,10 +1,12 @@
-"""The package's exceptions.
+"""The package's exceptions, and the check for packages that `pip install .` leaves out.
 
-Each derives from `RailslipError` and from a builtin, so that callers may catch either. A message is one
+Each exception derives from `RailslipError` and from a builtin, so that callers may catch either. A message is one
 line: the quantity, its value, the bound and the remedy.
 """
 
 from __future__ import annotations
+
+from importlib.util import find_spec
 
 
 class RailslipError(Exception):
@@ -44,3 +46,22 @@ class UnstableLoopError(RailslipError, ArithmeticError):
 
 class InfeasibleDesignError(RailslipError, ValueError):
     """No controller of the asked structure meets the specification; the message says what can be met."""
+
+
+EXTRAS = {
+    "campaign": ("pyarrow",),
+    "cluster": ("distributed",),
+    "html": ("latex2mathml",),
+    "identify": ("pandas",),
+}
+"""Packages that one command needs, by the extra of pyproject.toml that has them."""
+
+
+def check_extra(name: str, wanted_by: str, otherwise: str = "") -> None:
+    """InputError, which begins with `wanted_by`, where a package of the extra `name` is not installed.
+
+    `otherwise` says what could be done instead.
+    """
+    for package in EXTRAS[name]:
+        if find_spec(package) is None:
+            raise InputError(f'{wanted_by}: {package} is not installed; pip install "railslip_ctrl[{name}]"{otherwise}')

@@ -1,13 +1,16 @@
-"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning. Those of an adhesion law are its fields."""
+"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning; and the sources cited by key.
+
+Symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a source.
+"""
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from types import MappingProxyType
 from typing import Any
+
+from .templates import texts
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 
-NOTATION = notation_in(tomllib.loads(files(__package__).joinpath("notation.toml").read_text("utf-8")))
+NOTATION = notation_in(texts(__package__, "notation.toml"))
 """The table, by name."""
 
 
@@ -41,3 +44,13 @@ def symbol(name: str) -> Any:
 def latex_names() -> dict[Any, str]:
     """What `sympy.latex(..., symbol_names=...)` needs to print the table's symbols as the source does."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
+
+
+SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in texts(__package__, "sources.toml").items()})
+"""Full references by key."""
+
+
+def cite(key: str, where: str = "") -> str:
+    """Return "[key] where"; raises KeyError for a key that is not in `SOURCES`."""
+    SOURCES[key]
+    return f"[{key}] {where}".rstrip()

@@ -1,10 +1,18 @@
-"""Texts and programs as Jinja templates, in a file or with numbers in one line."""
+"""Texts in TOML files, and texts and programs as Jinja templates, in a file or with numbers in one line."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from functools import cache
+from importlib.resources import files
 from typing import Any
+
+
+@cache
+def texts(package: str | None, name: str) -> dict[str, Any]:
+    """The tables of a TOML file of a package, `__package__` of who asks; not to be changed."""
+    return tomllib.loads(files(package or "").joinpath(name).read_text("utf-8"))
 
 
 def environment(package: str, **options: Any) -> Any:

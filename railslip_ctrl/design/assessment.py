@@ -10,11 +10,10 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.rounding import ms_up
+from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import MOST_POLES, FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -60,26 +59,15 @@ class PadeRow:
 class Assessment:
     """One loop, assessed; printed, its report.
 
-    Attributes
-    ----------
-    label : str
-        Name of the controller.
-    plant, controller, actuator
-        What the loop is of, SI.
-    loop : DeadTimeLoop, SampledLoop or DelayedLoop
-        The second of a discrete controller, the last of one with delays in it, such as a seeking one.
-    limits : Limits
-        What no controller can beat.
-    closed_loop_poles : array, 1-D
-        The rightmost, 1/s; none of a `DelayedLoop`.
-    margins : Margins or None
-        None of an unstable loop.
-    pade : tuple of PadeRow
-        The same with Pade approximations.
-    verdict : Verdict
-        In a word.
-    as_run, sampled
-        The sampled loop of a continuous controller that says how it is run, and its margins.
+    - label: name of the controller.
+    - plant, controller, actuator: what the loop is of, SI.
+    - loop: the second of a discrete controller, the last of one with delays in it, such as a seeking one.
+    - limits: what no controller can beat.
+    - closed_loop_poles: array, 1-D; the rightmost, 1/s; none of a `DelayedLoop`.
+    - margins: none of an unstable loop.
+    - pade: the same with Pade approximations.
+    - verdict: in a word.
+    - as_run, sampled: the sampled loop of a continuous controller that says how it is run, and its margins.
     """
 
     label: str
@@ -88,7 +76,7 @@ class Assessment:
     actuator: Actuator
     loop: Any
     limits: Limits
-    closed_loop_poles: NDArray[np.complex128]
+    closed_loop_poles: Complexes
     margins: Margins | None
     pade: tuple[PadeRow, ...]
     verdict: Verdict
@@ -160,30 +148,15 @@ def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
 def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "", poles: int = 6) -> Assessment:
     """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
 
-    Parameters
-    ----------
-    plant : LinearPlant
-        The wheel, from `linearize`.
-    controller : linear system
-        From slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control system, continuous or
-        discrete, or what else `design.controllers.linear_controller` takes.
-    actuator : Actuator
-        Dead time and lag between commanded and acting torque.
-    label : str
-        Name of the controller in reports; its structure unless given.
-    poles : int
-        Number of rightmost closed-loop poles to find, 1 to 1000.
+    - plant: the wheel, from `linearize`.
+    - controller: linear system; from slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control
+      system, continuous or discrete, or what else `design.controllers.linear_controller` takes.
+    - actuator: dead time and lag between commanded and acting torque.
+    - label: name of the controller in reports; its structure unless given.
+    - poles: number of rightmost closed-loop poles to find, 1 to 1000.
 
-    Returns
-    -------
-    Assessment
-        Limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade rows
-        and verdict.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a number of poles out of its range.
+    Returns limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade
+    rows and verdict. InputError: an argument of another kind, or a number of poles out of its range.
     """
     number("poles", poles, ge=1, le=MOST_POLES)
     design = seeking_of(controller) or linear_controller(controller, plant.point)
@@ -206,7 +179,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     )
 
 
-def _poles_found(loop: Any, count: int) -> NDArray[np.complex128]:
+def _poles_found(loop: Any, count: int) -> Complexes:
     """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one, and
     none is looked for with delays inside the controller.
 

@@ -14,15 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has four digits
 

@@ -16,9 +16,8 @@ from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
@@ -31,29 +30,18 @@ from railslip_ctrl.model.vehicle import Actuator, PIGains
 from .difference import linear_step
 from .seeking import SeekingGains, seeking_loop
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
 
 @dataclass(frozen=True)
 class PIController:
     """C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1).
 
-    Parameters
-    ----------
-    gains : PIGains
-        kp in N*m/(m/s), ki in N*m/m.
-    lead : float
-        Time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase: one equal to the actuator's lag cancels
-        that.
-    lead_filter : float
-        Time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0; > 0 with a
-        lead, or C is not proper. Without a lead it filters the error.
+    - gains: kp in N*m/(m/s), ki in N*m/m.
+    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase: one equal to the actuator's lag
+      cancels that.
+    - lead_filter: time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0;
+      > 0 with a lead, or C is not proper. Without a lead it filters the error.
 
-    Raises
-    ------
-    InputError
-        A field of another kind, a negative or non-finite time constant, or a lead without a filter.
+    InputError: a field of another kind, a negative or non-finite time constant, or a lead without a filter.
     """
 
     gains: PIGains
@@ -118,17 +106,10 @@ class _System:
 class PolynomialController(_System):
     """C = num/den, a ratio of polynomials.
 
-    Parameters
-    ----------
-    num, den : tuple of float
-        Coefficients of descending powers of s, C in N*m/(m/s); with a `period` of z.
-    period : float, optional
-        Of a discrete-time controller, s; left out, it is continuous.
+    - num, den: coefficients of descending powers of s, C in N*m/(m/s); with a `period` of z.
+    - period: of a discrete-time controller, s; left out, it is continuous.
 
-    Raises
-    ------
-    InputError
-        Coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
+    InputError: coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
     """
 
     num: tuple[float, ...]
@@ -145,17 +126,10 @@ class PolynomialController(_System):
 class StateSpaceController(_System):
     """C as x' = a x + b e, torque = c x + d e (of a discrete one x of the next sample for x').
 
-    Parameters
-    ----------
-    a, b, c, d : tuples of float
-        n by n, n, n and a number; SI, torque in N*m for e in m/s.
-    period : float, optional
-        As of `PolynomialController`, s.
+    - a, b, c, d: tuples of float; n by n, n, n and a number; SI, torque in N*m for e in m/s.
+    - period: as of `PolynomialController`, s.
 
-    Raises
-    ------
-    InputError
-        Shapes that do not fit, entries that are not finite, or a period that is not > 0.
+    InputError: shapes that do not fit, entries that are not finite, or a period that is not > 0.
     """
 
     a: tuple[tuple[float, ...], ...]
@@ -183,18 +157,11 @@ LinearController = PIController | PolynomialController | StateSpaceController
 def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
     """A linear controller as a record, from slip error e (m/s) to torque (N*m).
 
-    Parameters
-    ----------
-    controller : linear system
-        `PIController`, python-control TransferFunction or StateSpace, scipy.signal system, `Rational`, a real number,
-        or an object with `linear(operating_point)` that returns one of these.
-    point : OperatingPoint, optional
-        What `linear` is asked for.
+    - controller: linear system; `PIController`, python-control TransferFunction or StateSpace, scipy.signal system,
+      `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
+    - point: what `linear` is asked for.
 
-    Raises
-    ------
-    InputError
-        What is none of these: a step object or function has no margins.
+    InputError: what is none of these: a step object or function has no margins.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
@@ -316,17 +283,10 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """From commanded torque (N*m) to -e (m/s) without the dead time.
 
-    Parameters
-    ----------
-    plant : LinearPlant
-        The wheel.
-    actuator : Actuator
-        Its lag, s, is put before the wheel.
+    - plant: the wheel.
+    - actuator: its lag, s, is put before the wheel.
 
-    Returns
-    -------
-    Rational
-        m/s over N*m, SISO.
+    Returns m/s over N*m, SISO.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -350,24 +310,13 @@ def wheel_slip_loop(
     """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact; of one that
     seeks the peak its inner loop, `seeking.seeking_loop`.
 
-    Parameters
-    ----------
-    plant : LinearPlant or OperatingPoint
-        P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
-    controller : linear system, or the seeking controller
-        C, from slip error e = lambda_d v - sigma (m/s) to torque (N*m): see `linear_controller`.
-    actuator : Actuator, optional
-        Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
+    - plant: P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
+    - controller: linear system, or the seeking controller; C, from slip error e = lambda_d v - sigma (m/s) to torque
+      (N*m): see `linear_controller`.
+    - actuator: Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
 
-    Returns
-    -------
-    DeadTimeLoop | SampledLoop | DelayedLoop
-        L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a controller without a transfer function.
+    Returns L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
+    InputError: an argument of another kind, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)
@@ -418,24 +367,15 @@ class SampledController:
     would be the conditioned controller of [Hanus1987], whose states are those of an error that the brake could have
     followed; of a PI it is back-calculation with Tt = kp/ki. `difference.linear_step` is what runs.
 
-    Parameters
-    ----------
-    design : linear system
-        `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
-    period : float
-        h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
-    torque_low, torque_high : float
-        N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
-    rule : Rule
-        Tustin's, or the backward difference.
-    tracking_time : float, optional
-        Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest zero (of a PI
-        kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no anti-windup.
+    - design: linear system; `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
+    - period: h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
+    - torque_low, torque_high: N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
+    - rule: tustin's, or the backward difference.
+    - tracking_time: Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest
+      zero (of a PI kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no
+      anti-windup.
 
-    Raises
-    ------
-    InputError
-        A design that is not linear, a period, limit or tracking time out of its range.
+    InputError: a design that is not linear, a period, limit or tracking time out of its range.
     """
 
     design: Any
@@ -682,16 +622,10 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 class SampledMargins:
     """Margins of one design, each None where that loop is unstable.
 
-    Attributes
-    ----------
-    period, computation : float
-        h and the computing time between sample and command, s.
-    continuous : Margins or None
-        Of the continuous design, as if never sampled.
-    equivalent : Margins or None
-        Of the continuous design with h/2 (the hold) and the computing time as additional dead time.
-    exact : Margins or None
-        Of the sampled loop itself: zero-order hold and dead time exact.
+    - period, computation: h and the computing time between sample and command, s.
+    - continuous: of the continuous design, as if never sampled.
+    - equivalent: of the continuous design with h/2 (the hold) and the computing time as additional dead time.
+    - exact: of the sampled loop itself: zero-order hold and dead time exact.
     """
 
     period: float
@@ -781,10 +715,7 @@ def suggested_period(margins: Margins, *, share: float = 0.1, computation: float
     h wc = 0.15 to 0.5 of [Astrom1997] 8 is share 0.1 at phase margins from 43 deg; for the fragile loops below, this
     one asks for a shorter period.
 
-    Raises
-    ------
-    InputError
-        A share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
+    InputError: a share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
     """
     if not 0 < share < 1:
         raise InputError(f"share: {share:g} is not allowed; give a value > 0 and < 1")

@@ -34,6 +34,7 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots
@@ -41,9 +42,6 @@ from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_squa
 from railslip_ctrl.loop.stability import RootCount
 
 from .controllers import pi_transfer_function
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # --- real values on the axis ------------------------------------------------------------------------------------------
 #
@@ -275,11 +273,11 @@ class CriticalGains:
     """
 
     values: Floats
-    leftward: NDArray[np.bool_]
+    leftward: Flags
     complete_to: float
 
     @classmethod
-    def within(cls, low: float, high: float, values: Floats, leftward: NDArray[np.bool_]) -> CriticalGains:
+    def within(cls, low: float, high: float, values: Floats, leftward: Flags) -> CriticalGains:
         """Those between two bounds, sorted."""
         kept = np.flatnonzero((values > low) & (values < high))
         order = kept[np.argsort(values[kept], kind="stable")]
@@ -525,7 +523,7 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
     return (polynomial + _mirrored(polynomial)) / 2
 
 
-def _may_rise(omega: Floats, slope: Floats, size: Floats) -> NDArray[np.bool_]:
+def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
     """Where a function of this slope over omega, whose terms are of this size, does not fall for certain.
 
     With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds),

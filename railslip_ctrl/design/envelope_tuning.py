@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
@@ -399,7 +398,7 @@ _BINDING = 6  # cases of each speed that bound the gains from below, and as many
 
 
 @dataclass(frozen=True)
-class Choice:
+class StructureChoice:
     """One candidate: a structure with the slips it holds, and the design, or None with the reason.
 
     `reference_factor` is that on the envelope's reference slips. `reach_s` is the longest time, s, in which the
@@ -455,10 +454,10 @@ class Choice:
 class Selection:
     """What `select` tried, best first."""
 
-    choices: tuple[Choice, ...]
+    choices: tuple[StructureChoice, ...]
 
     @cached_property
-    def best(self) -> Choice | None:
+    def best(self) -> StructureChoice | None:
         """The best; None if none holds the loops at the highest speed."""
         return self.choices[0] if self.choices[0].design is not None else None
 
@@ -530,19 +529,19 @@ def _choice(
     points: EnvelopePoints,
     lead: tuple[float, float],
     held: ReferenceSlip | None,
-) -> Choice:
+) -> StructureChoice:
     """`lead` and its filter, s."""
     period = run_period(PIController(PIGains(kp=1.0, ki=0.0), *lead))
     late = replace(points, actuators=tuple(_held(one, period) for one in points.actuators))
     try:
         found, from_kmh = _Search(late, *lead).best()
     except InfeasibleDesignError as error:
-        return Choice(structure, factor, None, str(error), lead_filter=lead[1])
+        return StructureChoice(structure, factor, None, str(error), lead_filter=lead[1])
     kept = [plant for plant in operating_plants(points) if plant.point.speed_kmh > 0.999 * (from_kmh or 0.0)]
     run = sampled_below(found, period, kept, envelope.vehicle.actuator, None if from_kmh is None else ROBUST_MS)
     design = judged_design(run, envelope, points, held)
     reach, stop = _reach(run.design, points, envelope)
-    return Choice(structure, factor, design, "", reach, stop, lead_filter=lead[1])
+    return StructureChoice(structure, factor, design, "", reach, stop, lead_filter=lead[1])
 
 
 def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:

@@ -10,11 +10,9 @@ from itertools import compress, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.rounding import ms_up
-from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.arguments import Flags, Floats, checked
+from railslip_ctrl.core.units import KMH, ms_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -35,9 +33,6 @@ from .controllers import (
 from .envelope import Case, Envelope, EnvelopePoints
 from .seeking import seeking_margins
 from .specification import is_robust
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 % at 10 ms, is not judged"
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
@@ -134,16 +129,11 @@ class MsMap:
 class Judgement:
     """A controller over an envelope; see `judge`.
 
-    Attributes
-    ----------
-    controller : linear system
-    envelope : Envelope
-        With the reference slip that was judged at.
-    nominal : bool
-        Whether the operating points alone were judged.
-    points : EnvelopePoints
-        The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a discrete
-        controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
+    - controller: linear system
+    - envelope: with the reference slip that was judged at.
+    - nominal: whether the operating points alone were judged.
+    - points: the cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a
+      discrete controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
     """
 
     controller: Any
@@ -381,27 +371,14 @@ class Judgement:
 def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgement:
     """Judge a linear controller over an envelope, the dead times exact.
 
-    Parameters
-    ----------
-    controller : linear system
-        From slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes it. One that has a
-        `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such
-        as a seeking controller, at that of each law.
-    envelope : Envelope
-        What it must hold.
-    nominal : bool
-        The operating points alone, without the tolerances around them.
+    - controller: linear system; from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop`
+      takes it. One that has a `reference` (slip ratios) is judged there, unless the envelope has its own; one that
+      finds its own slip, such as a seeking controller, at that of each law.
+    - envelope: what it must hold.
+    - nominal: the operating points alone, without the tolerances around them.
 
-    Returns
-    -------
-    Judgement
-        The verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
-        every case; printed, the verdict in words.
-
-    Raises
-    ------
-    InputError
-        A controller without margins, or an envelope without points.
+    Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
+    every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.
     """
     held, seeking = getattr(controller, "reference", None), seeking_of(controller)
     if envelope.reference is None and seeking is not None:

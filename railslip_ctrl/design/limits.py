@@ -20,16 +20,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Unstable poles nearer than this, relative to their size, count once: fewer conditions bound less, never wrongly.
 _DISTINCT = 1e-3
@@ -64,31 +60,20 @@ class StructureLimit:
 class Limits:
     """Limits set by a plant, its dead time tau (s) and its actuator lag T (s).
 
-    Attributes
-    ----------
-    unstable_poles, unstable_zeros : tuple of complex
-        Plant poles and zeros with positive real part, 1/s.
-    unstable_pole : float
-        Largest real part p among the poles, 1/s; 0 if the plant is stable.
-    doubling_time : float
-        ln 2/p, s; inf if the plant is stable.
-    actuator_product : float
-        p (tau + T). Theorem: a PI stabilises k/(s - p) behind lag and dead time only if it is < 1, as atan(omega/p)
-        must exceed atan(T omega) + tau omega somewhere; `StructureLimit` needs no such form.
-    mt_bound, ms_bound : float
-        No controller has a smaller Mt, Ms; theorem, see the module. At least 1.
-    bode_integral : float
-        Integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of Re p_i. Theorem for L that falls
-        faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
-    crossover_range : tuple of float or None
-        Gain crossovers, rad/s, at which the all-pass part, 2 sum atan(p/omega) + tau omega + 2 sum atan(omega/z), costs
-        at most `allowed_lag_deg`; None if none. Rule of thumb: the gain crossover frequency inequality
-        ([Astrom2021] 14.3), whose 90 deg is a phase margin of 45 deg at slope -1/2. For one pole or dead time alone:
-        omega > p, omega < pi/(2 tau).
-    allowed_lag_deg : float
-        The lag that rule allows, deg.
-    pi, pi_lead : StructureLimit or None
-        None where that theorem says nothing: not one unstable real pole, or zeros right of the axis.
+    - unstable_poles, unstable_zeros: plant poles and zeros with positive real part, 1/s.
+    - unstable_pole: largest real part p among the poles, 1/s; 0 if the plant is stable.
+    - doubling_time: ln 2/p, s; inf if the plant is stable.
+    - actuator_product: p (tau + T). Theorem: a PI stabilises k/(s - p) behind lag and dead time only if it is < 1, as
+      atan(omega/p) must exceed atan(T omega) + tau omega somewhere; `StructureLimit` needs no such form.
+    - mt_bound, ms_bound: no controller has a smaller Mt, Ms; theorem, see the module. At least 1.
+    - bode_integral: integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of Re p_i. Theorem for L
+      that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
+    - crossover_range: tuple of float or None; gain crossovers, rad/s, at which the all-pass part, 2 sum atan(p/omega) +
+      tau omega + 2 sum atan(omega/z), costs at most `allowed_lag_deg`; None if none. Rule of thumb: the gain crossover
+      frequency inequality ([Astrom2021] 14.3), whose 90 deg is a phase margin of 45 deg at slope -1/2. For one pole or
+      dead time alone: omega > p, omega < pi/(2 tau).
+    - allowed_lag_deg: the lag that rule allows, deg.
+    - pi, pi_lead: none where that theorem says nothing: not one unstable real pole, or zeros right of the axis.
     """
 
     unstable_poles: tuple[complex, ...]
@@ -133,24 +118,13 @@ def fundamental_limits(
 ) -> Limits:
     """Limits of a plant with dead time, for unity negative feedback.
 
-    Parameters
-    ----------
-    plant : python-control system, `Rational`, or a real number
-        From command to output without the dead time, actuator lag included; either sign of gain.
-    dead_time, lag : float
-        s, >= 0. A lag > 0 must be a pole -1/lag of `plant`: the one that a lead may cancel.
-    allowed_lag_deg : float
-        deg, in (0, 180): for the rule on the crossover.
+    - plant: python-control system, `Rational`, or a real number; from command to output without the dead time, actuator
+      lag included; either sign of gain.
+    - dead_time, lag: s, >= 0. A lag > 0 must be a pole -1/lag of `plant`: the one that a lead may cancel.
+    - allowed_lag_deg: deg, in (0, 180): for the rule on the crossover.
 
-    Returns
-    -------
-    Limits
-        What no controller, no PI and no PI with a lead can beat, SI and deg.
-
-    Raises
-    ------
-    InputError
-        Another kind of system, a number outside its range, or a lag that is not in the plant.
+    Returns what no controller, no PI and no PI with a lead can beat, SI and deg. InputError: another kind of system, a
+    number outside its range, or a lag that is not in the plant.
     """
     plant = Rational.from_control(plant, "plant")
     number("dead time", dead_time, "s", ge=0)

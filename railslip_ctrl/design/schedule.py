@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, checked, number
+from railslip_ctrl.core.arguments import Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import validated
@@ -129,26 +128,12 @@ def plant_at(
 ) -> LinearPlant:
     """The linear plant at a law's published reference slip.
 
-    Parameters
-    ----------
-    law : str
-        A published law's name, for the vehicle's wheel load.
-    vehicle : Vehicle
-        With the load that it has.
-    rail : Rail
-        "dry" or "wet".
-    speed_kmh, initial_speed_kmh : float
-        Train speed and v0 of the law, km/h.
+    - law: a published law's name, for the vehicle's wheel load.
+    - vehicle: with the load that it has.
+    - rail: "dry" or "wet".
+    - speed_kmh, initial_speed_kmh: train speed and v0 of the law, km/h.
 
-    Returns
-    -------
-    LinearPlant
-        SI, with its operating point.
-
-    Raises
-    ------
-    InputError
-        A law without a reference slip, or an argument of another kind.
+    In SI, with its operating point. InputError: a law without a reference slip, or an argument of another kind.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     slip = adhesion.reference_slip(rail)
@@ -285,8 +270,8 @@ class MarginSweep:
     title: str
     axis: str
     unit: str
-    values: NDArray[np.float64]
-    pole: NDArray[np.float64]
+    values: Floats
+    pole: Floats
     margins: Mapping[str, BatchMargins]
 
 

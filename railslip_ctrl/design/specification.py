@@ -27,21 +27,12 @@ def is_robust(ms: float) -> bool:
 class Specification:
     """What a design must keep at every plant; None is not asked for.
 
-    Parameters
-    ----------
-    ms_max : float
-        Largest Ms, a ratio, > 1.
-    phase_min_deg : float
-        Least phase margin, deg, 0 to 180.
-    delay_min_s : float
-        Least delay margin, s, >= 0.
-    crossover : tuple of float
-        Lowest and highest gain crossover, rad/s, that of the phase margin.
+    - ms_max: largest Ms, a ratio, > 1.
+    - phase_min_deg: least phase margin, deg, 0 to 180.
+    - delay_min_s: least delay margin, s, >= 0.
+    - crossover: lowest and highest gain crossover, rad/s, that of the phase margin.
 
-    Raises
-    ------
-    InputError
-        A value of another kind or out of its range.
+    InputError: a value of another kind or out of its range.
     """
 
     ms_max: float | None = None

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 from flint import arb, ctx
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number, numbers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.crossings import SIZE, ExactLoop, Response
@@ -40,8 +40,6 @@ from .decomposition import (
     stable_intervals,
 )
 from .specification import family_margins
-
-Floats = NDArray[np.float64]
 
 # --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
 
@@ -307,7 +305,7 @@ class StabilizingRegion(Region):
         return float(usable.min()) if usable.size else 1.0
 
     @cached_property
-    def _hidden(self) -> NDArray[np.complex128]:
+    def _hidden(self) -> Complexes:
         """Poles not left of the axis that a zero cancels exactly."""
         found = np.intersect1d(self.plant.zeros, self.plant.poles)
         return np.asarray(found[found.real >= 0], dtype=np.complex128)
@@ -413,24 +411,13 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
     ([Park2008] (3), Table 4); the set of a plant of the other sign has kp < 0.
 
-    Parameters
-    ----------
-    plant : python-control TransferFunction or StateSpace, `Rational`, or a real number
-        P, controlled variable over controller output, the actuator's lag included; any units, time in s. SISO, may be
-        unstable; strictly proper if there is dead time.
-    dead_time : float
-        s, >= 0.
+    - plant: python-control TransferFunction or StateSpace, `Rational`, or a real number; P, controlled variable over
+      controller output, the actuator's lag included; any units, time in s. SISO, may be unstable; strictly proper if
+      there is dead time.
+    - dead_time: s, >= 0.
 
-    Returns
-    -------
-    StabilizingRegion
-        The whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is empty
-        `kp_range` is None, and `reason` says why.
-
-    Raises
-    ------
-    InputError
-        The plant or the dead time is not of this form.
+    Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is
+    empty `kp_range` is None, and `reason` says why. InputError: the plant or the dead time is not of this form.
     """
     return _region(plant, dead_time)
 
@@ -446,21 +433,12 @@ def stabilizing_pid(
 ) -> StabilizingRegion:
     """All (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
 
-    Parameters
-    ----------
-    plant, dead_time
-        As for `stabilizing_pi`.
-    derivative_filter : float
-        Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
-    derivative_time : float
-        Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
-    derivative_gain : float
-        kd itself, in units of kp times s, of either sign. Give one of the two.
+    - plant, dead_time: as for `stabilizing_pi`.
+    - derivative_filter: Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
+    - derivative_time: Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
+    - derivative_gain: kd itself, in units of kp times s, of either sign. Give one of the two.
 
-    Raises
-    ------
-    InputError
-        Both or neither of derivative time and gain, or a value outside its range.
+    InputError: both or neither of derivative time and gain, or a value outside its range.
     """
     if (derivative_time is None) == (derivative_gain is None):
         raise InputError("PID: give either derivative_time (s) or derivative_gain, not both and not neither")
@@ -477,22 +455,10 @@ def stabilizing_pid(
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
     """The gains that lie in every one of `regions`, intervals and all.
 
-    Parameters
-    ----------
-    regions : sequence of Region
-        At least one.
-    names : sequence of str
-        What to call the plant of each where the intersection is empty; left out, by number.
+    - regions: at least one.
+    - names: what to call the plant of each where the intersection is empty; left out, by number.
 
-    Returns
-    -------
-    IntersectionRegion
-        In the units of the regions.
-
-    Raises
-    ------
-    InputError
-        No region is given, or another number of names.
+    In the units of the regions. InputError: no region is given, or another number of names.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -567,33 +533,21 @@ def outline(
 ) -> tuple[Strip, ...]:
     """The region as strips over kp, each between two continuous boundaries; exact in every column.
 
-    Parameters
-    ----------
-    region : Region
-    kp : array, 1-D, optional
-        Columns, ascending, in the plant's unit of gain; by default `count` of them over `region.kp_range`, closer
-        towards its ends.
-    count : int
-        Number of columns where none are given, >= 2.
-    kp_limit, ki_limit : float
-        Gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says so. By default the
-        whole region.
-
-    Returns
-    -------
-    tuple of Strip
-        From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without bound
-        and no `ki_limit` is given.
-
-    Raises
-    ------
-    InputError
-        The region goes on without bound in kp, and neither columns nor a limit are given; a limit is not > 0.
+    - region
+    - kp: array, 1-D; columns, ascending, in the plant's unit of gain; by default `count` of them over
+      `region.kp_range`, closer towards its ends.
+    - count: number of columns where none are given, >= 2.
+    - kp_limit, ki_limit: gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says
+      so. By default the whole region.
 
     Notes
     -----
     A strip's ends are refined only where the number of intervals changes between columns; what appears and
     vanishes between two of them is not seen. `Region.contains` is what decides.
+
+    From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without
+    bound and no `ki_limit` is given. InputError: the region goes on without bound in kp, and neither columns nor a
+    limit are given; a limit is not > 0.
     """
     number("count", count, ge=2)
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
@@ -625,21 +579,11 @@ def outline(
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     """Exact margins at each pair of gains inside a region; see `MarginGrid`.
 
-    Parameters
-    ----------
-    region : Region
-    kp, ki : arrays, 1-D
-        Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
+    - region
+    - kp, ki: arrays, 1-D; grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
 
-    Returns
-    -------
-    MarginGrid
-        Arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the region.
-
-    Raises
-    ------
-    InputError
-        A gain is not finite.
+    Returns arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the
+    region. InputError: a gain is not finite.
     """
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]

@@ -56,44 +56,28 @@ def tune_pi(
 ) -> PIDesign:
     """One PI, kp + ki/s, for all the plants.
 
-    Parameters
-    ----------
-    plants : python-control system, `Rational`, or a sequence of them
-        From controller output to controlled variable, without the dead time; negative feedback.
-    dead_time : float or sequence
-        s; one for all plants, or one each.
-    ms_max, phase_min_deg, delay_min_s : float
-        What every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin, s. ki is maximised under it; see
-        the notes on how sure that is.
-    crossover : tuple of float
-        Lowest and highest gain crossover, rad/s; see `Specification`.
-    minimise_ms : bool
-        Instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants are stable
-        that is next to no gain, and Ms next to 1: give `ms_max` then.
-    ki_min : float
-        In the plant's unit of gain per second, > 0; without it the integral action would vanish.
-    compensator : python-control system, `Rational`, or a real number
-        A further transfer function in series with the PI, such as a lead.
-    names : sequence of str
-        What an error calls each plant; left out, by number.
-
-    Returns
-    -------
-    PIDesign
-        kp, in units of the plants' input per output, ki, in that per second, and the margins of every plant.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        No PI meets the specification; the message gives the best that can be achieved.
-    InputError
-        No plants, an argument of another kind, or a specification that contradicts itself.
+    - plants: python-control system, `Rational`, or a sequence of them; from controller output to controlled variable,
+      without the dead time; negative feedback.
+    - dead_time: s; one for all plants, or one each.
+    - ms_max, phase_min_deg, delay_min_s: what every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin,
+      s. ki is maximised under it; see the notes on how sure that is.
+    - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
+    - minimise_ms: instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants
+      are stable that is next to no gain, and Ms next to 1: give `ms_max` then.
+    - ki_min: in the plant's unit of gain per second, > 0; without it the integral action would vanish.
+    - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
+      PI, such as a lead.
+    - names: what an error calls each plant; left out, by number.
 
     Notes
     -----
     The gains meet the specification exactly, and ki is the largest near them. Elsewhere, for kp up to four times what
     stabilises with little ki: under a bound on Ms (up to 50) larger ki are shown not to meet it, except where the gains
     that do span less than 4 % of ki; without one, rows of ki 25 % apart are looked at.
+
+    Returns kp, in units of the plants' input per output, ki, in that per second, and the margins of every plant.
+    InfeasibleDesignError: no PI meets the specification; the message gives the best that can be achieved. InputError:
+    no plants, an argument of another kind, or a specification that contradicts itself.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     systems = _systems(plants, compensator)
@@ -126,10 +110,8 @@ def _tuned(family: Family, specification: Specification, ki_min: float | None) -
 def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
     """(kp, ki) with |L(j crossover)| = 1 and arg L = -180 deg + phase margin there, exactly.
 
-    Raises
-    ------
-    InfeasibleDesignError
-        That PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another crossover.
+    InfeasibleDesignError: that PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another
+    crossover.
     """
     number("crossover", crossover, "rad/s", gt=0)
     number("phase margin", phase_margin_deg, "deg", gt=0, lt=180)
@@ -318,25 +300,11 @@ class CommonPI:
 def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
     """The kp that minimises the worst Ms over some plants, at an integral time of 50 (dead time + lag).
 
-    Parameters
-    ----------
-    plants : sequence of LinearPlant
-        At least one.
-    actuator : Actuator
-        Dead time and lag, s.
+    - plants: at least one.
+    - actuator: dead time and lag, s.
 
-    Returns
-    -------
-    CommonPI
-        kp in N*m/(m/s), ki in N*m/m.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        No single kp stabilises all the plants; says the range of each. Or all are stable: zero gain then has the
-        least Ms.
-    InputError
-        No plant is given.
+    Returns kp in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all the plants; says the range
+    of each. Or all are stable: zero gain then has the least Ms. InputError: no plant is given.
     """
     from scipy.optimize import minimize_scalar
 
@@ -391,20 +359,10 @@ def _common_range(
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Where a loop has most phase.
 
-    Parameters
-    ----------
-    loop : DeadTimeLoop
-        L.
+    - loop: L.
 
-    Returns
-    -------
-    tuple[float, float]
-        Frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous.
-
-    Raises
-    ------
-    InputError
-        The phase has no interior maximum (it only falls).
+    The frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous. InputError:
+    the phase has no interior maximum (it only falls).
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -419,22 +377,10 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     """Factor on the gain of a loop that makes |L(j omega)| = 1.
 
-    Parameters
-    ----------
-    loop : DeadTimeLoop
-        L.
-    omega : float
-        rad/s, > 0.
+    - loop: L.
+    - omega: rad/s, > 0.
 
-    Returns
-    -------
-    float
-        The factor, > 0.
-
-    Raises
-    ------
-    InputError
-        omega is not finite and positive.
+    Returns the factor, > 0. InputError: omega is not finite and positive.
     """
     number("crossover", omega, "rad/s", gt=0)
     return float(1 / np.abs(loop(1j * omega)))

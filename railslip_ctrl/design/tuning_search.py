@@ -24,8 +24,8 @@ from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
@@ -35,9 +35,6 @@ from .controllers import pi_transfer_function
 from .decomposition import Interval, common_intervals
 from .specification import Specification, family_margins
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PER_NODE = 6  # frequencies between neighbouring nodes of a plant
 _TURN = 0.15  # rad of dead time between frequencies, as far as |C P| may matter

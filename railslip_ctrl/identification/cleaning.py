@@ -14,11 +14,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import close_match
 
-from .logs import UNITS, Floats, Lines, Rows
+from .logs import UNITS, Lines, Rows
 
 
 class RowFilter(ABC):
@@ -54,7 +55,7 @@ class RowFilter(ABC):
             waiting, start = waiting.part(keep, None), stop - keep
 
     @abstractmethod
-    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
+    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
         """Which of the rows from start to stop are left out."""
 
 
@@ -99,7 +100,7 @@ class StampFilter(RowFilter):
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
+    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
         bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
         # the step into the first row was judged with the rows before, but tells whether the first row is the outlier
         first, end = max(start - 1, 0), min(stop, len(time) - 1)
@@ -240,7 +241,7 @@ class OutlierFilter(RowFilter):
         self.resolution = Resolution()
         self._scale: dict[str, float] = {}
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
+    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
         bad = np.zeros(stop, dtype=bool)
         for first in range(start, stop, self.piece):
             last, low = min(first + self.piece, stop), max(first - _REACH, 0)
@@ -249,7 +250,7 @@ class OutlierFilter(RowFilter):
             self.first_line = int(rows.line[np.argmax(bad)])
         return bad[start:]
 
-    def _outliers(self, rows: Rows) -> NDArray[np.bool_]:
+    def _outliers(self, rows: Rows) -> Flags:
         bad = np.zeros(len(rows), dtype=bool)
         for name in _FLOOR.keys() & rows.columns.keys():
             values = rows.columns[name]
@@ -257,14 +258,14 @@ class OutlierFilter(RowFilter):
             bad |= self._stands_out(name, values)
         return bad
 
-    def _stands_out(self, name: str, values: Floats) -> NDArray[np.bool_]:
+    def _stands_out(self, name: str, values: Floats) -> Flags:
         from scipy.ndimage import median_filter
 
         deviation: Floats = np.abs(values - median_filter(values, size=2 * HALF_WINDOW + 1, mode="reflect"))
         if name not in self._scale:
             self._scale[name] = _SIGMA_PER_MAD * float(np.median(deviation))
         least = max(_OVERALL_LIMIT * self._scale[name], _FLOOR[name], _LEAST_STEPS * self.resolution[name])
-        bad: NDArray[np.bool_] = deviation > least
+        bad: Flags = deviation > least
         limits = ((_LOCAL_LIMIT, values, _local_spread), (_BESIDE_LIMIT, deviation, _spread_beside))
         for limit, of, spread in limits:
             at = np.flatnonzero(bad)

@@ -16,59 +16,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats, Integers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
+from . import log_checks
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
-from .log_checks import (
-    HIGHEST_MU,
-    OTHER_DECELERATION,
-    ColumnStep,
-    Finding,
-    FreeRolling,
-    Known,
-    Rolling,
-    WheelSpeeds,
-    column_steps,
-    deceleration_differs,
-    deceleration_ratio,
-    load_findings,
-    mu_findings,
-    rolling_fault,
-    rolling_findings,
-    survey_findings,
-    time_fault,
-    unit_hint,
-)
 from .logs import BLOCK_BYTES, Broken, Column, Log, Rows
 from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedRows, Observed, Observer, Survey
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Options:
     """How to identify; None takes it from the log. See `railslip identify --help`.
 
-    Parameters
-    ----------
-    model : str
-        A model's name, or "best": of those with a formula the one with the lowest BIC.
-    rail : Rail
-    initial_speed, slip_acceleration, time_constant : float or None
-        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
-    columns, units : mapping
-        Header and unit of a quantity's column, by quantity.
-    delays, zeros : mapping
-        Column delay, s, and sensor offset, SI, by quantity.
-    fixed, bounds : mapping
-        Value (SI), or lowest and highest, of a parameter, by name.
-    block_bytes : int
-        How much of a log is read at a time.
+    - model: a model's name, or "best": of those with a formula the one with the lowest BIC.
+    - rail
+    - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    - columns, units: header and unit of a quantity's column, by quantity.
+    - delays, zeros: column delay, s, and sensor offset, SI, by quantity.
+    - fixed, bounds: value (SI), or lowest and highest, of a parameter, by name.
+    - block_bytes: how much of a log is read at a time.
     """
 
     model: str = "best"
@@ -338,12 +308,12 @@ class AdhesionCurve:
     peak_slip: float
     wheel_column: str
     deceleration_ratio: float
-    rolling: Rolling | None
-    steps: tuple[ColumnStep, ...]
+    rolling: log_checks.Rolling | None
+    steps: tuple[log_checks.ColumnStep, ...]
     factors: Mapping[str, float]
     broken_lines: int
     outliers: int
-    findings: tuple[Finding, ...]
+    findings: tuple[log_checks.Finding, ...]
     notes: tuple[str, ...]
 
     @property
@@ -424,7 +394,8 @@ class _Gathered:
     ) -> None:
         self._name, self._vehicle, self._options, self._columns = name, vehicle, options, columns
         self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
-        self._outliers, self._speeds, self._free = OutlierFilter(), WheelSpeeds(), FreeRolling(vehicle)
+        self._outliers, self._speeds = OutlierFilter(), log_checks.WheelSpeeds()
+        self._free = log_checks.FreeRolling(vehicle)
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
         self._sums: Accumulator | None = None
         for rows in Alignment(options.delays, options.zeros, name).rows(self._outliers.rows(blocks)):
@@ -445,7 +416,7 @@ class _Gathered:
 
     def _check(self) -> None:
         survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
-        clock = time_fault(self._record, self._vehicle, survey.highest_pull)
+        clock = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull)
         if clock is not None:
             raise InputError(f"{self._name}: {clock}")
         try:
@@ -457,48 +428,50 @@ class _Gathered:
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)
-            wheel = [finding.text for finding in rolling_findings(self._rolling, self._known())]
+            wheel = [finding.text for finding in log_checks.rolling_findings(self._rolling, self._known())]
             raise InputError("; ".join([str(error), *given, *self._torque_told(), *wheel])) from None
-        fault = rolling_fault(self._rolling, self._known())
+        fault = log_checks.rolling_fault(self._rolling, self._known())
         if fault is not None:
             raise InputError(f"{self._name}: {fault}")
 
     def _torque_told(self) -> tuple[str, ...]:
         """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
         pull = self._stream.survey.highest_pull
-        hint = unit_hint(pull, self._factors)
-        if pull > HIGHEST_MU:
+        hint = log_checks.unit_hint(pull, self._factors)
+        if pull > log_checks.HIGHEST_MU:
             return (hint,) if hint else ()
         if not 0.0 < pull < LEAST_PULL:
             return ()
         text = f"the highest brake torque is {pull:.2g} of wheel load times radius, where a brake has {LEAST_PULL:g}"
         return (f"{text} or more; {hint}" if hint else f"{text} or more",)
 
-    def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
-        return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
+    def _known(self, slope: float = math.inf, peak: float = 0.0) -> log_checks.Known:
+        return log_checks.Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> AdhesionCurve:
         """The curve, with what else was met."""
         assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
-        steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
-        free = [*rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
-        ratio = deceleration_ratio(record, self._vehicle)
-        differs = deceleration_differs(ratio) and not free  # else the cause is told
-        other = (Finding("deceleration", OTHER_DECELERATION.format(ratio)),) if differs else ()
+        steps = log_checks.column_steps(
+            self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load
+        )
+        free = [*log_checks.rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
+        ratio = log_checks.deceleration_ratio(record, self._vehicle)
+        differs = log_checks.deceleration_differs(ratio) and not free  # else the cause is told
+        other = (log_checks.Finding("deceleration", log_checks.OTHER_DECELERATION.format(ratio)),) if differs else ()
         findings = (
             *self._left_out(broken, stamps),
-            *survey_findings(survey),
+            *log_checks.survey_findings(survey),
             *free,
             *(
-                Finding("steps", f"column {step}: what is finer is known from means alone")
+                log_checks.Finding("steps", f"column {step}: what is finer is known from means alone")
                 for step in steps
                 if step.matters
             ),
-            *load_findings(record, self._vehicle.wheel_load),
+            *log_checks.load_findings(record, self._vehicle.wheel_load),
             *self._speeds.findings(radius),
-            *mu_findings(bins.mean, self._factors),
+            *log_checks.mu_findings(bins.mean, self._factors),
             *other,
         )
         return AdhesionCurve(
@@ -523,13 +496,15 @@ class _Gathered:
             notes=notes,
         )
 
-    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[Finding]:
+    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
         """Lines that were no rows, stray time stamps, outliers."""
-        yield from (Finding("lines", text) for text in broken.first)
+        yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
             more = f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used"
-            yield Finding("lines", more)
-        yield from (Finding("time stamps", text) for text in stamps.warnings)
+            yield log_checks.Finding("lines", more)
+        yield from (log_checks.Finding("time stamps", text) for text in stamps.warnings)
         if count := self._outliers.count:
             rows = "1 row" if count == 1 else f"{count} rows"
-            yield Finding("outliers", f"{rows} with outliers left out, the first in line {self._outliers.first_line}")
+            yield log_checks.Finding(
+                "outliers", f"{rows} with outliers left out, the first in line {self._outliers.first_line}"
+            )

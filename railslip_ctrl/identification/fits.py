@@ -16,15 +16,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .curves import Cells, Stretches
 from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 
 # --- the search ----------------------------------------------------------------------------------------------------
 
@@ -371,7 +368,7 @@ class ParameterEstimate:
     coordinates: Coordinates
     coordinate_covariance: Floats
     active: NDArray[np.int_]
-    dead: NDArray[np.bool_]
+    dead: Flags
     limits: Mapping[int, tuple[float, float]]
 
 
@@ -382,7 +379,7 @@ def estimate(
     variance: float,
     freedom: int,
     *,
-    tests: NDArray[np.int64] | None = None,
+    tests: Integers | None = None,
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
 ) -> ParameterEstimate:
@@ -432,7 +429,7 @@ def _wider(freedom: int) -> float:
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
-def _turned(own: Floats, turn: Floats, of_dead: NDArray[np.bool_], dead: NDArray[np.bool_]) -> Floats:
+def _turned(own: Floats, turn: Floats, of_dead: Flags, dead: Flags) -> Floats:
     """Covariance of the values from that of the coordinates."""
     result: Floats = turn[:, ~dead] @ own[np.ix_(~dead, ~dead)] @ turn[:, ~dead].T
     result[of_dead] = np.nan
@@ -483,17 +480,17 @@ def slopes_of(problem: Problem, x: Floats) -> Floats:
     return differences(problem.residuals, problem.coordinates, x, _DIFFERENCE * problem.coordinates.sizes(x))
 
 
-def unidentified(scaled: Floats) -> NDArray[np.bool_]:
+def unidentified(scaled: Floats) -> Flags:
     """Parameters that take part in a direction in which the residuals do not change."""
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
     flat = singular <= SINGULAR * singular[0]
-    result: NDArray[np.bool_] = (np.abs(directions[flat]) > 1e-3).any(axis=0)
+    result: Flags = (np.abs(directions[flat]) > 1e-3).any(axis=0)
     return result
 
 
-def covariance_of(slopes: Floats, free: NDArray[np.bool_]) -> Floats:
+def covariance_of(slopes: Floats, free: Flags) -> Floats:
     """Covariance by residuals of variance 1, NaN for what is not free."""
     size = slopes.shape[1]
     covariance = np.full((size, size), np.nan)
@@ -688,7 +685,7 @@ def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Flo
 class _Problem:
     """The residuals of the cells used, and their solution by SciPy, in coordinates scaled by the start."""
 
-    def __init__(self, model: FitModel, cells: Cells, used: NDArray[np.bool_]) -> None:
+    def __init__(self, model: FitModel, cells: Cells, used: Flags) -> None:
         self.model, self.cells, self.used = model, cells, used
         self.coordinates = model.coordinates
         self.root = np.sqrt(cells.count[used])
@@ -719,7 +716,7 @@ class _Problem:
 
 
 def long_run_variance(
-    mean: Floats, used: NDArray[np.bool_], stretches: Stretches, parameters: int, tau: float
+    mean: Floats, used: Flags, stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
     """Variance of sums of the residuals over stretches of time, by sample, and its degrees of freedom.
 

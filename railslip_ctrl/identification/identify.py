@@ -17,15 +17,15 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
+from . import models, results
 from .cleaning import LONGEST_DELAY, check_corrections
 from .curves import AdhesionCurve, Cells, Options, read_curve
 from .fits import Fit, fit
@@ -39,33 +39,8 @@ from .log_checks import (
     train_lag,
     units_or,
 )
-from .models import (
-    CANDIDATES,
-    SLIDING_ALONE,
-    Setting,
-    check_model,
-    check_options,
-    fit_model,
-    shape_of,
-)
 from .observed import BrakedRows, Observed
 from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
-from .results import (
-    ParameterPolynomial,
-    PeakSlip,
-    Regimes,
-    Score,
-    compare,
-    drift,
-    over_initial_speed,
-    peak_notes,
-    peak_of_law,
-    regimes_of,
-    regimes_of_data,
-)
-
-Floats = NDArray[np.float64]
-
 
 # --- can a fit be? ---------------------------------------------------------------------------------------------------
 
@@ -94,7 +69,7 @@ class ImpossibleFitError(InputError):
 # --- the fit -------------------------------------------------------------------------------------------------------
 
 
-def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
+def highest_mu(found: Fit, setting: models.Setting) -> tuple[str, float]:
     """The highest adhesion coefficient of a fitted model, and what it is called: its peak or its limit of friction.
 
     The peak is that at the lowest or the highest of `DRIFT_SPEEDS`, the limit what it tends to as it slides slowly.
@@ -121,7 +96,7 @@ def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
     return (f"limit of friction ({_LIMITS[found.model.name]})", limit) if limit > top else ("peak", top)
 
 
-def check_fit(found: Fit, setting: Setting, curve: AdhesionCurve) -> None:
+def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
     """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive."""
     what, value = highest_mu(found, setting)
     if value <= IMPOSSIBLE_MU:
@@ -146,7 +121,7 @@ def check_fit(found: Fit, setting: Setting, curve: AdhesionCurve) -> None:
     )
 
 
-def fit_doubts(found: Fit, setting: Setting, curve: AdhesionCurve) -> tuple[str, ...]:
+def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
     """What is not to be believed of a fit that is no impossible one, a sentence each."""
     what, value = highest_mu(found, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
@@ -297,7 +272,7 @@ DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
 OF_EACH_KIND = ("bristle", "beam", "burckhardt")
 """Models with a prediction-error fit: one that builds up, one with a kink, a smooth one."""
 
-_NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
+_NO_PEAK = (*models.SLIDING_ALONE, "table")  # or one that lies on a knot
 
 
 @dataclass(frozen=True)
@@ -317,17 +292,17 @@ class Candidates:
     """
 
     def __init__(
-        self, curve: AdhesionCurve, vehicle: Vehicle, setting: Setting, regimes: Regimes | None = None
+        self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting, regimes: results.Regimes | None = None
     ) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
-        self.regimes = regimes or regimes_of_data(curve.cells)
+        self.regimes = regimes or results.regimes_of_data(curve.cells)
 
     def fitted(self, names: Sequence[str]) -> Fitted:
         """The models of some names, with the intervals of a single one."""
         fits: list[Fit] = []
         failures, impossible, alone = [], [], len(names) == 1
-        for name in sorted(names, key=SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
-            if name in SLIDING_ALONE:
+        for name in sorted(names, key=models.SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
+            if name in models.SLIDING_ALONE:
                 self.regimes = self._regimes_of(fits)
             try:
                 fits.append(self._fit(name, profiles=alone))
@@ -345,12 +320,12 @@ class Candidates:
         """The best of some models with a prediction-error fit, where it is better than one of the user's."""
         free = Candidates(self.curve, self.vehicle, replace(self.setting, fixed={}, bounds={}))
         others = free.fitted([name for name in OF_EACH_KIND if name != found.model.name]).fits
-        return compare([found, *others], self.curve.cells)[0].fit
+        return results.compare([found, *others], self.curve.cells)[0].fit
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
         """One model. InputError where it cannot be fitted, or has adhesion that cannot be."""
         curve, setting = self.curve, self.setting
-        model = fit_model(name, curve.cells, shape_of(curve.cells, curve.peak_slip), setting)
+        model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
         first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
@@ -358,15 +333,18 @@ class Candidates:
             check_fit(found, setting, curve)
         return replace(found, with_profiles=profiles)
 
-    def _regimes_of(self, fits: Sequence[Fit]) -> Regimes:
-        whole, own = [each for each in fits if each.model.name not in _NO_PEAK], regimes_of_data(self.curve.cells)
+    def _regimes_of(self, fits: Sequence[Fit]) -> results.Regimes:
+        whole, own = (
+            [each for each in fits if each.model.name not in _NO_PEAK],
+            results.regimes_of_data(self.curve.cells),
+        )
         if not whole:
             return own
-        best, setting = compare(whole, self.curve.cells)[0].fit, self.setting
+        best, setting = results.compare(whole, self.curve.cells)[0].fit, self.setting
         law = best.model.make_force_law(best.values, setting.rail)
         with suppress(DomainError):
-            found = peak_of_law(law, setting.initial_speed, setting.wheel_load)
-            return regimes_of(found.slip, best.model.name, self.curve.cells, own)
+            found = results.peak_of_law(law, setting.initial_speed, setting.wheel_load)
+            return results.regimes_of(found.slip, best.model.name, self.curve.cells, own)
         return own
 
 
@@ -405,12 +383,12 @@ class Identification:
     vehicle: Vehicle
     options: Options
     curve: AdhesionCurve
-    setting: Setting
-    scores: tuple[Score, ...]
-    chosen: Score
+    setting: models.Setting
+    scores: tuple[results.Score, ...]
+    chosen: results.Score
     not_fitted: tuple[str, ...]
-    peaks: tuple[PeakSlip, ...]
-    regimes: Regimes
+    peaks: tuple[results.PeakSlip, ...]
+    regimes: results.Regimes
     reference: ReferenceSlip | None
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
@@ -423,7 +401,7 @@ class Identification:
         return speeds_shown(self.curve, self.setting)
 
     @property
-    def own_peak(self) -> PeakSlip:
+    def own_peak(self) -> results.PeakSlip:
         """At the initial speed, on the log's own rail."""
         return [each for each in self.peaks if each.rail is self.setting.rail][-1]
 
@@ -443,10 +421,10 @@ class Identification:
     @property
     def peak_notes(self) -> tuple[str, ...]:
         """What of the peaks is not from the log, a sentence each."""
-        return peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
+        return results.peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
 
 
-def speeds_shown(curve: AdhesionCurve, setting: Setting) -> tuple[float, float]:
+def speeds_shown(curve: AdhesionCurve, setting: models.Setting) -> tuple[float, float]:
     """As `Identification.speeds_shown`."""
     v0, survey = setting.initial_speed, curve.survey
     return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
@@ -463,28 +441,13 @@ def identify(
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
-    Parameters
-    ----------
-    path : str or Path
-        The CSV, as `railslip identify --help` says.
-    vehicle : Vehicle
-        Its wheel and load, SI.
-    options : Options, optional
-        The rest; without it, what `railslip identify` takes unless told.
-    progress : callable, optional
-        Told the share that is read, a ratio of 0 to 1.
-    observed : callable, optional
-        Given the observed samples as they come, SI.
+    - path: the CSV, as `railslip identify --help` says.
+    - vehicle: its wheel and load, SI.
+    - options: the rest; without it, what `railslip identify` takes unless told.
+    - progress: callable; told the share that is read, a ratio of 0 to 1.
+    - observed: callable; given the observed samples as they come, SI.
 
-    Returns
-    -------
-    Identification
-        In SI.
-
-    Raises
-    ------
-    InputError
-        A log or an option that cannot be used, in one line.
+    In SI. InputError: a log or an option that cannot be used, in one line.
     """
     path, options = Path(path), options or Options()
     _model_names(options)  # before a large log is read
@@ -493,9 +456,9 @@ def identify(
 
 
 def _model_names(options: Options) -> tuple[str, ...]:
-    names = CANDIDATES if options.model == "best" else (options.model,)
-    check_model(options.model)
-    check_options(names, options.fixed, options.bounds)
+    names = models.CANDIDATES if options.model == "best" else (options.model,)
+    models.check_model(options.model)
+    models.check_options(names, options.fixed, options.bounds)
     check_corrections(options.delays, options.zeros)
     return names
 
@@ -508,7 +471,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     found = candidates.fitted(names)
     if not found.fits:
         raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
-    scores, chosen, peaks, without = _chosen(compare(found.fits, curve.cells), candidates)
+    scores, chosen, peaks, without = _chosen(results.compare(found.fits, curve.cells), candidates)
     left_out: tuple[str, ...] = ()
     if found.impossible:
         left_out = (
@@ -532,7 +495,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     )
 
 
-def _of_model(chosen: Score, peaks: tuple[PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
+def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
     """What of an `Identification` follows from the model chosen: the last peaks of each rail are at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
@@ -541,15 +504,15 @@ def _of_model(chosen: Score, peaks: tuple[PeakSlip, ...], candidates: Candidates
     return {
         "chosen": chosen,
         "peaks": peaks,
-        "regimes": regimes_of(at_v0[setting.rail].slip, chosen.fit.model.name, curve.cells, candidates.regimes),
+        "regimes": results.regimes_of(at_v0[setting.rail].slip, chosen.fit.model.name, curve.cells, candidates.regimes),
         "reference": ReferenceSlip(dry=dry, wet=wet) if math.isfinite(dry) and math.isfinite(wet) else None,
         "doubts": fit_doubts(chosen.fit, setting, curve),
     }
 
 
 def _chosen(
-    scores: tuple[Score, ...], candidates: Candidates
-) -> tuple[tuple[Score, ...], Score, tuple[PeakSlip, ...], tuple[str, ...]]:
+    scores: tuple[results.Score, ...], candidates: Candidates
+) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
     """The scores, the first that is not the table, its peaks, and why models before it had none; else InputError."""
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
@@ -566,7 +529,7 @@ def _chosen(
     raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
 
 
-def _against_the_log(curve: AdhesionCurve, setting: Setting, options: Options) -> tuple[str, ...]:
+def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
     """A sentence for each value that is given and that the log shows to be another."""
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
@@ -612,10 +575,10 @@ def _wheel_told(curve: AdhesionCurve) -> tuple[str, ...]:
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
-def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSlip, ...]:
+def _peaks(score: results.Score, setting: models.Setting, curve: AdhesionCurve) -> tuple[results.PeakSlip, ...]:
     """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
     speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
-    peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
+    peaks = results.drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
     seen = float(curve.cells.slip.max())
     return tuple(
         replace(peak, reference=math.nan, reference_coefficient=math.nan) if peak.slip > seen else peak
@@ -623,7 +586,7 @@ def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSl
     )
 
 
-def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
+def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
     order = np.argsort(cells.slip)
     slip = np.linspace(math.sqrt(cells.slip[order[0]]), math.sqrt(cells.slip[order[-1]]), _LINE_POINTS) ** 2
     if fit.followed is not None:
@@ -632,12 +595,12 @@ def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
     return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
 
 
-def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Setting:
+def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
     """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
-    return Setting(
+    return models.Setting(
         wheel_load=curve.survey.wheel_load,
         initial_speed=v0,
         slip_acceleration=ramp if ramped else None,
@@ -657,7 +620,7 @@ class LogSeries:
     """
 
     logs: tuple[Identification, ...]
-    polynomials: tuple[ParameterPolynomial, ...]
+    polynomials: tuple[results.ParameterPolynomial, ...]
     warnings: tuple[str, ...] = ()
 
 
@@ -686,7 +649,7 @@ def identify_several(
     fits = [each.chosen.fit for each in done]
     return LogSeries(
         logs=tuple(done),
-        polynomials=over_initial_speed([each.setting.initial_speed for each in done], fits),
+        polynomials=results.over_initial_speed([each.setting.initial_speed for each in done], fits),
         warnings=_different_loads(done),
     )
 

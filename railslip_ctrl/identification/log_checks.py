@@ -11,19 +11,16 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
 from .logs import UNITS, Column, Rows
 from .observed import LOWEST_SPEED, BrakedRows, Survey
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,7 @@ class FreeRolling:
             return None
         torque, v, omega, _, _, _, moves = windows
         zero, speed, turning, centre, _, slows, _ = np.median(windows, axis=1).tolist()
-        by_brake = slows - _resistance(self._vehicle, speed) / self._vehicle.effective_mass
+        by_brake = slows - self._vehicle.resistance.force(speed) / self._vehicle.effective_mass
         slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
         if zero >= _BRAKES * self._radius * centre and slowed:
             return None
@@ -175,13 +172,7 @@ class FreeRolling:
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
 
 
-def _resistance(vehicle: Vehicle, speed: Any) -> Any:
-    """The train's own, N, of the quarter car, at a speed in m/s."""
-    r = vehicle.resistance
-    return r.constant + r.linear * speed + r.quadratic * speed**2
-
-
-def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
+def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
     """In which windows values neither rise nor bend, beyond the noise of neighbours or a least change."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
@@ -379,7 +370,7 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
     turned = -float(np.diff(record.omega)[inside].sum())
     adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
-    resistance = float(step @ _resistance(vehicle, v))
+    resistance = float(step @ vehicle.resistance.force(v))
     asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
     return _lost(record) / asked if asked > 0.0 else math.nan
 

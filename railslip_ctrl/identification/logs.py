@@ -34,15 +34,13 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core import extras
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.arguments import Flags, Floats, Integers
+from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.units import shown, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 
-Floats = NDArray[np.float64]
-Lines = NDArray[np.int64]
+Lines = Integers
 
 BLOCK_BYTES = 4 << 20
 """Bytes read at a time; a block and the numbers in it take some 30 MB."""
@@ -489,7 +487,7 @@ class Rows:
     def __len__(self) -> int:
         return len(self.line)
 
-    def where(self, kept: NDArray[np.bool_]) -> Rows:
+    def where(self, kept: Flags) -> Rows:
         return Rows(self.line[kept], {name: values[kept] for name, values in self.columns.items()})
 
     def part(self, start: int, stop: int | None) -> Rows:
@@ -539,7 +537,7 @@ class Log:
         units: Mapping[str, str] | None = None,
         block_bytes: int = BLOCK_BYTES,
     ) -> None:
-        extras.check_extra("identify", "identify")
+        check_extra("identify", "identify")
         self._file = LogFile(path)
         self.name = self._file.name
         self.broken = Broken()

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.core.user_files import close_match
@@ -31,9 +31,6 @@ from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import Cells
-
-Floats = NDArray[np.float64]
-
 
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 

@@ -18,15 +18,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .logs import Lines, Rows
 from .observer import FilterObserver, Form, KalmanObserver, ObserverState, TorqueObserver
-
-Floats = NDArray[np.float64]
-
 
 # --- the observer's filter -----------------------------------------------------------------------------------------
 
@@ -62,7 +60,7 @@ class Readhesion:
         self._once, self._twice = Channels(low_pass), Channels(low_pass)
         self._falls_back = False
 
-    def add(self, time: Floats, slip: Floats, torque: Floats) -> NDArray[np.bool_]:
+    def add(self, time: Floats, slip: Floats, torque: Floats) -> Flags:
         """Whether the next rows are of readhesion: times in s, slip ratios and brake torques in N*m as logged."""
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
@@ -71,7 +69,7 @@ class Readhesion:
         index = np.arange(len(time))
         last_released = np.maximum.accumulate(np.where(released, index, -1 if self._falls_back else -2))
         last_held = np.maximum.accumulate(np.where(falls, -2, index))
-        found: NDArray[np.bool_] = last_released > last_held
+        found: Flags = last_released > last_held
         self._falls_back = bool(found[-1])
         return found
 
@@ -110,7 +108,7 @@ class Recorder:
         self._run, self._place = -1, 0  # of the last row used: its run, and its place in it
         self._last_used = False
 
-    def add(self, rows: Floats, used: NDArray[np.bool_], apart: NDArray[np.bool_]) -> None:
+    def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
         """Take in rows (5 by k, the columns of `BrakedRows`), which are used, and which stand after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
@@ -256,7 +254,7 @@ class Observed:
     def __len__(self) -> int:
         return len(self.time)
 
-    def where(self, kept: NDArray[np.bool_]) -> Observed:
+    def where(self, kept: Flags) -> Observed:
         return Observed(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
@@ -384,7 +382,7 @@ class AdhesionStream:
         self.survey.implausible += int(bad.sum())
         return rows.line[~bad], signals[:, ~bad]
 
-    def _braked(self, torque: Floats, load: Floats) -> NDArray[np.bool_]:
+    def _braked(self, torque: Floats, load: Floats) -> Flags:
         """A released brake counts at once."""
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 

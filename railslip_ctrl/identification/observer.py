@@ -29,9 +29,9 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
@@ -52,8 +52,6 @@ __all__ = [
     "observer_responses",
 ]
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # --- sensors -------------------------------------------------------------------------------------------------------
 
@@ -238,7 +236,7 @@ class Estimates:
     state: ObserverState
 
 
-def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> NDArray[np.float64] | np.float64:
+def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> Floats | np.float64:
     """mu_hat = Ta_hat/(N r), of an `adhesion_torque` in N*m, of any shape, on a `vehicle`'s wheel. [Park2008] (29)."""
     return np.asarray(np.asarray(adhesion_torque, dtype=float) / (vehicle.wheel_load * vehicle.wheel.radius))[()]
 

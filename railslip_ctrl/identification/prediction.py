@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.numeric import peak
@@ -39,9 +39,6 @@ from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes
 from .models import FitModel, Setting
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
-
-Floats = NDArray[np.float64]
-
 
 STATIC = ("beam", "polach", "burckhardt", "curve")
 """Models whose force is a function of slip and speed that is fitted over its whole range."""
@@ -90,7 +87,7 @@ class Intervals:
     torque1: Floats
     load: Floats
     time: Floats
-    run: NDArray[np.int64]
+    run: Integers
     speed_bend: Floats
 
     @classmethod
@@ -130,7 +127,7 @@ class Intervals:
         return result
 
     @property
-    def begins(self) -> NDArray[np.bool_]:
+    def begins(self) -> Flags:
         """The first of each run."""
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
@@ -17,9 +18,6 @@ from railslip_ctrl.model.vehicle import Rail
 from .curves import BINS, Cells, peak_slip
 from .fits import NORMAL_QUANTILE, Fit, Parameter, differences
 from .models import FitModel
-
-Floats = NDArray[np.float64]
-
 
 # --- the two regimes: mu rises with slip up to its peak, and falls beyond --------------------------------------------
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
-from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
@@ -25,7 +25,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
 from .logs import Rows
-from .observer import Encoder, Floats, TorqueObserver, TorqueSensor, noise_deviation
+from .observer import Encoder, TorqueObserver, TorqueSensor, noise_deviation
 
 TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)
 """[Park2008] Table 1."""

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import InputError
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
 from .margins import SHAPES, box_bounds, heights, responses
-from .rational import Complexes, Floats, Rational
+from .rational import Rational
 
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Spans = tuple[Floats, Floats]
 
@@ -57,16 +57,12 @@ _PEAK_GAIN = 1e-10  # a piece whose bound exceeds the attained peak by less, rel
 class BatchMargins:
     """Margins of n loops; every field has shape (n,), and each means what it means in `Margins`.
 
-    Attributes
-    ----------
-    stable : array of bool
-    unstable_poles : array
-        Closed-loop poles with real part >= 0, exactly counted.
-    gain_increase, gain_decrease, phase_deg, delay_s, ms, mt, disk : array
-        Margins (factors, deg, s, peaks of |S| and |T|, balanced disk margin); NaN for a loop that is not stable.
-    gain_increase_frequency, gain_decrease_frequency, phase_frequency, delay_frequency, ms_frequency, mt_frequency, \
-disk_frequency : array
-        Where, rad/s.
+    - stable: array of bool
+    - unstable_poles: closed-loop poles with real part >= 0, exactly counted.
+    - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt, disk: margins (factors, deg, s, peaks of |S| and |T|,
+      balanced disk margin); NaN for a loop that is not stable.
+    - gain_increase_frequency, gain_decrease_frequency, phase_frequency, delay_frequency, ms_frequency, mt_frequency,
+      disk_frequency: where, rad/s.
     """
 
     stable: Flags
@@ -118,16 +114,12 @@ def batch_margins(
 ) -> BatchMargins:
     """All margins of L(s) = gain prod(s - zeros)/prod(s - poles) exp(-dead_time s), loop by loop.
 
-    Parameters
-    ----------
-    zeros, poles : array of complex, shapes (n, mz) and (n, mp), mz < mp
-        1/s; complex ones in conjugate pairs. A pole cancelled by a zero still counts for stability.
-    gain : array (n,)
-        Ratio of the leading coefficients.
-    dead_time : array (n,)
-        s, >= 0.
-    gain_margins, peaks : bool
-        False leaves the gain margins, or `ms`, `mt`, `disk` and where they are, NaN: the rest takes half the time.
+    - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex ones in conjugate pairs. A pole
+      cancelled by a zero still counts for stability.
+    - gain: array (n,); ratio of the leading coefficients.
+    - dead_time: array (n,); s, >= 0.
+    - gain_margins, peaks: false leaves the gain margins, or `ms`, `mt`, `disk` and where they are, NaN: the rest takes
+      half the time.
 
     InputError: shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.

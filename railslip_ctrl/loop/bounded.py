@@ -15,12 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.arguments import numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, numbers
 
 from .crossings import bracketed_roots
 from .deadtime import Loop, unstable_error
 from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
-from .rational import Complexes, Floats
 
 ROUNDING = 1e-12  # of ln L, many times what is seen
 _ONE = 1e-9  # ln|L| that counts as 0 all along an interval

@@ -52,26 +52,18 @@ class Certificate:
 
     It holds for the coefficients, matrices or roots, the gain and the dead time as the doubles they were given as.
 
-    Attributes
-    ----------
-    stable : bool
-        Whether every closed-loop pole lies left of the imaginary axis.
-    marginal : bool
-        Whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`; False where
-        infinitely many poles are not left of it.
-    unstable_poles : float
-        Number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
-    gain_crossovers : tuple of tuple
-        Enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root count.
-    bits : int
-        Precision of the balls: their relative width is 2^-bits.
-    parts : int
-        Parts of the axis on each of which |S| and |T| were bounded; 0 without dead time, where roots of polynomials
-        give their peaks.
-    gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
-        Enclosures of the margins of `Margins`: factors, deg, s, peaks of |S| and |T|; both ends inf where a margin has
-        no bound; a gain decrease from 0 to 1e-9 where an integrator is there to rounding alone. None for a loop that
-        is not stable.
+    - stable: whether every closed-loop pole lies left of the imaginary axis.
+    - marginal: whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`; False where
+      infinitely many poles are not left of it.
+    - unstable_poles: number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
+    - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root
+      count.
+    - bits: precision of the balls: their relative width is 2^-bits.
+    - parts: parts of the axis on each of which |S| and |T| were bounded; 0 without dead time, where roots of
+      polynomials give their peaks.
+    - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins of `Margins`: factors, deg, s,
+      peaks of |S| and |T|; both ends inf where a margin has no bound; a gain decrease from 0 to 1e-9 where an
+      integrator is there to rounding alone. None for a loop that is not stable.
     """
 
     stable: bool

@@ -18,11 +18,11 @@ import numpy as np
 from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Floats
+
 from .rational import (
     DOUBLE_BITS,
     Axis,
-    Complexes,
-    Floats,
     Rational,
     complex_roots,
     fraction,

@@ -14,13 +14,13 @@ import numpy as np
 from flint import ctx
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, complexes, number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
 from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .rational import Complexes, Floats, Rational, pade
+from .rational import Rational, pade
 from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
@@ -180,12 +180,9 @@ def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, flo
 class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 
-    Parameters
-    ----------
-    system : python-control TransferFunction or StateSpace, `Rational`, or a real number
-        G, continuous-time and SISO, proper. Hidden (cancelled) modes are kept and count for stability.
-    dead_time : float
-        s, >= 0.
+    - system: python-control TransferFunction or StateSpace, `Rational`, or a real number; G, continuous-time and SISO,
+      proper. Hidden (cancelled) modes are kept and count for stability.
+    - dead_time: s, >= 0.
 
     InputError: `system` is not of this form, or the dead time is negative, not finite or no number.
 
@@ -309,10 +306,7 @@ class DeadTimeLoop(Loop):
 
         What the controller commands is told by `loop.responses.step_response`, which takes the parts of the loop.
 
-        Parameters
-        ----------
-        time : array, shape (n,), or float
-            s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        - time: array, shape (n,), or float; s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
         return step_response(1.0, self.system, self.dead_time, time=times[0], final_time=times[1])

@@ -11,8 +11,9 @@ import numpy as np
 from flint import ctx, fmpq
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
+
 from .crossings import REFINED_BITS, Pieces, Response
-from .rational import Complexes, Floats
 from .stability import count_right_of
 
 _NEWTON_STEPS, _HALF_OF_THE_DIGITS = 8, 1e-9  # for a peak by doubles
@@ -37,31 +38,24 @@ _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one 
 class Margins:
     """Margins of a stable loop, each the distance to instability along its own direction.
 
-    Attributes
-    ----------
-    gain_increase, gain_decrease : float
-        Factors > 1 and < 1 on the loop gain at which stability is lost; inf and 0.0 if it never is.
-    gain_increase_frequency, gain_decrease_frequency : float
-        Phase crossover they belong to, rad/s; 0 is a pole leaving through the origin, inf one at infinite
-        frequency (neutral loops), NaN without a bound.
-    phase_deg, phase_frequency : float
-        Smallest phase change, in size, lag or lead, that destabilises, deg, over all gain crossovers, and where,
-        rad/s; inf and NaN without a crossover.
-    delay_s, delay_frequency : float
-        Smallest added dead time that destabilises, s, over all gain crossovers; inf and NaN without one.
-    ms, ms_frequency, mt, mt_frequency : float
-        Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the last bit, and where, rad/s. (The
-        other margins may lie some last bits outside what `DeadTimeLoop.certificate` encloses them in.)
-    disk, disk_frequency : float
-        Balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]): gain and phase may
-        change together within `disk_gain_range` and +-`disk_phase_deg`.
-    gain_crossovers, phase_crossovers : array, 1-D, rad/s
-        All |L| = 1; and all L < 0 real, 0 included, complete where |L| >= 1/100 (with dead time there are
-        infinitely many).
-    phase_margins_deg : array, 1-D
-        deg, at each gain crossover, in (-180, 180]: positive is destroyed by lag, negative by lead.
-    phase_crossover_gains : array, 1-D
-        Factor 1/|L| at each phase crossover.
+    - gain_increase, gain_decrease: factors > 1 and < 1 on the loop gain at which stability is lost; inf and 0.0 if it
+      never is.
+    - gain_increase_frequency, gain_decrease_frequency: phase crossover they belong to, rad/s; 0 is a pole leaving
+      through the origin, inf one at infinite frequency (neutral loops), NaN without a bound.
+    - phase_deg, phase_frequency: smallest phase change, in size, lag or lead, that destabilises, deg, over all gain
+      crossovers, and where, rad/s; inf and NaN without a crossover.
+    - delay_s, delay_frequency: smallest added dead time that destabilises, s, over all gain crossovers; inf and NaN
+      without one.
+    - ms, ms_frequency, mt, mt_frequency: peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the
+      last bit, and where, rad/s. (The other margins may lie some last bits outside what `DeadTimeLoop.certificate`
+      encloses them in.)
+    - disk, disk_frequency: balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]):
+      gain and phase may change together within `disk_gain_range` and +-`disk_phase_deg`.
+    - gain_crossovers, phase_crossovers: array, 1-D, rad/s; all |L| = 1; and all L < 0 real, 0 included, complete where
+      |L| >= 1/100 (with dead time there are infinitely many).
+    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]: positive is destroyed by lag, negative
+      by lead.
+    - phase_crossover_gains: array, 1-D; factor 1/|L| at each phase crossover.
     """
 
     gain_increase: float
@@ -335,7 +329,7 @@ def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
-def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> NDArray[np.bool_]:
+def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> Flags:
     """Which parts may hold a value above the best, by their bounds, (3, n), and the relative rounding of L there."""
     slack = rounding * (best[0][0] * best[1][0])  # |S| and |T| amplify it
     most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best]) + slack

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import number, numbers
+from railslip_ctrl.core.arguments import Complexes, Floats, number, numbers
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
 from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
 from .quasi_batch import NEAR_ORIGIN, SERIES, QuasiPolynomials, count_right
-from .rational import DOUBLE_BITS, Complexes, Floats, Rational
+from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
 _SMALL = 5e-3  # frequencies reach to where |L| is for certain below this
@@ -37,14 +37,9 @@ _ROUNDING = 1e-13  # of F over the sizes of its terms
 class QuasiPolynomial:
     """F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    Parameters
-    ----------
-    terms : sequence of arrays
-        Coefficients of c_0, c_1, ... in descending powers of s, real.
-    delays : sequence of float, or float
-        s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
-    removed : int
-        Zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
+    - terms: sequence of arrays; coefficients of c_0, c_1, ... in descending powers of s, real.
+    - delays: s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
+    - removed: zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -190,11 +185,8 @@ class DelayedRatio:
 class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
-    Parameters
-    ----------
-    ratio : DelayedRatio
-        L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
-        characteristic function of plant and controller *as realised*.
+    - ratio: L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
+      characteristic function of plant and controller *as realised*.
 
     InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 

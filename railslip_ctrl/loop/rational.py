@@ -17,13 +17,10 @@ from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mat, fmpq_poly
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import checked, complexes, number, real, reals
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, real, reals
 from railslip_ctrl.core.errors import InputError
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
 
@@ -164,13 +161,9 @@ LARGEST_ORDER = 100
 class Rational:
     """A SISO rational transfer function with real coefficients.
 
-    Parameters
-    ----------
-    zeros, poles : array of complex, 1-D
-        rad/s; complex ones in conjugate pairs. Common factors are kept: a pole cancelled by a zero is still a
-        pole of every closed loop.
-    gain : float
-        Ratio of the leading coefficients.
+    - zeros, poles: array of complex, 1-D; rad/s; complex ones in conjugate pairs. Common factors are kept: a pole
+      cancelled by a zero is still a pole of every closed loop.
+    - gain: ratio of the leading coefficients.
 
     InputError: more zeros than poles (not proper), or something that is not a finite number.
     """
@@ -254,10 +247,7 @@ class Rational:
         The matrices are exact, but for their structure: an eigenvalue that rounding may have moved away from 0 is an
         integrator, and a zero that rounding may have brought from infinity is none.
 
-        Parameters
-        ----------
-        a, b, c, d : array
-            In SI units, n by n, n by 1, 1 by n and 1 by 1.
+        - a, b, c, d: in SI units, n by n, n by 1, 1 by n and 1 by 1.
 
         InputError: entries that are no finite numbers, or shapes that do not fit.
         """

@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.arguments import number, reals
+from railslip_ctrl.core.arguments import Floats, number, reals
 from railslip_ctrl.core.errors import InputError
 
-from .rational import Floats, Rational, realise
+from .rational import Rational, realise
 
 _DEFAULT_POINTS = 1001  # a smooth line in print
 # On a piece of length h = 4/rate the Chebyshev series of order 20 of any signal of the loop is cut off
@@ -44,22 +45,13 @@ class TimeResponse:
     Where a signal jumps the value after the jump is given. SI; for a wheel-slip loop torques in N*m and slip
     velocities in m/s.
 
-    Attributes
-    ----------
-    time : array
-        s, ascending.
-    output : array
-        y, without measurement noise.
-    control : array
-        u, the controller's command, before the dead time.
-    plant_input : array
-        q, what acts on the plant: the command after dead time and actuator, plus the disturbance.
-    error : array
-        e = reference - (output + noise), what the controller sees.
-    control_rate : array
-        du/dt, per s; jumps of u (a reference step through a biproper controller, at t = 0) not included.
-    dead_time, reference, disturbance, noise : float
-        s, and the heights of the steps at t = 0.
+    - time: s, ascending.
+    - output: y, without measurement noise.
+    - control: u, the controller's command, before the dead time.
+    - plant_input: q, what acts on the plant: the command after dead time and actuator, plus the disturbance.
+    - error: e = reference - (output + noise), what the controller sees.
+    - control_rate: du/dt, per s; jumps of u (a reference step through a biproper controller, at t = 0) not included.
+    - dead_time, reference, disturbance, noise: s, and the heights of the steps at t = 0.
     """
 
     time: Floats
@@ -99,41 +91,6 @@ class TimeResponse:
         return float(self.time[last + 1]) if last + 1 < self.time.size else math.inf
 
 
-def step_response(
-    controller: Any,
-    plant: Any,
-    dead_time: float,
-    *,
-    time: ArrayLike | None = None,
-    final_time: float | None = None,
-    actuator: Any = 1.0,
-    height: float = 1.0,
-) -> TimeResponse:
-    """Response to a reference step of `height` (unit of y) at t = 0; see `closed_loop_response`."""
-    return closed_loop_response(
-        controller, plant, dead_time, time=time, final_time=final_time, actuator=actuator, reference=height
-    )
-
-
-def disturbance_response(
-    controller: Any,
-    plant: Any,
-    dead_time: float,
-    *,
-    time: ArrayLike | None = None,
-    final_time: float | None = None,
-    actuator: Any = 1.0,
-    height: float = 1.0,
-) -> TimeResponse:
-    """Response to a load step of `height` (unit of q) at the plant's input, behind dead time and actuator.
-
-    See `closed_loop_response`; for a torque at the wheel give the brake's lag as `actuator`, the wheel as `plant`.
-    """
-    return closed_loop_response(
-        controller, plant, dead_time, time=time, final_time=final_time, actuator=actuator, disturbance=height
-    )
-
-
 def closed_loop_response(
     controller: Any,
     plant: Any,
@@ -149,21 +106,15 @@ def closed_loop_response(
 ) -> TimeResponse:
     """Response of the loop to steps at t = 0 and to an initial state of the plant, stable or not.
 
-    Parameters
-    ----------
-    controller, actuator, plant : python-control system, `Rational`, or a real number
-        C, G and P, proper, each with any poles; the dead time acts between C and G.
-    dead_time : float
-        tau, s, >= 0.
-    time : array, shape (n,)
-        s, >= 0, ascending, at which to give the response. Either this or `final_time`.
-    final_time : float
-        s, > 0: 1001 equally spaced times from 0.
-    reference, disturbance, noise : float
-        Heights of the steps of the reference, of the load at the plant's input and of the measurement's offset.
-    initial_plant_state : array, shape (order of P,)
-        States of `realise(plant)`, of a `Rational`, at t = 0; `realise(plant).b * J` is what an impulse J at its input
-        leaves.
+    - controller, actuator, plant: python-control system, `Rational`, or a real number; C, G and P, proper, each with
+      any poles; the dead time acts between C and G.
+    - dead_time: tau, s, >= 0.
+    - time: array, shape (n,); s, >= 0, ascending, at which to give the response. Either this or `final_time`.
+    - final_time: s, > 0: 1001 equally spaced times from 0.
+    - reference, disturbance, noise: heights of the steps of the reference, of the load at the plant's input and of the
+      measurement's offset.
+    - initial_plant_state: array, shape (order of P,); states of `realise(plant)`, of a `Rational`, at t = 0;
+      `realise(plant).b * J` is what an impulse J at its input leaves.
 
     InputError: a system, dead time, time, height or state that is not allowed; times so long against dead time and time
     constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
@@ -189,6 +140,16 @@ def closed_loop_response(
     signals, rate = Marcher(equations, dead_time, steps).run(start, times)
     output, control, plant_input, error = signals
     return TimeResponse(times, output, control, plant_input, error, rate, dead_time, *steps.tolist())
+
+
+step_response = partial(closed_loop_response, reference=1.0)
+"""To a unit step of the reference, or one of the height `reference` (unit of y)."""
+
+disturbance_response = partial(closed_loop_response, disturbance=1.0)
+"""To a unit load, or one of the height `disturbance`, at the plant's input, behind dead time and actuator.
+
+For a torque at the wheel give the brake's lag as `actuator`, the wheel as `plant`.
+"""
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.arguments import checked, complexes, number
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats, checked, complexes, number
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import ROUNDING, BoundedLoop, Expansion
 from .crossings import Response
 from .deadtime import Loop
-from .rational import Complexes, Floats, Rational, realise
+from .rational import Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
 from .stability import RootCount
 
@@ -75,16 +75,12 @@ class HeldPlant:
 class SampledLoop(BoundedLoop):
     """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
 
-    Parameters
-    ----------
-    controller : python-control or scipy.signal system of that period, `Rational` in z, or a real number
-        C, proper; u = C (reference - y) at the samples.
-    plant : python-control or scipy.signal system, or `Rational` in s
-        P, continuous-time, strictly proper, without dead time.
-    dead_time : float
-        s, >= 0, between the controller's output and the plant: actuator and computation together.
-    period : float
-        h, s, > 0.
+    - controller: python-control or scipy.signal system of that period, `Rational` in z, or a real number; C, proper; u
+      = C (reference - y) at the samples.
+    - plant: python-control or scipy.signal system, or `Rational` in s; P, continuous-time, strictly proper, without
+      dead time.
+    - dead_time: s, >= 0, between the controller's output and the plant: actuator and computation together.
+    - period: h, s, > 0.
 
     InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
@@ -215,10 +211,7 @@ class SampledLoop(BoundedLoop):
 
         The step is seen by the sample at t = 0; `control` is held between samples, its `control_rate` 0.
 
-        Parameters
-        ----------
-        time : array, shape (n,), or float
-            s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        - time: array, shape (n,), or float; s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times = given_times(*((None, time) if np.ndim(time) == 0 else (time, None)))
         at, inside = pieces_at(times, self.period)
@@ -367,8 +360,6 @@ def check_period(period: float) -> float:
 # at first, and parted, narrowed to where an interval Newton step leaves room, or dropped, until it is its root.
 #
 
-Bools = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class BoxedExpansion:
@@ -511,10 +502,10 @@ class Boxes(NamedTuple):
     fraction: Floats
     half_fraction: Floats
     turns: Floats
-    only: Bools
+    only: Flags
     least: Floats
 
-    def at(self, index: NDArray[np.intp] | Bools) -> Boxes:
+    def at(self, index: NDArray[np.intp] | Flags) -> Boxes:
         """Those of an index."""
         return Boxes._make(each[index] for each in self)
 
@@ -596,8 +587,8 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 
 
 def _next_turns(
-    expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Bools
-) -> tuple[Boxes, Step, Bools]:
+    expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
+) -> tuple[Boxes, Step, Flags]:
     """The first turns, from their own on, at which each box may hold a root, with the interval Newton step there."""
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from flint import ctx
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import GAIN, MOST_BITS, Response
-from .rational import Complexes, Floats, Rational, realise, rounded_roots
+from .rational import Rational, realise, rounded_roots
 
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
@@ -198,7 +198,7 @@ def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
     return value, slope
 
 
-def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, NDArray[np.bool_]]:
+def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, Flags]:
     """Newton's method from each start value, and whether each ended on a zero of Q."""
     s = start.astype(complex)
     with np.errstate(all="ignore"):

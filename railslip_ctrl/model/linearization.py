@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
 
@@ -45,24 +44,14 @@ _LIMIT_TOLERANCE = 1e-6
 class OperatingPoint:
     """A point of constant slip.
 
-    Attributes
-    ----------
-    law, vehicle, rail : AdhesionLaw, Vehicle, Rail
-        What the point belongs to.
-    speed : float
-        v, m/s.
-    slip : float
-        lambda, slip ratio, 0 <= lambda < 1.
-    adhesion_state : float or None
-        z at rest, m; None for a static law.
-    adhesion_force : float
-        Fa, N.
-    brake_torque : float
-        Tb with lambda' = 0, N*m; Td = Tr = 0.
-    initial_speed_kmh : float or None
-        v0 the law's parameters were made for, km/h; None where they do not depend on it.
-    residual : float
-        Larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
+    - law, vehicle, rail: what the point belongs to.
+    - speed: v, m/s.
+    - slip: lambda, slip ratio, 0 <= lambda < 1.
+    - adhesion_state: z at rest, m; None for a static law.
+    - adhesion_force: Fa, N.
+    - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
+    - initial_speed_kmh: v0 the law's parameters were made for, km/h; None where they do not depend on it.
+    - residual: larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -119,30 +108,15 @@ def operating_point(
 ) -> OperatingPoint:
     """The operating point of a law at a speed and a slip: the state at rest and the brake torque that keeps it.
 
-    Parameters
-    ----------
-    law, vehicle : AdhesionLaw, Vehicle
-        The law with parameters for the rail meant; the quarter car, SI.
-    speed : float
-        v, m/s, > 0.
-    slip : float
-        lambda, a ratio, 0 <= slip < 1; positive in braking.
-    rail, initial_speed_kmh : Rail, float, optional
-        Labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
+    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
+    - speed: v, m/s, > 0.
+    - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
+    - rail, initial_speed_kmh: labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
 
-    Returns
-    -------
-    OperatingPoint
-        Speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m.
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a published law made for another wheel load.
-    DomainError
-        The speed is not finite and positive, the slip is outside 0 <= lambda < 1, or the law does not hold there.
-    KinkError
-        Slip 0 with a dynamic law, whose rest state is undefined there.
+    Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
+    argument of another kind, or a published law made for another wheel load. DomainError: the speed is not finite and
+    positive, the slip is outside 0 <= lambda < 1, or the law does not hold there. KinkError: slip 0 with a dynamic law,
+    whose rest state is undefined there.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
@@ -192,23 +166,18 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
 class LinearPlant:
     """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
 
-    Attributes
-    ----------
-    point : OperatingPoint
-        Where.
-    A, B, C, D : ndarray, (n, n), (n, 1), (3, n), (3, 1)
-        SI; deviations from the operating point.
-    states : tuple of str
-        "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
-    inputs, outputs : tuple of str
-        "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as lambda_d.
+    - point: where.
+    - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
+    - states: "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
+    - inputs, outputs: "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as
+      lambda_d.
     """
 
     point: OperatingPoint
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    C: NDArray[np.float64]
-    D: NDArray[np.float64]
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
     states: tuple[str, ...]
     inputs: tuple[str, ...] = INPUTS
     outputs: tuple[str, ...] = OUTPUTS
@@ -219,12 +188,12 @@ class LinearPlant:
         return "v" in self.states
 
     @property
-    def poles(self) -> NDArray[np.complex128]:
+    def poles(self) -> Complexes:
         """Eigenvalues of A, rad/s, rightmost first."""
         return _sorted_roots(self.A)
 
     @property
-    def zeros(self) -> NDArray[np.complex128]:
+    def zeros(self) -> Complexes:
         """Zeros of brake torque to sigma, rad/s, rightmost first: eigenvalues of A without sigma, whose equation
         alone has the torque."""
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
@@ -235,7 +204,7 @@ class LinearPlant:
         """Leading coefficient of the numerator of torque to sigma, (m/s^2)/(N*m): r/J."""
         return float(self.B[self.states.index("sigma"), 0])
 
-    def transfer_function(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def transfer_function(self) -> tuple[Floats, Floats]:
         """Numerator and denominator of brake torque to sigma, highest power first, denominator monic."""
         return self.gain * _polynomial(self.zeros), _polynomial(self.poles)
 
@@ -247,12 +216,12 @@ class LinearPlant:
         return control.ss(self.A, self.B, self.C, self.D, name=f"{self.point.adhesion}_{self.point.rail}", **labels)
 
 
-def _sorted_roots(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+def _sorted_roots(matrix: Floats) -> Complexes:
     roots = np.linalg.eigvals(matrix).astype(np.complex128)
     return roots[np.lexsort((roots.imag, -roots.real))]
 
 
-def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _polynomial(roots: Complexes) -> Floats:
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
 
 
@@ -280,24 +249,12 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
     """Linearise at an operating point, by the analytic Jacobian of the statement.
 
-    Parameters
-    ----------
-    point : OperatingPoint
-        From `operating_point`.
-    speed_state : bool
-        Keep v as the first state; by default it is frozen.
+    - point: from `operating_point`.
+    - speed_state: keep v as the first state; by default it is frozen.
 
-    Returns
-    -------
-    LinearPlant
-        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
-
-    Raises
-    ------
-    InputError
-        An argument of another kind.
-    KinkError
-        The law has no unique derivative there (within 1e-9 of the slip).
+    Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
+    InputError: an argument of another kind. KinkError: the law has no unique derivative there (within 1e-9 of the
+    slip).
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -319,7 +276,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     return _linear_plant(point, full, speed_state=speed_state)
 
 
-def _jacobian(point: OperatingPoint, sigma: float) -> NDArray[np.float64]:
+def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
     """Of the rates of v, sigma and z to these and the torques, at another sigma, m/s."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
@@ -328,7 +285,7 @@ def _jacobian(point: OperatingPoint, sigma: float) -> NDArray[np.float64]:
     return np.array([[float(entry) for entry in row] for row in rows])
 
 
-def _linear_plant(point: OperatingPoint, full: NDArray[np.float64], *, speed_state: bool) -> LinearPlant:
+def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> LinearPlant:
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
@@ -346,23 +303,12 @@ NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
     """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
 
-    Parameters
-    ----------
-    law, vehicle : AdhesionLaw, Vehicle
-        The law with parameters for the rail meant; the quarter car, SI.
-    reference_slip : float
-        lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
+    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
+    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 
-    Returns
-    -------
-    control.NonlinearIOSystem
-        Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s),
-        omega (rad/s). [Park2008] (1)-(4).
-
-    Raises
-    ------
-    InputError
-        An argument of another kind, or a reference slip out of its range.
+    Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
+    (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of another kind, or a reference slip out of its
+    range.
     """
     import control
 
@@ -371,11 +317,11 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     radius = vehicle.wheel.radius
     states = STATES[: 3 if law.has_state else 2]
 
-    def update(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+    def update(t: float, x: Floats, u: Floats, params: object) -> Floats:
         z = x[2] if law.has_state else 0.0
         return np.array([float(rate) for rate in rates(x[0], x[1], z, u[0], u[1], u[2], p)[: len(states)]])
 
-    def output(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+    def output(t: float, x: Floats, u: Floats, params: object) -> Floats:
         v, sigma = x[:2]
         return np.array([sigma, sigma / v, reference_slip * v - sigma, v, (v - sigma) / radius])
 

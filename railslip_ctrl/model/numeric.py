@@ -21,7 +21,9 @@ from types import ModuleType
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from railslip_ctrl.core.arguments import Floats
 
 from .adhesion import AdhesionLaw
 from .vehicle import Vehicle
@@ -85,9 +87,7 @@ def sources_hash(law: type[AdhesionLaw]) -> str:
 # --- use -----------------------------------------------------------------------------------------------------------
 
 
-def adhesion_coefficient(
-    law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float
-) -> NDArray[np.float64] | np.float64:
+def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float) -> Floats | np.float64:
     """mu = Fa/N with the adhesion state at rest, at one speed (m/s), for slip ratios of any shape; wheel load in N.
 
     DomainError where the law does not hold.
@@ -142,7 +142,7 @@ TABLE_INTERVALS = 4096
 
 
 @lru_cache(maxsize=32)  # a campaign gives the same rails to many controllers, and a table costs as much as half a run
-def adhesion_table(law: AdhesionLaw, wheel_load: float) -> NDArray[np.float64]:
+def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
     """The law's force over the slip ratio 0 to 1 at a wheel load, N, for a law with functions without a closed form.
 
     Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) in turn. A law

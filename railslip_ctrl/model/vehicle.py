@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import inspect
-import tomllib
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import cache, partial
-from importlib.resources import files
 from operator import attrgetter
-from types import MappingProxyType, NoneType, UnionType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import one_line, unknown_key
 
@@ -27,19 +26,14 @@ _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def documented(record: type[BaseModel]) -> str:
-    """The docstring of a record with a section of its described fields: type, meaning, unit, range, default."""
-    entries = [
-        f"{name} : {_type_words(info.annotation)}\n    {_sentence(info)}"
-        for name, info in record.model_fields.items()
-        if info.description
-    ]
+    """The docstring of a record with a list of its described fields: meaning, unit, range, default."""
+    entries = [f"- {name}: {_sentence(info)}" for name, info in record.model_fields.items() if info.description]
     own = inspect.cleandoc(record.__doc__ or "")
-    return "\n".join([own, "", "Attributes", "----------", *entries, ""]) if entries else own
+    return "\n".join([own, "", *entries, ""]) if entries else own
 
 
 def _sentence(info: FieldInfo) -> str:
-    meaning, extra = info.description or "", info.json_schema_extra
-    parts = [meaning[0].upper() + meaning[1:]]
+    extra, parts = info.json_schema_extra, [info.description or ""]
     if isinstance(extra, dict) and "unit" in extra:
         bounds = ((sign, getattr(each, key, None)) for key, sign in _BOUNDS for each in info.metadata)
         unit = "dimensionless" if extra["unit"] == "1" else str(extra["unit"])
@@ -48,15 +42,6 @@ def _sentence(info: FieldInfo) -> str:
         default = f"{info.default:g}" if type(info.default) in (int, float) else str(info.default)
         parts.append(f"default {default}")
     return "; ".join(parts) + "."
-
-
-def _type_words(annotation: Any) -> str:
-    if get_origin(annotation) in (Union, UnionType):
-        members = [_type_words(member) for member in get_args(annotation) if member is not NoneType]
-        return " or ".join([*members, *(["None"] if NoneType in get_args(annotation) else [])])
-    if get_origin(annotation) is tuple:
-        return f"tuple of {_type_words(get_args(annotation)[0])}"
-    return getattr(annotation, "__name__", str(annotation))
 
 
 # --- records --------------------------------------------------------------------------------------------------------
@@ -68,12 +53,8 @@ _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 class Rail(StrEnum):
     """Rail condition, a member or its name; what a wet rail changes is the law's to say, see `AdhesionLaw.wet`.
 
-    Attributes
-    ----------
-    DRY
-        "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
-    WET
-        "wet": those parameters times the law's own factors, or a published set of their own.
+    - DRY: "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
+    - WET: "wet": those parameters times the law's own factors, or a published set of their own.
     """
 
     DRY = "dry"
@@ -94,11 +75,8 @@ class Record(BaseModel):
     Numbers are SI, or text with a unit ("3.5 t"); neither text without one ("3500") nor True is a number, and no
     number is True or False.
 
-    Raises
-    ------
-    InputError
-        An unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is set
-        after the record was made.
+    InputError: an unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is
+    set after the record was made.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -191,6 +169,10 @@ class Resistance(Record):
     linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
     quadratic: float = quantity("N/(m/s)^2", "coefficient of v^2", ge=0, default=0.0)
 
+    def force(self, speed: Any) -> Any:
+        """Fr, N, at a `speed`, m/s, or at speeds, an array of any shape."""
+        return self.constant + self.linear * speed + self.quadratic * speed**2
+
 
 class Actuator(Record):
     """Pneumatic brake, commanded to acting torque: Ga(s) = exp(-dead_time s)/(lag s + 1) ([Park2008] p. 55)."""
@@ -213,10 +195,7 @@ class Vehicle(Record):
     (speeds integrated in km/h with forces in N). Equations of motion have the `effective_` ones. `wheel_load` does not
     follow the mass by itself.
 
-    Raises
-    ------
-    InputError
-        As of any `Record`, and a loaded mass below the empty one.
+    InputError: as of any `Record`, and a loaded mass below the empty one.
     """
 
     name: str = Field(description="for reports")
@@ -355,16 +334,11 @@ def table4_gains(adhesion: str) -> PIGains:
 _SPEED = 100.0 * KMH  # at which travelling resistance is looked at
 
 
-def _resistance(vehicle: Vehicle) -> float:
-    terms = vehicle.resistance
-    return terms.constant + terms.linear * _SPEED + terms.quadratic * _SPEED * _SPEED
-
-
 _VALUES: Mapping[str, Callable[[Vehicle], float]] = {
     **{name: attrgetter(name) for name in ("mass", "mass_loaded", "wheel_load", "wheel_load_loaded")},
     **{name: attrgetter(f"wheel.{name}") for name in ("radius", "inertia", "viscous_friction")},
     **{name: attrgetter(f"actuator.{name}") for name in ("dead_time", "lag")},
-    "resistance": _resistance,
+    "resistance": lambda v: v.resistance.force(_SPEED),
 }
 _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
     "wheel_load": lambda v: v.mass * GRAVITY,
@@ -374,7 +348,7 @@ _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
     "resistance": lambda v: v.wheel_load,
 }
 
-USUAL_RANGES: Mapping[str, Any] = tomllib.loads(files(__package__).joinpath("usual_ranges.toml").read_text("utf-8"))
+USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 """By key of the vehicle's file; the file says what is in it."""
 
 

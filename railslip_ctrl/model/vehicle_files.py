@@ -64,22 +64,11 @@ class VehicleKeys(Record):
 def load_vehicle(path: str | Path) -> Vehicle:
     """Return the quarter car described by a file.
 
-    Parameters
-    ----------
-    path : str or Path
-        `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
-        vehicle, which takes the published wheel and brake and four axles.
+    - path: `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
+      vehicle, which takes the published wheel and brake and four axles.
 
-    Returns
-    -------
-    Vehicle
-        SI. Its `notes` hold one sentence for each thing that was assumed; `design.envelope.Envelope` begins with its
-        table [envelope].
-
-    Raises
-    ------
-    InputError
-        One line with the file, the key, the value and what is allowed.
+    In SI; its `notes` hold one sentence for each thing that was assumed; `design.envelope.Envelope` begins with its
+    table [envelope]. InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(path)
     suffix = path.suffix.lower()

@@ -6,16 +6,13 @@ The words are in `errata.toml`: what goes wrong, by how much, and what is used i
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any, Literal
 
 import sympy as sp
 
-from railslip_ctrl.core.templates import filled
+from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, published_law
@@ -65,7 +62,7 @@ def compared(
     """An erratum by comparing expressions, one or a column of them; `numbers` of its text, found by `text` or where."""
     difference = tuple(_tidy(a - b) for a, b in zip(printed, derived, strict=True))
     agrees = all(vanishes(entry) for entry in difference)
-    words = _texts()[text or where]
+    words = texts(__package__, "errata.toml")[text or where]
     return Erratum(
         where=where,
         printed_latex=column(printed),
@@ -78,11 +75,6 @@ def compared(
         sign_and_size=filled(words["size"], {"agrees": agrees, **numbers}),
         explanation=filled(words["explanation"], {"agrees": agrees, **numbers}),
     )
-
-
-@cache
-def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(Path(__file__).with_name("errata.toml").read_text("utf-8"))
 
 
 def _tidy(difference: sp.Expr) -> sp.Expr:
@@ -99,13 +91,13 @@ def told(
 ) -> Erratum:
     """An erratum of numbers or of a claim that disagrees; `by_column` has more numbers of its size for columns of a
     table, which then says it for each, or once where all are alike."""
-    words = _texts()[where]
+    words = texts(__package__, "errata.toml")[where]
     printed, derived, explanation = (filled(words[name], numbers) for name in ("printed", "derived", "explanation"))
     columns = {name: filled(words["size"], {**numbers, **more}) for name, more in (by_column or {"": {}}).items()}
     alike = len(set(columns.values())) == 1
     size = next(iter(columns.values())) if alike else "; ".join(f"{name}: {text}" for name, text in columns.items())
-    texts = _without_latex(printed), _without_latex(derived)
-    return Erratum(where, printed, derived, r"\text{see size}", *texts, False, how, size, explanation)
+    plain_texts = _without_latex(printed), _without_latex(derived)
+    return Erratum(where, printed, derived, r"\text{see size}", *plain_texts, False, how, size, explanation)
 
 
 def _text(entries: Sequence[sp.Expr]) -> str:

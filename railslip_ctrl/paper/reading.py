@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
-from railslip_ctrl.core.sources import cite
+from railslip_ctrl.core.notation import cite
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
@@ -38,17 +37,7 @@ from railslip_ctrl.simulation.catalogue import (
 )
 from railslip_ctrl.simulation.scenario import PUBLISHED_DISTURBANCES
 
-from .tables import (
-    CASES,
-    QUANTITIES,
-    CaseResult,
-    Progress,
-    Setup,
-    checked_seeds,
-    published_setup,
-    rms_deviation_percent,
-    run_setups,
-)
+from . import tables
 
 
 class Basis(StrEnum):
@@ -81,10 +70,9 @@ def _rules() -> tuple[ReadingRule, ...]:
         "random_force": PUBLISHED_DISTURBANCES.random_force,
         "random_hold": PUBLISHED_DISTURBANCES.random_hold,
     }
-    texts = tomllib.loads(Path(__file__).with_name("reading.toml").read_text("utf-8"))
     return tuple(
         ReadingRule(name, one["used"].format(**numbers), Basis(one["basis"]), cite("Park2008", one["where"]))
-        for name, one in texts.items()
+        for name, one in texts(__package__, "reading.toml").items()
     )
 
 
@@ -95,7 +83,7 @@ READING = _rules()
 # --- alternatives -----------------------------------------------------------------------------------------------------
 
 
-Change = Callable[[Setup], Setup | None]
+Change = Callable[[tables.Setup], tables.Setup | None]
 """From the reading's setup of a column to the alternative's; None where it does not concern the column."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
@@ -152,10 +140,10 @@ def _plant(adhesion: str, *columns: str) -> Change:
     )
 
 
-def _controller(kind: type[Any], changes: Callable[[Setup], dict[str, Any]]) -> Change:
+def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
     """Fields of the controllers of a kind."""
 
-    def change(setup: Setup) -> Setup | None:
+    def change(setup: tables.Setup) -> tables.Setup | None:
         if not isinstance(setup.controller, kind):
             return None
         return replace(setup, controller=replace(setup.controller, **changes(setup)))
@@ -167,19 +155,19 @@ def _asmc(**changes: Any) -> Change:
     return _controller(SlidingControl, lambda setup: changes)
 
 
-def _asmc_gains(gains: Callable[[Setup], dict[str, Any]]) -> Change:
-    def changed(setup: Setup) -> dict[str, Any]:
+def _asmc_gains(gains: Callable[[tables.Setup], dict[str, Any]]) -> Change:
+    def changed(setup: tables.Setup) -> dict[str, Any]:
         controller: Any = setup.controller
         return {"gains": replace(controller.gains, **gains(setup))}
 
     return _controller(SlidingControl, changed)
 
 
-def _pi(changes: Callable[[Setup], dict[str, Any]]) -> Change:
+def _pi(changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
     return _controller(LinearControl, changes)
 
 
-def _si(setup: Setup) -> Setup:
+def _si(setup: tables.Setup) -> tables.Setup:
     return replace(setup, scenario=published_scenario(as_published=False))
 
 
@@ -190,16 +178,16 @@ def _one_reference(reference: ReferenceSlip) -> Change:
     )
 
 
-def _beam_model(setup: Setup) -> Setup | None:
+def _beam_model(setup: tables.Setup) -> tables.Setup | None:
     return _asmc(model_law=published_law("beam", Rail.DRY))(setup) if setup.case.gains == "beam" else None
 
 
-def _si_gains(setup: Setup) -> dict[str, Any]:
+def _si_gains(setup: tables.Setup) -> dict[str, Any]:
     printed = TABLE4_PI_PRINTED[setup.case.gains]
     return {"design": PIController(PIGains(kp=printed.Kp, ki=printed.Ki))}
 
 
-def _rates_of_s(setup: Setup) -> dict[str, Any]:
+def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
     """D and K as (38)-(39) have them, rates of s in the printed 1/h and km/h^2, brought to torque by J/r."""
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
     per_hour = 1.0 / 3600.0
@@ -207,7 +195,7 @@ def _rates_of_s(setup: Setup) -> dict[str, Any]:
     return {"D": torque * printed.D * per_hour, "K": torque * printed.K * KMH * per_hour}
 
 
-def _adaptation(setup: Setup) -> dict[str, Any]:
+def _adaptation(setup: tables.Setup) -> dict[str, Any]:
     gains = published_law_gains(setup.case.gains, adaptive=True)
     return {"k1": gains.k1, "k2": gains.k2}
 
@@ -263,7 +251,7 @@ ALTERNATIVES = (
 DEFAULT_SEEDS = 8
 """Fewer than Table 5's own: the same seeds on both sides, so that most of the noise drops out of a change."""
 
-_UNTOUCHED = np.full(len(QUANTITIES), math.nan)
+_UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 
 
 @dataclass(frozen=True)
@@ -276,7 +264,7 @@ class SensitivityRow:
     """
 
     alternative: Alternative
-    results: tuple[CaseResult, ...]
+    results: tuple[tables.CaseResult, ...]
     rms_deviation_percent: float
     largest_change_percent: float
     largest_change_of: str
@@ -291,22 +279,25 @@ class SensitivityRow:
 class Sensitivity:
     """All alternatives against the reading itself (`base`, the four columns) with the same seeds."""
 
-    base: tuple[CaseResult, ...]
+    base: tuple[tables.CaseResult, ...]
     rows: tuple[SensitivityRow, ...]
     seeds: int
 
     @property
     def base_rms_deviation_percent(self) -> float:
         """Of the reading itself, %."""
-        return rms_deviation_percent(self.base)
+        return tables.rms_deviation_percent(self.base)
 
 
 def sensitivity(
-    seeds: int = DEFAULT_SEEDS, *, alternatives: Sequence[Alternative] = ALTERNATIVES, progress: Progress | None = None
+    seeds: int = DEFAULT_SEEDS,
+    *,
+    alternatives: Sequence[Alternative] = ALTERNATIVES,
+    progress: tables.Progress | None = None,
 ) -> Sensitivity:
     """Run the reading and each alternative to one of its rules, with 2 to `MOST_SEEDS` seeds."""
-    checked_seeds(seeds)
-    base = run_setups([published_setup(case) for case in CASES], seeds)
+    tables.checked_seeds(seeds)
+    base = tables.run_setups([tables.published_setup(case) for case in tables.CASES], seeds)
     rows = []
     for number, alternative in enumerate(alternatives, 1):
         rows.append(_row(alternative, base, seeds))
@@ -315,19 +306,19 @@ def sensitivity(
     return Sensitivity(base, tuple(rows), seeds)
 
 
-def _row(alternative: Alternative, base: tuple[CaseResult, ...], seeds: int) -> SensitivityRow:
+def _row(alternative: Alternative, base: tuple[tables.CaseResult, ...], seeds: int) -> SensitivityRow:
     changed = [alternative.change(result.setup) for result in base]
-    concerned: list[Setup] = [setup for setup in changed if setup is not None]
-    again = iter(run_setups(concerned, seeds))
+    concerned: list[tables.Setup] = [setup for setup in changed if setup is not None]
+    again = iter(tables.run_setups(concerned, seeds))
     results = tuple(old if setup is None else next(again) for setup, old in zip(changed, base, strict=True))
     change, item = _largest_change(results, base)
-    return SensitivityRow(alternative, results, rms_deviation_percent(results), change, item)
+    return SensitivityRow(alternative, results, tables.rms_deviation_percent(results), change, item)
 
 
-def _largest_change(results: tuple[CaseResult, ...], base: tuple[CaseResult, ...]) -> tuple[float, str]:
+def _largest_change(results: tuple[tables.CaseResult, ...], base: tuple[tables.CaseResult, ...]) -> tuple[float, str]:
     pairs = zip(results, base, strict=True)
     changes = np.array([100.0 * (new.mean / old.mean - 1.0) if new is not old else _UNTOUCHED for new, old in pairs])
     if np.isnan(changes).all():
         return math.nan, ""
     column, quantity = np.unravel_index(np.nanargmax(np.abs(changes)), changes.shape)
-    return float(changes[column, quantity]), f"{CASES[column].name} / {QUANTITIES[quantity]}"
+    return float(changes[column, quantity]), f"{tables.CASES[column].name} / {tables.QUANTITIES[quantity]}"

@@ -5,22 +5,20 @@ as far as its own printed numbers can be checked; and the adhesion curves of Fig
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.processes import cpu_count
-from railslip_ctrl.core.sources import cite
-from railslip_ctrl.core.templates import filled
+from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, assess
@@ -35,9 +33,6 @@ from railslip_ctrl.verification.actuator_effects import largest_adaptation, publ
 from railslip_ctrl.verification.lyapunov_runs import judge_run
 
 from . import printed
-
-Floats = NDArray[np.float64]
-
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
 """What Table 5 gives of each column, by the names of the comparison."""
@@ -221,12 +216,8 @@ class Table5:
 def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> Table5:
     """Run the four columns and compare them with [Park2008] Table 5.
 
-    Parameters
-    ----------
-    seeds : int
-        Runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
-    progress : callable, optional
-        Told what is run, a line for each column done.
+    - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
+    - progress: callable; told what is run, a line for each column done.
     """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(
@@ -323,7 +314,7 @@ _POINTS = 801
 
 
 @dataclass(frozen=True)
-class AdhesionCurve:
+class ModelCurve:
     """mu = Fa/N over the slip ratio at v = v0, km/h; its peak, and the published slip to hold (100 km/h only)."""
 
     law: str
@@ -346,7 +337,7 @@ def model_curves(
     speeds_kmh: Sequence[float] = SPEEDS_KMH,
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
-) -> tuple[AdhesionCurve, ...]:
+) -> tuple[ModelCurve, ...]:
     """Curves by law, then initial speed (km/h, 30 to 140), then rail, at the rig's wheel load. [Park2008] Figs. 13 to
     15.
 
@@ -356,12 +347,12 @@ def model_curves(
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 
 
-def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> AdhesionCurve:
+def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
     law, speed = published_law(name, rail, v0), v0 * KMH
     end = min(largest_slip, law.domain_limit(speed)[0] * (1.0 - 1e-9))
     # a dynamic law has no rest state without slip: its curve starts just above
     slip = np.linspace(1e-6 if law.has_state else 0.0, end, _POINTS)
-    return AdhesionCurve(
+    return ModelCurve(
         law=name,
         rail=rail,
         initial_speed_kmh=v0,
@@ -372,7 +363,7 @@ def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> AdhesionCur
     )
 
 
-def wet_and_dry() -> tuple[AdhesionCurve, ...]:
+def wet_and_dry() -> tuple[ModelCurve, ...]:
     """The curves of [Park2008] Fig. 17: bristle along a ramp and beam, dry and wet, at 100 km/h up to slip 0.5."""
     return model_curves(("curve", "beam"), speeds_kmh=(INITIAL_SPEED_KMH,), rails=tuple(Rail), largest_slip=0.5)
 
@@ -430,13 +421,10 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
 
 def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
     """The fact of a name with its words of `facts.toml`."""
-    statement, found, how = (filled(_texts()[name][part], numbers) for part in ("statement", "found", "how"))
+    statement, found, how = (
+        filled(texts(__package__, "facts.toml")[name][part], numbers) for part in ("statement", "found", "how")
+    )
     return Fact(name, statement, found, holds, how)
-
-
-@cache
-def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(Path(__file__).with_name("facts.toml").read_text("utf-8"))
 
 
 def pi_margins() -> Fact:

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.core.templates import environment
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.sliding.code import LawCode, LawNumbers

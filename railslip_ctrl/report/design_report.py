@@ -11,9 +11,8 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.rounding import ms_down
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.envelope_tuning import Choice, SeekingDesign
+from railslip_ctrl.core.units import KMH, ms_down
+from railslip_ctrl.design.envelope_tuning import SeekingDesign, StructureChoice
 from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
@@ -269,7 +268,7 @@ def _shortest(trial: Trial) -> str:
     return f"{_kind(choice)}{slip}: {told}"
 
 
-def _kind(choice: Choice) -> str:
+def _kind(choice: StructureChoice) -> str:
     """Its structure, of a PI-lead with the lead and its filter."""
     if choice.structure != "pi-lead":
         return SEEKING if choice.structure == SEEKING else "PI"

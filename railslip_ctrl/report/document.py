@@ -21,7 +21,7 @@ from rich.measure import Measurement
 from rich.padding import Padding
 from rich.text import Text
 
-from railslip_ctrl.core.rounding import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
+from railslip_ctrl.core.units import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 
 WIDTH = 110

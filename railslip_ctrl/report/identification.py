@@ -197,15 +197,9 @@ def _doubt(found: Identification) -> str:
 def model_toml(found: Identification) -> str:
     """The chosen law of an identified log, for `--adhesion FILE`.
 
-    Parameters
-    ----------
-    found : Identification
-        Of `identify`.
+    - found: of `identify`.
 
-    Returns
-    -------
-    str
-        The TOML text: parameters in SI, speeds in km/h.
+    Returns the TOML text: parameters in SI, speeds in km/h.
     """
     fit, curve = found.chosen.fit, found.curve
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)

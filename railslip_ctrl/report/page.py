@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.notation import SOURCES
 
 from .document import Block, Details, FirstPage, Picture, Section, Table, pictures_in
 from .export import Provenance, software

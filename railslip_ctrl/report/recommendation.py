@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.core.cache import cached, look_up
 from railslip_ctrl.core.errors import RailslipError
-from railslip_ctrl.core.folders import cache_folder
+from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
@@ -33,10 +32,10 @@ from railslip_ctrl.design.controllers import (
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
     REFERENCE_FACTORS,
-    Choice,
     EnvelopeDesign,
     SeekingDesign,
     Selection,
+    StructureChoice,
     seeking_over,
     select,
 )
@@ -108,7 +107,7 @@ class Trial:
     slides in its stops; None if from none. `lowest_kmh` is the lowest speed that is judged.
     """
 
-    choice: Choice
+    choice: StructureChoice
     above_kmh: float | None
     lowest_kmh: float
     control: LinearControl | SeekingControl
@@ -225,7 +224,7 @@ class DesignReport:
         return self.envelope.vehicle
 
     @property
-    def best(self) -> Choice | None:
+    def best(self) -> StructureChoice | None:
         """The choice that is recommended."""
         return self.selection.best
 
@@ -244,7 +243,7 @@ class DesignReport:
         """The seeking controller; None where it has no gains."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
 
-    def trial_of(self, choice: Choice) -> Trial | None:
+    def trial_of(self, choice: StructureChoice) -> Trial | None:
         """A choice in its stops; None of one that did not run."""
         return next((trial for trial in self.trials if trial.choice is choice), None)
 
@@ -412,7 +411,7 @@ def _report(
     started = time.perf_counter()
     submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
-    lead: tuple[Choice, ...] = ()
+    lead: tuple[StructureChoice, ...] = ()
     if envelope.vehicle.actuator.lag > 0:
         rest = submit(select, envelope, ("pi-lead",), REFERENCE_FACTORS[-1:])  # while this process looks at the others
         lead = select(envelope, ("pi-lead",), REFERENCE_FACTORS[:-1]).choices + rest().choices
@@ -503,11 +502,11 @@ def _seeking_trial(envelope: Envelope, nominal: bool, others: list[Trial]) -> Tr
         design = seeking_over(envelope)
         robust = design.judgement.robust_from_kmh
     lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
-    choice = Choice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
+    choice = StructureChoice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
     return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.control, runs)
 
 
-def _trial(choice: Choice, nominal: bool) -> Trial:
+def _trial(choice: StructureChoice, nominal: bool) -> Trial:
     """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
     is not robust, or the wheel slides."""
     assert isinstance(choice.design, EnvelopeDesign), "a choice of the best tier is a design"
@@ -608,8 +607,8 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     bare, brake = Rational(plant.zeros, plant.poles, plant.gain), _lag(actuator)
     c, tau = design.transfer_function, actuator.dead_time
     try:
-        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=KMH)
-        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
+        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, reference=KMH)
+        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, disturbance=LOAD_STEP)
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)

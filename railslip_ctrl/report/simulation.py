@@ -9,22 +9,13 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
+from railslip_ctrl import simulation
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.vehicle import Rail, remarks
-from railslip_ctrl.simulation import (
-    LinearControl,
-    Run,
-    Scenario,
-    ScheduledControl,
-    SeekingControl,
-    Signals,
-    SlideProtection,
-    SlidingControl,
-)
+from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.run import events_log
-from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.law import LawGains
 
@@ -66,7 +57,7 @@ _WORKS = {
 # --- JSON --------------------------------------------------------------------------------------------------
 
 
-def simulation_json(run: Run, gains: str | None, law_speed: float | None = None) -> dict[str, Any]:
+def simulation_json(run: simulation.Run, gains: str | None, law_speed: float | None = None) -> dict[str, Any]:
     """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any.
 
     `law_speed` is v0 of the adhesion law, m/s, where that is not the run's initial speed.
@@ -109,25 +100,25 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
     }
 
 
-def _law_source(scenario: Scenario, law_speed: float | None) -> str:
+def _law_source(scenario: simulation.Scenario, law_speed: float | None) -> str:
     v0 = scenario.initial_speed if law_speed is None else law_speed
     return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, v0))
 
 
 def gain_values(controller: Controller) -> dict[str, Any]:
     """The gains of a controller by name, SI; empty where it has none."""
-    if isinstance(controller, LinearControl):
+    if isinstance(controller, simulation.LinearControl):
         design = controller.design
         if not isinstance(design, PIController):
             return controller_json(design)
         names = {"kp_si": "gains.kp", "ki_si": "gains.ki", "lead_s": "lead", "lead_filter_s": "lead_filter"}
         return exported(design, **names)
-    if isinstance(controller, SlidingControl):
+    if isinstance(controller, simulation.SlidingControl):
         return exported(controller.gains, "k2", K_nm="K", D_si="D", rho_per_s="rho", k1_si="k1")
-    if isinstance(controller, SlideProtection):
+    if isinstance(controller, simulation.SlideProtection):
         rates = ("dump_deceleration", "fill_rate", "dump_rate")
         return exported(controller, "fill_slip", "dump_slip", **{f"{name}_si": name for name in rates})
-    if isinstance(controller, SeekingControl):
+    if isinstance(controller, simulation.SeekingControl):
         return {f"{name}_si": value for name, value in controller.gains.model_dump().items()}
     return {}
 
@@ -135,7 +126,7 @@ def gain_values(controller: Controller) -> dict[str, Any]:
 # --- text --------------------------------------------------------------------------------------------------
 
 
-def simulation_text(run: Run, law_speed: float | None = None) -> str:
+def simulation_text(run: simulation.Run, law_speed: float | None = None) -> str:
     """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance.
 
     `law_speed` as of `simulation_json`.
@@ -154,14 +145,14 @@ def simulation_text(run: Run, law_speed: float | None = None) -> str:
     return render(parts)
 
 
-def _outcome(run: Run) -> str:
+def _outcome(run: simulation.Run) -> str:
     end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
     if run.stopped:
         return f"Outcome: stopped {end}"
     return f"Outcome: NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
 
 
-def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
+def _scenario_facts(run: simulation.Run, law_speed: float | None) -> list[tuple[str, str]]:
     scenario, noise = run.scenario, run.scenario.disturbances
     law = law_words(scenario.adhesion, _law_source(scenario, law_speed))
     numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
@@ -185,13 +176,13 @@ def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
     ]
 
 
-def _viscous(scenario: Scenario) -> str:
+def _viscous(scenario: simulation.Scenario) -> str:
     least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"
     change = f"changes by {scenario.viscous_rate:g} N·m·s per second" if scenario.viscous_rate else "constant"
     return f"{change}{least}"
 
 
-def _limits(scenario: Scenario) -> str:
+def _limits(scenario: simulation.Scenario) -> str:
     """What the actuator cannot do, beside its dead time and lag."""
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
     rate = "no limit of rate" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
@@ -206,7 +197,7 @@ def _range(low: float, high: float | None) -> str:
     return f"{least}{' and ' if least and most else ''}{most}" or "unlimited"
 
 
-def _measurement(scenario: Scenario) -> str:
+def _measurement(scenario: simulation.Scenario) -> str:
     sensors = scenario.measurement
     return (
         f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s; grid {sensors.speed_quantum:g} m/s and "
@@ -214,7 +205,7 @@ def _measurement(scenario: Scenario) -> str:
     )
 
 
-def _controller_facts(run: Run) -> list[tuple[str, str]]:
+def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
     controller, reference = run.controller, run.controller.reference
     noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
     return [
@@ -227,9 +218,9 @@ def _controller_facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _controller(controller: Controller) -> str:
-    if isinstance(controller, LinearControl):
+    if isinstance(controller, simulation.LinearControl):
         return f"{controller.name}, {controller_text(controller.design)}"
-    if isinstance(controller, SlidingControl):
+    if isinstance(controller, simulation.SlidingControl):
         gains = controller.gains
         knows = "" if controller.knows_rail else "; its adhesion model stays dry"
         model = controller.model_law
@@ -238,7 +229,7 @@ def _controller(controller: Controller) -> str:
             f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s, boundary layer "
             f"{gains.layer:g} m/s{_adaptation(gains)}{knows}{own}"
         )
-    if isinstance(controller, ScheduledControl):
+    if isinstance(controller, simulation.ScheduledControl):
         schedule = controller.schedule
         speeds = sorted({entry.speed_kmh for entry in schedule.entries})
         rails = {entry.rail for entry in schedule.entries}
@@ -247,12 +238,12 @@ def _controller(controller: Controller) -> str:
             f"{', '.join(rail for rail in Rail if rail in rails)} rail, lead ({schedule.lead:g} s + 1)/"
             f"({schedule.lead_filter:g} s + 1)"
         )
-    if isinstance(controller, SlideProtection):
+    if isinstance(controller, simulation.SlideProtection):
         return (
             f"{controller.name}, fills below slip {controller.fill_slip:g} by {controller.fill_rate:g} N·m/s, dumps "
             f"above {controller.dump_slip:g} or {controller.dump_deceleration:g} m/s² by {controller.dump_rate:g} N·m/s"
         )
-    if isinstance(controller, SeekingControl):
+    if isinstance(controller, simulation.SeekingControl):
         seeking = controller.gains
         return (
             f"{controller.name}, its own reference slip from {seeking.least_slip:g} to {seeking.largest_slip:g}, kappa "
@@ -275,17 +266,17 @@ def _adaptation(gains: LawGains) -> str:
     return f", k1 {gains.k1:g}, k2 {gains.k2:g}, leak {gains.leak:g} 1/s{box}{rests}"
 
 
-def _controller_limits(run: Run) -> str:
+def _controller_limits(run: simulation.Run) -> str:
     """The controller's own limits, and what else it starts and works with."""
     controller, vehicle = run.controller, run.scenario.vehicle
     low = getattr(controller, "torque_low", 0.0)
     torque = f"torque {_range(low, getattr(controller, 'torque_high', None))}"
-    if isinstance(controller, LinearControl | ScheduledControl):
+    if isinstance(controller, simulation.LinearControl | simulation.ScheduledControl):
         tracking = controller.tracking_time
         windup = "by its gains" if tracking is None else f"{tracking:g} s" if math.isfinite(tracking) else "none"
         start = f"initial torque {controller.initial_torque:g} N·m"
         return f"{torque}, {start}, anti-windup {windup}, rule {controller.rule.value}"
-    if isinstance(controller, SlidingControl):
+    if isinstance(controller, simulation.SlidingControl):
         mass = vehicle.mass if controller.nominal_mass is None else controller.nominal_mass
         viscous = controller.nominal_viscous_friction
         friction = vehicle.wheel.viscous_friction if viscous is None else viscous
@@ -293,16 +284,16 @@ def _controller_limits(run: Run) -> str:
             f"{torque}, anti-windup {'on' if controller.anti_windup else 'none'}, filter of v' "
             f"{controller.filter_time:g} s, nominal mass {mass:g} kg, nominal friction {friction:g} N·m·s"
         )
-    if isinstance(controller, SlideProtection):
+    if isinstance(controller, simulation.SlideProtection):
         return f"{torque}, filter of deceleration {controller.filter_time:g} s"
-    return torque if isinstance(controller, SeekingControl) else "none"
+    return torque if isinstance(controller, simulation.SeekingControl) else "none"
 
 
-def _period(run: Run) -> float:
+def _period(run: simulation.Run) -> float:
     return run.scenario.step if run.controller.period is None else run.controller.period
 
 
-def _numbers(run: Run) -> list[tuple[str, str]]:
+def _numbers(run: simulation.Run) -> list[tuple[str, str]]:
     rows = [
         ("Braking time", f"{fixed(run.braking_time)} s"),
         ("Braking distance", f"{fixed(run.braking_distance)} m"),
@@ -322,7 +313,7 @@ def _numbers(run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def _energy_table(run: Run) -> RenderableType:
+def _energy_table(run: simulation.Run) -> RenderableType:
     energies = run.energies
 
     def row(name: str, value: float) -> tuple[str, str, str]:
@@ -341,11 +332,13 @@ def _energy_table(run: Run) -> RenderableType:
 # --- CSV ---------------------------------------------------------------------------------------------------
 
 
-def write_simulation_csv(run: Run, path: Path) -> None:
+def write_simulation_csv(run: simulation.Run, path: Path) -> None:
     """Write the time series, one row a recorded sample, a header with units, then the controller's own state."""
     signals = run.signals
     assert signals is not None, "the run was recorded"
-    names = [CSV_COLUMNS[name] for name in Signals._fields] + [f"controller {name}" for name in run.controller_signals]
+    names = [CSV_COLUMNS[name] for name in simulation.Signals._fields] + [
+        f"controller {name}" for name in run.controller_signals
+    ]
     columns = np.column_stack([*signals, *run.controller_signals.values()])
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(names) + "\n")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from railslip_ctrl.core.rounding import BOUND_DIGITS, ms_down, ms_up, rounded_up
-from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.units import BOUND_DIGITS, KMH, ms_down, ms_up, rounded_up
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
-from importlib.resources import files
 from typing import Any
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.core.templates import filled
+from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification import layered, layered_conditions
 from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS, SLIP_AMPLITUDE
@@ -71,14 +68,13 @@ def findings_text(findings: Any, **more: Any) -> str:
     return _told(text, {"points": POINTS, **fields, **more})
 
 
-@cache
 def _texts() -> dict[str, Any]:
-    return tomllib.loads(files(__package__).joinpath("templates/conditions.toml").read_text("utf-8"))
+    return texts(__package__, "templates/conditions.toml")
 
 
 def _named(condition: Condition) -> dict[str, str]:
-    texts = _texts()
-    found: dict[str, str] = texts.get(condition.name) or texts[condition.name.removeprefix("published ")]
+    known = _texts()
+    found: dict[str, str] = known.get(condition.name) or known[condition.name.removeprefix("published ")]
     return found
 
 

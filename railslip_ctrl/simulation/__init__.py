@@ -4,7 +4,7 @@ Begin with `simulate` in `run`. `scenario` says what a run is and reads its file
 are what brakes, `catalogue` has those with a name and `controller_files` those of the user. `kernel` is the
 integration loop and `steps` the controllers' samples: their texts are put together and compiled by Numba, so a law of
 adhesion and a controller cost no call. `seeking` is the controller that finds the peak of adhesion, `seeking_step` its
-sample. `bound` is the stop that no controller can beat, `run_comparison` compares runs with it, `campaign` makes many.
+sample. `bound` is the stop that no controller can beat, and compares runs with it; `campaign` makes many.
 """
 
 from __future__ import annotations

@@ -77,24 +77,15 @@ def published_controller(
     PI: the column's gains, no limits or anti-windup of its own. ASMC: law (45) with D and K added as torque, rho per
     second, Ta from the plant's adhesion law at the measured slip, Mn the empty mass, the adaptation off.
 
-    Parameters
-    ----------
-    kind : {"pi", "asmc"}
-    column : {"beam", "bristle"}
-        Of Table 4: its gains and its reference slip (beam 0.119 dry, 0.059 wet; bristle 0.132, 0.092).
-    knows_rail : bool
-        ASMC: whether its adhesion model turns wet with the rail; the reference always does.
-    adaptive : bool
-        ASMC: the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
-    reference : ReferenceSlip, optional
-        Another reference slip.
-    period : float, optional
-        Sampling period, s; every step of the scenario if not given.
+    - kind: {"pi", "asmc"}
+    - column: {"beam", "bristle"}; of Table 4: its gains and its reference slip (beam 0.119 dry, 0.059 wet; bristle
+      0.132, 0.092).
+    - knows_rail: aSMC: whether its adhesion model turns wet with the rail; the reference always does.
+    - adaptive: aSMC: the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
+    - reference: another reference slip.
+    - period: sampling period, s; every step of the scenario if not given.
 
-    Raises
-    ------
-    InputError
-        Another kind or column, or an option of the ASMC with the PI.
+    InputError: another kind or column, or an option of the ASMC with the PI.
     """
     if kind not in KINDS:
         raise InputError(f"controller: {kind!r} is not in [Park2008] Table 4; choose {' or '.join(KINDS)}")
@@ -187,24 +178,15 @@ def recommended_pi_lead(
     the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017, where the best of Table 5
     needs 581 m and 50.7 s with 0.027.
 
-    Parameters
-    ----------
-    vehicle : Vehicle, optional
-        The quarter car; one that is not the published one has a lead for its own brake and gains tuned for it, which
-        takes some seconds.
-    gains : PIGains, optional
-        Other gains behind the lead for the vehicle's brake.
-    reference : ReferenceSlip, optional
-        The bristle column's, 0.132 dry and 0.092 wet, if not given.
-    period : float, optional
-        Sampling period, s; every step of the scenario if not given.
-    plants : sequence of LinearPlant, optional
-        Linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's own.
+    - vehicle: the quarter car; one that is not the published one has a lead for its own brake and gains tuned for it,
+      which takes some seconds.
+    - gains: other gains behind the lead for the vehicle's brake.
+    - reference: the bristle column's, 0.132 dry and 0.092 wet, if not given.
+    - period: sampling period, s; every step of the scenario if not given.
+    - plants: linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's
+      own.
 
-    Raises
-    ------
-    InfeasibleDesignError
-        No gains with Ms <= `MS_MAX` for that vehicle, and none are given.
+    InfeasibleDesignError: no gains with Ms <= `MS_MAX` for that vehicle, and none are given.
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
@@ -310,19 +292,11 @@ def slide_protection(
 ) -> SlideProtection:
     """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
 
-    Parameters
-    ----------
-    vehicle : Vehicle, optional
-        Left out, the published one.
-    reference : ReferenceSlip, optional
-        Slip ratios that its error is taken against; left out, the published.
-    period : float, optional
-        Sampling period, s.
+    - vehicle: left out, the published one.
+    - reference: slip ratios that its error is taken against; left out, the published.
+    - period: sampling period, s.
 
-    Returns
-    -------
-    SlideProtection
-        In SI.
+    In SI.
     """
     car = published_vehicle() if vehicle is None else vehicle
     baseline = SlideProtection(reference or published_reference("bristle"))
@@ -342,24 +316,11 @@ def seeking_control(
 ) -> SeekingControl:
     """The controller that seeks the peak of adhesion, with the gains that `seeking_gains` has for a vehicle.
 
-    Parameters
-    ----------
-    vehicle : Vehicle, optional
-        Left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
-    reference : ReferenceSlip, optional
-        Slip ratios that its error is taken against; left out, the published.
-    period : float, optional
-        Sampling period, s; left out, 10 ms.
+    - vehicle: left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
+    - reference: slip ratios that its error is taken against; left out, the published.
+    - period: sampling period, s; left out, 10 ms.
 
-    Returns
-    -------
-    SeekingControl
-        In SI.
-
-    Raises
-    ------
-    InputError
-        A vehicle whose brake has no dead time, by which its gains go.
+    In SI. InputError: a vehicle whose brake has no dead time, by which its gains go.
     """
     car = PARK2008 if vehicle is None else vehicle
     # its largest torque, with which it starts, is what an empty wheel bears until the dead time is over
@@ -512,21 +473,13 @@ def controller_named(
 ) -> Controller:
     """A controller of `NAMES` for a vehicle, with the gains of the empty one also where it is `loaded`.
 
-    Parameters
-    ----------
-    name : str
-        "pi" and "asmc" are [Park2008] Table 4's (see `published_controller`), the others this project's (`designed`).
-    column : {"beam", "bristle"}
-        Of Table 4: gains of "pi" and "asmc", and the reference slip of all.
-    gains : PIGains, optional
-        In place of those of "pi" or "pi-lead".
-    reference, knows_rail, adaptive, period
-        As in `published_controller`.
+    - name: "pi" and "asmc" are [Park2008] Table 4's (see `published_controller`), the others this project's
+      (`designed`).
+    - column: {"beam", "bristle"}; of Table 4: gains of "pi" and "asmc", and the reference slip of all.
+    - gains: in place of those of "pi" or "pi-lead".
+    - reference, knows_rail, adaptive, period: as in `published_controller`.
 
-    Raises
-    ------
-    InputError
-        Another name, or an option that the controller does not have.
+    InputError: another name, or an option that the controller does not have.
     """
     if name not in NAMES:
         raise InputError(

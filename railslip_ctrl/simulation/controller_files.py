@@ -32,30 +32,11 @@ from typing import Any, ClassVar
 
 from pydantic import model_validator
 
+from railslip_ctrl.core import user_files
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
-from railslip_ctrl.core.user_files import (
-    close_match,
-    file_name,
-    given_path,
-    read_text,
-    read_toml,
-    record_in,
-    validated,
-)
-from railslip_ctrl.design.controllers import (
-    PERIOD,
-    LinearController,
-    PIController,
-    PolynomialController,
-    Rule,
-    StateSpaceController,
-    has_step,
-    is_system,
-    linear_controller,
-    linear_of,
-)
+from railslip_ctrl.design import controllers
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
@@ -110,11 +91,11 @@ class LinearKeys(Limited):
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
     cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
     cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)
-    rule: Rule = Rule.BACKWARD
+    rule: controllers.Rule = controllers.Rule.BACKWARD
     makes = LinearControl
 
     @abstractmethod
-    def design(self) -> LinearController:
+    def design(self) -> controllers.LinearController:
         """The design of these keys."""
 
     def fields(self) -> dict[str, Any]:
@@ -130,8 +111,8 @@ class PIKeys(LinearKeys):
     lead: float = quantity("s", "time constant of a lead", ge=0, default=0.0)
     lead_filter: float = quantity("s", "its filter", ge=0, default=0.0)
 
-    def design(self) -> PIController:
-        return PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
+    def design(self) -> controllers.PIController:
+        return controllers.PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
 
 
 class PILeadKeys(PIKeys):
@@ -144,8 +125,8 @@ class PILeadKeys(PIKeys):
 class SystemKeys(LinearKeys):
     """Keys of systems: continuous, or `discrete` with the period."""
 
-    period: float | None = quantity("s", "sampling period", ge=LEAST_STEP, default=PERIOD)
-    rule: Rule = Rule.TUSTIN
+    period: float | None = quantity("s", "sampling period", ge=LEAST_STEP, default=controllers.PERIOD)
+    rule: controllers.Rule = controllers.Rule.TUSTIN
     discrete: bool = False
 
     @property
@@ -159,11 +140,11 @@ class TransferFunctionKeys(SystemKeys):
     num: tuple[float, ...] = quantity("1", "numerator")
     den: tuple[float, ...] = quantity("1", "denominator")
 
-    def design(self) -> PolynomialController:
+    def design(self) -> controllers.PolynomialController:
         for name, given in (("num", self.num), ("den", self.den)):
             if not given:
                 raise InputError(f"{name}: is empty; give at least one coefficient")
-        return PolynomialController(self.num, self.den, self.own_period)
+        return controllers.PolynomialController(self.num, self.den, self.own_period)
 
 
 class StateSpaceKeys(SystemKeys):
@@ -199,8 +180,8 @@ class StateSpaceKeys(SystemKeys):
                 raise InputError(f"{key}: is not of one input and one output; give {shape}")
         return found
 
-    def design(self) -> StateSpaceController:
-        return StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
+    def design(self) -> controllers.StateSpaceController:
+        return controllers.StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
 
 
 def _listed(value: Any) -> Any:
@@ -249,11 +230,11 @@ class ScheduledKeys(Limited):
     schedule: str
     tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
     initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
-    rule: Rule = Rule.BACKWARD
+    rule: controllers.Rule = controllers.Rule.BACKWARD
     makes = ScheduledControl
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
-        schedule = GainSchedule.from_json(read_text(path.parent / self.schedule))
+        schedule = GainSchedule.from_json(user_files.read_text(path.parent / self.schedule))
         return ScheduledControl(**{**self.fields(), "schedule": schedule})
 
 
@@ -280,7 +261,7 @@ class SeekingKeys(ControllerKeys):
     """`kind = "seeking"`: the fields of `SeekingGains`; those with a default may be left out."""
 
     gains: SeekingGains
-    period: float = quantity("s", "sampling period", ge=LEAST_STEP, default=PERIOD)
+    period: float = quantity("s", "sampling period", ge=LEAST_STEP, default=controllers.PERIOD)
     makes = SeekingControl
 
 
@@ -312,39 +293,30 @@ _OLD = {"torque_low": "torque_min", "torque_high": "torque_max"}  # keys of file
 def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Any:
     """Read a controller.
 
-    Parameters
-    ----------
-    path : str or Path
-        The TOML file; the module says what is in it. A Python file is run as a script is: give only those you trust.
-    initial_speed : float, optional
-        v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
+    - path: the TOML file; the module says what is in it. A Python file is run as a script is: give only those you
+      trust.
+    - initial_speed: v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed
+      without.
 
-    Returns
-    -------
-    Controller | Any
-        What a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
-
-    Raises
-    ------
-    InputError
-        One line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.
+    Returns what a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
+    InputError: one line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.
     """
-    path = given_path(path)
-    where = file_name(path)
+    path = user_files.given_path(path)
+    where = user_files.file_name(path)
     if path.suffix.lower() == ".py":
         return _python_controller(path)
-    content = read_toml(path)
+    content = user_files.read_toml(path)
     kind = content.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         given = "missing" if kind is None else f"{shown(kind)} is not one"
-        near = close_match(kind, KINDS) if isinstance(kind, str) else ""
+        near = user_files.close_match(kind, KINDS) if isinstance(kind, str) else ""
         raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
     for old, key in _OLD.items():
         if old in content and key in content:
             raise InputError(f"{where}: {old}: {key} is given too; give {key} alone")
         if old in content and key in KINDS[kind].model_fields:
             content[key] = content.pop(old)
-    keys = validated(KINDS[kind], content, where)
+    keys = user_files.validated(KINDS[kind], content, where)
     try:
         return keys.made(path, initial_speed)
     except InputError as error:
@@ -353,15 +325,17 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
 
 def _python_controller(path: Path) -> Any:
     """What a Python file calls `CONTROLLER`; InputError, which names the file, for what is no controller."""
-    found = record_in(path, "CONTROLLER", ())
+    found = user_files.record_in(path, "CONTROLLER", ())
     if inspect.isclass(found) or not (
-        has_step(found) or callable(linear_of(found)) or (not is_system(found) and isinstance(found, Controller))
+        controllers.has_step(found)
+        or callable(controllers.linear_of(found))
+        or (not controllers.is_system(found) and isinstance(found, Controller))
     ):
         try:
-            linear_controller(found)
+            controllers.linear_controller(found)
         except InputError as error:
             told = str(error).removeprefix("controller: ")
-            raise InputError(f"{file_name(path)}: CONTROLLER: {told}") from None
+            raise InputError(f"{user_files.file_name(path)}: CONTROLLER: {told}") from None
     return found
 
 
@@ -387,7 +361,7 @@ def control_text(control: LinearControl | SeekingControl) -> str:
 
 def _linear_lines(control: LinearControl) -> tuple[str, list[str]]:
     """Kind and lines of a linear controller."""
-    if control.period is None and not isinstance(control.design, PIController):
+    if control.period is None and not isinstance(control.design, controllers.PIController):
         raise InputError("period: a file of a transfer function or state space needs one; give it (s)")
     kind, own = _design_keys(control.design)
     content = {
@@ -417,13 +391,13 @@ def _lines(record: type[Record], content: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _design_keys(design: LinearController) -> tuple[str, dict[str, Any]]:
+def _design_keys(design: controllers.LinearController) -> tuple[str, dict[str, Any]]:
     """Kind and keys of a design."""
-    if isinstance(design, PIController):
+    if isinstance(design, controllers.PIController):
         lead = {"lead": design.lead, "lead_filter": design.lead_filter} if design.structure != "PI" else {}
         return "pi-lead" if design.lead > 0 else "pi", {"kp": design.gains.kp, "ki": design.gains.ki, **lead}
     discrete = {} if design.period is None else {"discrete": True}
-    if isinstance(design, PolynomialController):
+    if isinstance(design, controllers.PolynomialController):
         return "transfer-function", {"num": design.num, "den": design.den, **discrete}
     return "state-space", {"A": design.a, "B": design.b, "C": design.c, "D": design.d, **discrete}
 

@@ -57,18 +57,11 @@ class Situation:
 class Controller(Protocol):
     """What the simulation needs of a controller.
 
-    Attributes
-    ----------
-    name : str
-        For reports.
-    period : float or None
-        Sampling period, s; None samples at every step of the scenario.
-    reference : ReferenceSlip
-        Slip ratio to be held, by rail.
-    states : tuple of str
-        Names of what the controller remembers, in order, for the log.
-    knows_rail : bool
-        Whether it is told when the rail changes (its reference follows, and its model where it has one).
+    - name: for reports.
+    - period: sampling period, s; None samples at every step of the scenario.
+    - reference: slip ratio to be held, by rail.
+    - states: names of what the controller remembers, in order, for the log.
+    - knows_rail: whether it is told when the rail changes (its reference follows, and its model where it has one).
     """
 
     @property
@@ -124,36 +117,24 @@ def write_text(path: str | Path, text: str) -> None:
 class LinearControl(Filed):
     """A linear controller, sampled, with limits and anti-windup; see `design.controllers.SampledController`.
 
-    Parameters
-    ----------
-    design : linear system
-        `PIController`, a python-control system or what else `design.controllers.linear_controller` takes.
-    reference : ReferenceSlip
-        Slip ratio to be held, by rail.
-    name : str
-        For reports.
-    period : float or None
-        Sampling period, s, 10 ms unless said; None samples at every step, a discrete design at its own.
-    torque_low, torque_high : float
-        The controller's own limits, N*m.
-    tracking_time, rule
-        As of `SampledController`, Tustin's rule unless said (the built-in controllers and files of a PI without a rule
-        have the backward difference: their numbers were made with it, and differ by up to 2e-4 in the distance of a
-        stop); a tracking time of inf: no anti-windup, None: that of the slowest zero, kp/ki of a PI, as in a file.
-    initial_torque : float
-        N*m, from the start: a torque that the rail surely takes, which need not be built up first; where an integral
-        starts, added to the torque of a controller without one.
-    cut_out_speed, cut_out_torque : float
-        Below that measured train speed, m/s, slip is no longer controlled and that torque, N*m, is commanded; a speed
-        of 0: never.
-    model_law, knows_rail
-        As of `Controller`: no adhesion law, and the reference follows the rail.
+    - design: linear system; `PIController`, a python-control system or what else `design.controllers.linear_controller`
+      takes.
+    - reference: slip ratio to be held, by rail.
+    - name: for reports.
+    - period: sampling period, s, 10 ms unless said; None samples at every step, a discrete design at its own.
+    - torque_low, torque_high: the controller's own limits, N*m.
+    - tracking_time, rule: as of `SampledController`, Tustin's rule unless said (the built-in controllers and files of a
+      PI without a rule have the backward difference: their numbers were made with it, and differ by up to 2e-4 in the
+      distance of a stop); a tracking time of inf: no anti-windup, None: that of the slowest zero, kp/ki of a PI, as in
+      a file.
+    - initial_torque: N*m, from the start: a torque that the rail surely takes, which need not be built up first; where
+      an integral starts, added to the torque of a controller without one.
+    - cut_out_speed, cut_out_torque: below that measured train speed, m/s, slip is no longer controlled and that torque,
+      N*m, is commanded; a speed of 0: never.
+    - model_law, knows_rail: as of `Controller`: no adhesion law, and the reference follows the rail.
 
-    Raises
-    ------
-    InputError
-        An initial or cut-out torque that is not finite, a cut-out speed that is not or is negative; as of
-        `SampledController`, where the period is known.
+    InputError: an initial or cut-out torque that is not finite, a cut-out speed that is not or is negative; as of
+    `SampledController`, where the period is known.
     """
 
     design: Any
@@ -213,13 +194,10 @@ class LinearControl(Filed):
 class ScheduledControl:
     """A `GainSchedule`, sampled: PI gains over speed and rail with one lead, taken over without a bump in torque.
 
-    Parameters
-    ----------
-    schedule : GainSchedule
-    reference, name, period, torque_low, torque_high, rule, initial_torque, model_law, knows_rail
-        As of `LinearControl`.
-    tracking_time : float or None
-        As of `LinearControl`, s; None follows the gains, kp/ki.
+    - schedule: the gains.
+    - reference, name, period, torque_low, torque_high, rule, initial_torque, model_law, knows_rail: as of
+      `LinearControl`.
+    - tracking_time: as of `LinearControl`, s; None follows the gains, kp/ki.
     """
 
     schedule: GainSchedule
@@ -280,20 +258,13 @@ class SlidingControl:
     a change of rail that the controller knows (`knows_rail`) its model turns wet too; else it keeps what it had and
     only the reference changes.
 
-    Parameters
-    ----------
-    gains : LawGains
-        K, D, rho, k1, k2 and the boundary layer, SI.
-    reference, name, period, torque_low, torque_high
-        As of `LinearControl`.
-    nominal_mass, nominal_viscous_friction : float or None
-        Mn, kg, and Bn, N*m*s, before the inertia scale; None takes the vehicle's at the start.
-    filter_time : float
-        Time constant of the filter that estimates v', s.
-    anti_windup : bool
-        Integral and estimates rest while the torque is at a limit.
-    knows_rail, model_law
-        As above.
+    - gains: K, D, rho, k1, k2 and the boundary layer, SI.
+    - reference, name, period, torque_low, torque_high: as of `LinearControl`.
+    - nominal_mass, nominal_viscous_friction: Mn, kg, and Bn, N*m*s, before the inertia scale; None takes the vehicle's
+      at the start.
+    - filter_time: time constant of the filter that estimates v', s.
+    - anti_windup: integral and estimates rest while the torque is at a limit.
+    - knows_rail, model_law: as above.
     """
 
     gains: LawGains
@@ -346,19 +317,11 @@ class SlidingControl:
 class TorqueProfile:
     """A torque given over time, linear in between and constant after; open loop.
 
-    Parameters
-    ----------
-    times, torques : tuple of float
-        s, rising; N*m, one for each time.
-    reference : ReferenceSlip
-        What the slip error is taken against; the torque does not follow it.
-    name, period, knows_rail, model_law
-        As of `LinearControl`.
+    - times, torques: s, rising; N*m, one for each time.
+    - reference: what the slip error is taken against; the torque does not follow it.
+    - name, period, knows_rail, model_law: as of `LinearControl`.
 
-    Raises
-    ------
-    InputError
-        Lists of different lengths, or times that do not rise.
+    InputError: lists of different lengths, or times that do not rise.
     """
 
     times: tuple[float, ...]

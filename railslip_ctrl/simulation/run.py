@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.model.adhesion import AdhesionLaw
@@ -23,12 +23,6 @@ from .controllers import Controller, Situation, reference_slip
 from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
 from .step_objects import ADDRESS, Call, StepControl, as_control
 from .steps import kernel
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-
 
 LOCKED_SHARE = 0.02
 """A wheel counts as locked where r omega < 0.02 v."""
@@ -57,15 +51,10 @@ _OUTCOMES = tuple(Outcome)  # in the order of the kernel's numbers
 class Energies:
     """Energy balance of train and wheel, J.
 
-    Attributes
-    ----------
-    starting, final : float
-        Kinetic energy when the brake is applied, and at the end.
-    booked : float
-        What came in with changes of mass.
-    works : dict
-        By `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
-        resistance, random force, caliper disturbance.
+    - starting, final: kinetic energy when the brake is applied, and at the end.
+    - booked: what came in with changes of mass.
+    - works: by `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
+      resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -110,31 +99,19 @@ class Signals(NamedTuple):
 class Run:
     """A braking run.
 
-    Attributes
-    ----------
-    scenario, controller, seed
-        What was run.
-    outcome : Outcome
-        Only `STOPPED` is a stop; else the numbers are those up to `braking_time`.
-    braking_time, braking_distance, final_speed : float
-        s, m, m/s.
-    energies : Energies
-        The balance.
-    mean_abs_slip_error, mean_abs_slip_error_published : float
-        Mean over time of |slip - reference|, slip ratio: the controller's own, and [Park2008]'s 0.132/0.092 (NaN where
-        the scenario is not the published one).
-    max_slip, locked_fraction : float
-        Highest slip ratio; share of time with r omega < 0.02 v.
-    first_lock : float
-        Time at which r omega first fell below 0.02 v, s; NaN if never.
-    max_torque, max_torque_rate, rms_torque_rate : float
-        Of the acting torque, N*m and N*m/s.
-    steps : int
-        Steps of the integration.
-    signals : Signals or None
-        Time series, where asked for.
-    controller_signals : dict
-        The controller's own state over `signals.time`, arrays of one length, by name; units as its law's.
+    - scenario, controller, seed: what was run.
+    - outcome: only `STOPPED` is a stop; else the numbers are those up to `braking_time`.
+    - braking_time, braking_distance, final_speed: s, m, m/s.
+    - energies: the balance.
+    - mean_abs_slip_error, mean_abs_slip_error_published: mean over time of |slip - reference|, slip ratio: the
+      controller's own, and [Park2008]'s 0.132/0.092 (NaN where the scenario is not the published one).
+    - max_slip, locked_fraction: highest slip ratio; share of time with r omega < 0.02 v.
+    - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
+    - max_torque, max_torque_rate, rms_torque_rate: of the acting torque, N*m and N*m/s.
+    - steps: steps of the integration.
+    - signals: time series, where asked for.
+    - controller_signals: the controller's own state over `signals.time`, arrays of one length, by name; units as its
+      law's.
     """
 
     scenario: Scenario
@@ -202,30 +179,16 @@ def simulate(
 ) -> Run:
     """Run a scenario with a controller.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The run: vehicle, rail, adhesion law, speeds and disturbances, SI.
-    controller : Controller, linear system, step object or function
-        What commands the brake torque, N*m, at its own period: see `step_objects.as_control`.
-    seed : int, SeedSequence or None
-        Of the random force and the measurement noise; a run repeats with its seed. None: without any.
-    record_every : int or None
-        Samples from one row of `signals` to the next; None records none.
-    compiled : bool
-        False runs the same in the interpreter, hundreds of times slower.
+    - scenario: the run: vehicle, rail, adhesion law, speeds and disturbances, SI.
+    - controller: Controller, linear system, step object or function; what commands the brake torque, N*m, at its own
+      period: see `step_objects.as_control`.
+    - seed: of the random force and the measurement noise; a run repeats with its seed. None: without any.
+    - record_every: samples from one row of `signals` to the next; None records none.
+    - compiled: false runs the same in the interpreter, hundreds of times slower.
 
-    Returns
-    -------
-    Run
-        Outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
-        arrays of one length, 1-D, in SI, or None.
-
-    Raises
-    ------
-    InputError
-        A seed or record_every out of range, an event that changes nothing the law knows, a period below the step's,
-        or a step that fails or gives no torque.
+    Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
+    arrays of one length, 1-D, in SI, or None. InputError: a seed or record_every out of range, an event that changes
+    nothing the law knows, a period below the step's, or a step that fails or gives no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
@@ -379,7 +342,7 @@ class Plan:
     events: layout.Events
     p: Floats
     c: Floats
-    chosen: NDArray[np.int64]
+    chosen: Integers
     tables: Floats
     limits: Floats
     samples: int

@@ -103,11 +103,8 @@ class Scenario(Record):
     The viscous coefficient is the vehicle's plus `viscous_rate` t, times the inertia scale, and at least
     `viscous_least`. The published run ([Park2008] p. 55) is `published_scenario`.
 
-    Raises
-    ------
-    InputError
-        As of any `Record`; a final speed that is not below the initial one, events whose order is open, or limits
-        that need a lag the actuator does not have.
+    InputError: as of any `Record`; a final speed that is not below the initial one, events whose order is open, or
+    limits that need a lag the actuator does not have.
     """
 
     name: str = Field(description="for reports")
@@ -240,26 +237,12 @@ def stop(
 ) -> Scenario:
     """A plain stop on one rail with the random forces of [Park2008], to 5 km/h.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the load that it has.
-    rail : Rail or str
-        "dry" or "wet", throughout.
-    speed_kmh : float
-        Speed at which the brake is applied, km/h.
-    adhesion : str or AdhesionLaw
-        A published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
+    - vehicle: with the load that it has.
+    - rail: "dry" or "wet", throughout.
+    - speed_kmh: speed at which the brake is applied, km/h.
+    - adhesion: a published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
 
-    Returns
-    -------
-    Scenario
-        In SI.
-
-    Raises
-    ------
-    InputError
-        An unknown rail or law, or a speed out of its range.
+    In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
     speed = speed_kmh * KMH
     law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
@@ -281,20 +264,10 @@ BUILT_IN = ("park2008", "park2008-si", "stop")
 def built_in_scenario(name: str) -> Scenario:
     """A built-in scenario by its name.
 
-    Parameters
-    ----------
-    name : str
-        One of `BUILT_IN`.
+    - name: one of `BUILT_IN`.
 
-    Returns
-    -------
-    Scenario
-        The published run in the reading of that name, or a plain stop; a frozen record in SI.
-
-    Raises
-    ------
-    InputError
-        No scenario of that name; lists them.
+    Returns the published run in the reading of that name, or a plain stop; a frozen record in SI. InputError: no
+    scenario of that name; lists them.
     """
     if name not in BUILT_IN:
         raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
@@ -319,20 +292,9 @@ class _Keys(Scenario):
 def load_scenario(source: str | Path) -> Scenario:
     """A built-in scenario by name, or one from a TOML file.
 
-    Parameters
-    ----------
-    source : str or Path
-        "park2008", "park2008-si", "stop" or a file.
+    - source: "park2008", "park2008-si", "stop" or a file.
 
-    Returns
-    -------
-    Scenario
-        In SI.
-
-    Raises
-    ------
-    InputError
-        One line with the file, the key, the value and what is allowed.
+    In SI. InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(source, "scenario")
     return _from_file(path, ()) if path.suffix.lower() == ".toml" else built_in_scenario(str(source))

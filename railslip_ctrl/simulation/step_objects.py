@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.arguments import Floats, check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
@@ -44,11 +44,8 @@ from .scenario import LEAST_STEP
 from .steps import step_text
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from railslip_ctrl.model.linearization import OperatingPoint
 
-    Floats = NDArray[np.float64]
 
 ADDRESS = 2
 """Place of the step's address in a controller's row; see `steps.called`."""
@@ -112,28 +109,17 @@ def _unpacked(content: bytes) -> UserStep:
 class StepControl:
     """A controller known by its step.
 
-    Parameters
-    ----------
-    step : object or function
-        An object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before the
-        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
-        copied. SI.
-    reference : ReferenceSlip
-        What the slip error is taken against; the step has its own.
-    name : str
-        For reports.
-    period : float
-        Sampling period, s.
-    start_numbers : tuple of float
-        What a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v, omega, x), where x
-        is an array of them that it changes.
-    knows_rail, model_law
-        As of `Controller`.
+    - step: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
+      the first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
+      copied. SI.
+    - reference: what the slip error is taken against; the step has its own.
+    - name: for reports.
+    - period: sampling period, s.
+    - start_numbers: what a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v,
+      omega, x), where x is an array of them that it changes.
+    - knows_rail, model_law: as of `Controller`.
 
-    Raises
-    ------
-    InputError
-        A step that cannot be called.
+    InputError: a step that cannot be called.
     """
 
     step: Any

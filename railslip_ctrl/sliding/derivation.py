@@ -440,22 +440,10 @@ class Derivation(Adaptation):
 def derive(*, reference: Reference = "proportional", law: str | None = None) -> Derivation:
     """Derive the sliding-mode law; takes a few seconds, and the result is kept. [Park2008] (33)-(45).
 
-    Parameters
-    ----------
-    reference : str
-        "proportional": slip velocity lambda_d v to be held; or "constant".
-    law : str, optional
-        Name of the adhesion law put in place of Ta; left out, Ta is an argument.
+    - reference: "proportional": slip velocity lambda_d v to be held; or "constant".
+    - law: name of the adhesion law put in place of Ta; left out, Ta is an argument.
 
-    Returns
-    -------
-    Derivation
-        Equations and steps as SymPy expressions in SI, by name; no arrays.
-
-    Raises
-    ------
-    InputError
-        An unknown reference or law.
+    Returns equations and steps as SymPy expressions in SI, by name; no arrays. InputError: an unknown reference or law.
     """
     adaptive = _whatever_the_adhesion(reference)
     estimates_step, estimation = _estimates(adaptive)

@@ -7,20 +7,17 @@ estimated or still to be solved for.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import sympy as sp
 
-from railslip_ctrl.core.notation import latex_names, notation_in
-from railslip_ctrl.core.sources import cite
+from railslip_ctrl.core import templates
+from railslip_ctrl.core.notation import cite, latex_names, notation_in
 
 _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d"))
 
-_TABLES = tomllib.loads(Path(__file__).with_name("notation.toml").read_text("utf-8"))
+_TABLES = templates.texts(__package__, "notation.toml")
 
 SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: the table, by name
 CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
@@ -140,7 +137,7 @@ class DerivationStep:
 def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **words: object) -> DerivationStep:
     """A step whose `equation` is (left, right); `holds` are the outcomes of its checks, `words` go into its texts."""
     left, right = equation
-    texts = {key: text.format(**words) for key, text in _texts()[name].items()}
+    texts = {key: text.format(**words) for key, text in templates.texts(__package__, "steps.toml")[name].items()}
     if texts["source"].startswith(("(", "p. ")):
         texts["source"] = cite("Park2008", texts["source"])
     return DerivationStep(
@@ -151,8 +148,3 @@ def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **words: 
         checked=all(holds),
         **texts,
     )
-
-
-@cache
-def _texts() -> dict[str, dict[str, str]]:
-    return tomllib.loads(Path(__file__).with_name("steps.toml").read_text("utf-8"))

@@ -19,8 +19,8 @@ from types import ModuleType
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
@@ -30,23 +30,10 @@ from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_par
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Actuator, Rail, Resistance, Vehicle
 from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
 from railslip_ctrl.sliding.law import LawGains, gain_parameters
+from railslip_ctrl.verification import reaching
 
 from . import fixed_step_kernel as layout
-from .reaching import (
-    ADHESION_NOISE,
-    TORQUE_DECAY,
-    TORQUE_FRACTION,
-    TORQUE_FREQUENCY,
-    disturbance_function,
-    law_parameters,
-    lyapunov_function,
-    reference_slip,
-    resistance_force,
-    true_theta,
-)
 from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
-
-Floats = NDArray[np.float64]
 
 END_SPEED = 5.0 * KMH  #: m/s, where a stop ends ([Park2008] p. 56)
 STEP = 0.002  # s, without an actuator
@@ -95,7 +82,9 @@ class IdealDisturbances:
 
 
 UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)  #: the published run's
+PUBLISHED = IdealDisturbances(
+    random_share=reaching.ADHESION_NOISE, torque=True, resistance=True
+)  #: the published run's
 
 
 @dataclass(frozen=True)
@@ -137,7 +126,7 @@ def simulate_ideal(
     DomainError where a run diverges beyond the slip the bristle model holds for.
     """
     law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
-    slip = reference_slip()
+    slip = reaching.reference_slip()
     steps = round(duration / STEP)
     vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
     if not disturbances.resistance:
@@ -155,11 +144,11 @@ def simulate_ideal(
     rows = np.full((len(seeds), steps, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).IdealSettings(
         *(STEP, slip, held_speed is not None, END_SPEED, limit),
-        *(TORQUE_FRACTION if disturbances.torque else 0.0, TORQUE_DECAY, TORQUE_FREQUENCY),
+        *(reaching.TORQUE_FRACTION if disturbances.torque else 0.0, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
     )
-    parameters = law_parameters(
+    parameters = reaching.law_parameters(
         **gain_parameters(replace(gains, box=None)),
         J=vehicle.effective_inertia,
         r=vehicle.wheel.radius,
@@ -206,19 +195,19 @@ def _run(
     length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, layout.SPEED]), axis=1)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length].transpose(2, 1, 0)
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
-    fading = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time)
+    fading = reaching.TORQUE_FRACTION * np.exp(-reaching.TORQUE_DECAY * time) * np.sin(reaching.TORQUE_FREQUENCY * time)
     Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
     d, V = np.empty((2, length, len(rows)))
     adapts = gains.k1 > 0 and gains.k2 > 0
     parts = (slice(0, min(changed, length)), slice(min(changed, length), length))
     for part, vehicle in zip(parts, vehicles, strict=True):
         M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-        acting = (r * force[:, :length].T[part], resistance_force(vehicle, speed[part]), Td[part])
-        d[part] = disturbance_function()(*acting, M, J, r) * J / r
-        theta = true_theta(vehicle, nominal)
+        acting = (r * force[:, :length].T[part], vehicle.resistance.force(speed[part]), Td[part])
+        d[part] = reaching.disturbance_function()(*acting, M, J, r) * J / r
+        theta = reaching.true_theta(vehicle, nominal)
         errors = (theta[0] - theta1[part], theta[1] - theta2[part])
-        V[part] = lyapunov_function()(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
-    theta = true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
+        V[part] = reaching.lyapunov_function()(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
+    theta = reaching.true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
     return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), d, torque, theta)
 
 
@@ -348,7 +337,7 @@ class PublishedLaw:
         self._functions, self._p = numeric_plant(type(point.law)), plant_parameters(point.law, point.vehicle)
         M, J, B, r = self._p[:4]
         k2 = OMEGA_UNIT_FACTOR * gains.k
-        self._parameters = law_parameters(
+        self._parameters = reaching.law_parameters(
             **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip},
             **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
         )

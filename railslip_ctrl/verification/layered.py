@@ -31,9 +31,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.arguments import Floats, check_fields, number
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController, actuated_plant
@@ -49,8 +48,6 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, P
 from .fixed_step import holding_torque, simulate_fine
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from .relay_loop import actuator_lag
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

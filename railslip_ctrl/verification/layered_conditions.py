@@ -22,32 +22,9 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.linearization import OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
+from railslip_ctrl.verification import layered
 
 from .fixed_step import END_SPEED, FineRun, SteppedLaw, simulate_fine, slip_range
-from .layered import (
-    DURATION,
-    HOLD_ERROR,
-    OFFSET,
-    PUBLISHED_ADHESION,
-    SPEEDS_KMH,
-    STEP,
-    LayeredDesign,
-    LayeredLaw,
-    RailAdhesion,
-    RailBounds,
-    Torque,
-    bounded_disturbance,
-    bounded_errors,
-    layer_loop,
-    layered_design,
-    least_authority,
-    load_cases,
-    lowest_speeds,
-    published_torque,
-    rail_bounds,
-    random_torque,
-    run_errors,
-)
 from .reaching import with_friction
 from .robust import LOWEST_FRICTION
 from .verdict import Condition, Verification
@@ -66,26 +43,26 @@ class LayeredFindings:
     """
 
     vehicle: Vehicle
-    adhesion: RailAdhesion
-    design: LayeredDesign | None = None
-    bounds: Mapping[Rail, RailBounds] | None = None
+    adhesion: layered.RailAdhesion
+    design: layered.LayeredDesign | None = None
+    bounds: Mapping[Rail, layered.RailBounds] | None = None
     cut_out: float | None = None
     unknown: Uncertainties | None = None
 
     @property
     def asked(self) -> float:
         """Least authority, N*m; NaN without a design."""
-        return math.nan if self.design is None else least_authority(self.design, self.vehicle, self.adhesion)
+        return math.nan if self.design is None else layered.least_authority(self.design, self.vehicle, self.adhesion)
 
     @property
     def loads(self) -> tuple[str, ...]:
         """The loads it was decided for."""
-        return tuple(load_cases(self.vehicle))
+        return tuple(layered.load_cases(self.vehicle))
 
 
 def verify_layered(
     vehicle: Vehicle,
-    adhesion: RailAdhesion = PUBLISHED_ADHESION,
+    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
     *,
     K: float | None,
     seed: int,
@@ -97,10 +74,10 @@ def verify_layered(
     there is none of, are not decided; K is then 0 unless given.
     """
     found = LayeredFindings(vehicle, adhesion)
-    about = {"adhesion": adhesion, "loads": found.loads, "disturbance": bounded_disturbance(vehicle)}
+    about = {"adhesion": adhesion, "loads": found.loads, "disturbance": layered.bounded_disturbance(vehicle)}
     of_bound = ("authority", "bounds kept, simulated")
     try:
-        design = layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
+        design = layered.layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
     except InfeasibleDesignError as error:
         stops = (_DISTURBED, _CUT_OUT, "speed falling, simulated", HOLD_NAME, uncertain_name(vehicle))
         conditions = [
@@ -109,16 +86,16 @@ def verify_layered(
         ]
         return Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions)), found
     conditions = [layered_stability(design, vehicle, adhesion)]
-    bounds: dict[Rail, RailBounds] = {}
+    bounds: dict[Rail, layered.RailBounds] = {}
     try:
-        bounds = rail_bounds(design, vehicle, adhesion)
+        bounds = layered.rail_bounds(design, vehicle, adhesion)
     except InfeasibleDesignError as error:
         conditions += [
             Condition(_BOUND, False, "sampled", {**about, "reason": str(error)}),
             *(Condition(name, None, None, {**about, "missing": "bound"}) for name in of_bound),
         ]
     else:
-        held, kept = lowest_speeds(design, vehicle, adhesion)
+        held, kept = layered.lowest_speeds(design, vehicle, adhesion)
         numbers = {**about, "design": design, "bounds": bounds}
         conditions += [
             Condition(_BOUND, held is not None, "sampled", numbers, down_to_kmh=held),
@@ -140,44 +117,47 @@ def verify_layered(
 
 
 def layered_stability(
-    design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+    design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
 ) -> Condition:
     """The loop within the layer over the stop, by the exact root count."""
     margins, unstable = {}, {}
-    for speed_kmh in SPEEDS_KMH:
+    for speed_kmh in layered.SPEEDS_KMH:
         for name, point in _points(adhesion, vehicle, speed_kmh=speed_kmh).items():
-            loop = layer_loop(design, linearize(point), vehicle.actuator)
+            loop = layered.layer_loop(design, linearize(point), vehicle.actuator)
             name = name.replace(", ", f", {speed_kmh:g} km/h, ")
             if loop.is_stable():
                 margins[name] = loop.margins().ms
             else:
                 unstable[name] = speed_kmh
-    about = {"design": design, "adhesion": adhesion, "loads": tuple(load_cases(vehicle))}
+    about = {"design": design, "adhesion": adhesion, "loads": tuple(layered.load_cases(vehicle))}
     worst = max(margins, key=lambda name: margins[name], default=None)
-    down_to = min((one for one in SPEEDS_KMH if one > max(unstable.values(), default=0.0)), default=None)
+    down_to = min((one for one in layered.SPEEDS_KMH if one > max(unstable.values(), default=0.0)), default=None)
     numbers = {**about, "margins": margins, "unstable": unstable, "worst": worst}
     return Condition(_STABLE, not unstable, "sampled", numbers, down_to_kmh=down_to)
 
 
 def _points(
-    adhesion: RailAdhesion, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH
+    adhesion: layered.RailAdhesion, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH
 ) -> dict[str, OperatingPoint]:
     """The reference slip on every rail, empty and loaded, by "rail, load"."""
     return {
         f"{rail}, {load}": adhesion.point(rail, laden, speed_kmh=speed_kmh)
-        for load, laden in load_cases(vehicle).items()
+        for load, laden in layered.load_cases(vehicle).items()
         for rail in adhesion.rails
     }
 
 
-def bounds_kept(design: LayeredDesign, bounds: Mapping[Rail, RailBounds]) -> Condition:
+def bounds_kept(design: layered.LayeredDesign, bounds: Mapping[Rail, layered.RailBounds]) -> Condition:
     """The nonlinear wheel against the bounds."""
     found: dict[Rail, dict[str, Any]] = {}
     kept = True
     for rail, one in bounds.items():
         try:
-            errors = bounded_errors(design, one)
-            start = [run_errors(design, one.plant, lambda _: 0.0, offset=sign * OFFSET) for sign in (1.0, -1.0)]
+            errors = layered.bounded_errors(design, one)
+            start = [
+                layered.run_errors(design, one.plant, lambda _: 0.0, offset=sign * layered.OFFSET)
+                for sign in (1.0, -1.0)
+            ]
         except DomainError as error:
             found[rail], kept = {"lost": str(error)}, False
             continue
@@ -187,7 +167,7 @@ def bounds_kept(design: LayeredDesign, bounds: Mapping[Rail, RailBounds]) -> Con
         kept &= all(e <= one.from_offset.largest_error and c <= one.from_offset.command for e, c in start)
         measured = {"worst": worst, "error": largest, "command": command, "offset_command": max(c for _, c in start)}
         found[rail] = {"bounds": one, "lost": None, **measured}
-    numbers = {"found": found, "duration": DURATION}
+    numbers = {"found": found, "duration": layered.DURATION}
     down_to = INITIAL_SPEED_KMH if kept else None
     return Condition("bounds kept, simulated", kept, "simulated", numbers, down_to_kmh=down_to)
 
@@ -235,7 +215,7 @@ def hold_table(point: OperatingPoint) -> Callable[[float], float]:
 
 
 def stop(
-    design: LayeredDesign, point: OperatingPoint, *, known: OperatingPoint | None = None, share: float = 1.0
+    design: layered.LayeredDesign, point: OperatingPoint, *, known: OperatingPoint | None = None, share: float = 1.0
 ) -> LayeredStop:
     """Brake the wheel of `point` from its speed, undisturbed.
 
@@ -244,21 +224,21 @@ def stop(
     """
     believed = known or point
     hold = hold_table(believed)
-    law = LayeredLaw(believed.slip, lambda v: share * hold(v), design=design)
+    law = layered.LayeredLaw(believed.slip, lambda v: share * hold(v), design=design)
     try:
         run = _run(point, law)
     except DomainError as error:
         return LayeredStop((0.0, 1.0), float("nan"), str(error), False, ended=False)
     low, high = slip_range(run)
     end = float(run.time[-1])
-    ended = end < _longest(point) - 2.0 * STEP
+    ended = end < _longest(point) - 2.0 * layered.STEP
     return LayeredStop((low, high), end, None, ended and low > 0.0 and high < 2.0 * believed.slip, ended)
 
 
-def _run(point: OperatingPoint, law: SteppedLaw, torque: Torque | None = None) -> FineRun:
+def _run(point: OperatingPoint, law: SteppedLaw, torque: layered.Torque | None = None) -> FineRun:
     """A stop of the wheel behind its actuator; DomainError where it is lost."""
     known: dict[str, Any] = {"frozen": False, "end_speed": END_SPEED, "disturbance": torque}
-    return simulate_fine(point, law, point.vehicle.actuator, duration=_longest(point), step=STEP, **known)
+    return simulate_fine(point, law, point.vehicle.actuator, duration=_longest(point), step=layered.STEP, **known)
 
 
 def _longest(point: OperatingPoint) -> float:
@@ -274,7 +254,7 @@ def _longest(point: OperatingPoint) -> float:
 class _Watched:
     """A law, and the speed, m/s, at which the slip first left 0 to twice the reference; 0 where it never did."""
 
-    def __init__(self, law: LayeredLaw) -> None:
+    def __init__(self, law: layered.LayeredLaw) -> None:
         self.law, self.left = law, 0.0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
@@ -295,25 +275,28 @@ class _OpenLoop:
         return CUT_OUT_SHARE * self.hold(v), 0.0
 
 
-def range_left(design: LayeredDesign, point: OperatingPoint, seed: int) -> float:
+def range_left(design: layered.LayeredDesign, point: OperatingPoint, seed: int) -> float:
     """Speed, km/h, at which the slip of a stop with the published disturbances first leaves its range; 0 if never."""
-    law = _Watched(LayeredLaw(point.slip, hold_table(point), design=design))
+    law = _Watched(layered.LayeredLaw(point.slip, hold_table(point), design=design))
     with suppress(DomainError):  # the speed stands by then
-        _run(point, law, published_torque(design, point, seed, _longest(point)))
+        _run(point, law, layered.published_torque(design, point, seed, _longest(point)))
     return law.left / KMH
 
 
 def open_loop_slip(point: OperatingPoint, seed: int) -> float:
     """Largest slip ratio from the cut-out at the point's speed and reference slip on; 1 for a wheel that locks."""
     try:
-        run = _run(point, _OpenLoop(hold_table(point)), random_torque(point, seed, _longest(point)))
+        run = _run(point, _OpenLoop(hold_table(point)), layered.random_torque(point, seed, _longest(point)))
     except DomainError:
         return 1.0
     return max(0.0, slip_range(run)[1])
 
 
 def held_under_published_disturbances(
-    design: LayeredDesign, vehicle: Vehicle, seed: int, adhesion: RailAdhesion = PUBLISHED_ADHESION
+    design: layered.LayeredDesign,
+    vehicle: Vehicle,
+    seed: int,
+    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
 ) -> tuple[Condition, float | None]:
     """Whole stops with the published disturbances, which no L1 bound covers; and the cut-out, km/h, None without."""
     left = {
@@ -329,7 +312,7 @@ def held_under_published_disturbances(
 
 
 def cut_out_condition(
-    cut_out: float | None, vehicle: Vehicle, seed: int, adhesion: RailAdhesion = PUBLISHED_ADHESION
+    cut_out: float | None, vehicle: Vehicle, seed: int, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
 ) -> Condition:
     """The wheel from the cut-out, km/h, on."""
     if cut_out is None:
@@ -345,7 +328,7 @@ def cut_out_condition(
 
 
 def held_while_the_speed_falls(
-    design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+    design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
 ) -> Condition:
     """Whole stops, which the bound, at frozen speed, leaves out."""
     stops = {name: stop(design, point) for name, point in _points(adhesion, vehicle).items()}
@@ -354,7 +337,7 @@ def held_while_the_speed_falls(
     return Condition("speed falling, simulated", held, "simulated", {"stops": stops}, down_to_kmh=down_to)
 
 
-def tolerated(design: LayeredDesign, point: OperatingPoint) -> tuple[float, float]:
+def tolerated(design: layered.LayeredDesign, point: OperatingPoint) -> tuple[float, float]:
     """Errors of the holding torque, shares below and above, up to which a stop is held; bisected to 0.5 %."""
     edges = []
     for sign in (-1.0, 1.0):
@@ -366,12 +349,14 @@ def tolerated(design: LayeredDesign, point: OperatingPoint) -> tuple[float, floa
     return edges[0], edges[1]
 
 
-def hold_known(design: LayeredDesign, tolerances: Mapping[Rail, tuple[float, float]], vehicle: Vehicle) -> Condition:
+def hold_known(
+    design: layered.LayeredDesign, tolerances: Mapping[Rail, tuple[float, float]], vehicle: Vehicle
+) -> Condition:
     """How well the holding torque must be known."""
-    held = all(min(edges) >= HOLD_ERROR for edges in tolerances.values())
+    held = all(min(edges) >= layered.HOLD_ERROR for edges in tolerances.values())
     numbers = {
         **{"tolerances": tolerances, "farthest": _FARTHEST - _RESOLUTION, "resolution": _RESOLUTION},
-        **{"loads": tuple(load_cases(vehicle)), "K": design.K},
+        **{"loads": tuple(layered.load_cases(vehicle)), "K": design.K},
     }
     bears = {f"holding torque, {rail}": min(edges) for rail, edges in tolerances.items()}
     down_to = _LOWEST_KMH if held else None
@@ -414,10 +399,10 @@ class Uncertainties:
 
 
 def uncertainties(
-    design: LayeredDesign,
+    design: layered.LayeredDesign,
     tolerances: Mapping[Rail, tuple[float, float]],
     vehicle: Vehicle,
-    adhesion: RailAdhesion = PUBLISHED_ADHESION,
+    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
 ) -> Uncertainties:
     """What the vehicle's loaded mass, the published fall of the pad's friction and the other rail do to the law.
 
@@ -425,7 +410,7 @@ def uncertainties(
     """
     points = {rail: adhesion.point(rail, vehicle) for rail in adhesion.rails}
     worn = "friction of the longest stop" if is_published(vehicle) else f"friction {_FRICTION_FALL:g} N m s lower"
-    others = {"loaded taken for empty": vehicle.loaded()} if len(load_cases(vehicle)) > 1 else {}
+    others = {"loaded taken for empty": vehicle.loaded()} if len(layered.load_cases(vehicle)) > 1 else {}
     others[worn] = with_friction(vehicle, vehicle.wheel.viscous_friction - _FRICTION_FALL)
     errors = []
     for name, other in others.items():
@@ -442,13 +427,13 @@ def uncertainties(
 
 
 def published_uncertainties(
-    found: Uncertainties, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+    found: Uncertainties, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
 ) -> Condition:
     """Whether mass, friction and rail, as they change in the published run, leave the holding torque known that well.
 
     Of another vehicle: its own masses, and a friction that falls as much.
     """
-    about = {"loads": tuple(load_cases(vehicle)), "published": is_published(vehicle), "adhesion": adhesion}
+    about = {"loads": tuple(layered.load_cases(vehicle)), "published": is_published(vehicle), "adhesion": adhesion}
     holds = not found.beyond and not found.rail_matters
     return Condition(uncertain_name(vehicle), holds, "simulated", {**vars(found), **about})
 

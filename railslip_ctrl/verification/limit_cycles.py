@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Complexes, Floats
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop.crossings import bracketed_roots
@@ -38,10 +39,6 @@ from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
 from .fixed_step import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
 from .relay_loop import SurfaceLoop, actuator_response
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
 
 # W falls at least as 1/omega^2 with the lag, so that s misses about 1/(2 n^2) of itself beyond n harmonics
 _HARMONICS = 400

@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate
 
 from .reaching import theta_function
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of |s| is taken
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
@@ -38,7 +38,6 @@ from .reaching import (
     reaching_time,
     reference_set,
     reference_slip,
-    resistance_force,
     surface_needed,
     surface_rate,
     true_theta,
@@ -46,9 +45,6 @@ from .reaching import (
 )
 from .robust import LAYER_WIDTH, RATE, TILDE, gain_units
 from .verdict import Condition
-
-Floats = NDArray[np.float64]
-
 
 AXES = ("speed_kmh", "slip", "mass_kg", "random_force_n", "torque_fraction", "s")
 """Coordinates of the box: km/h, 1, kg, N at the empty wheel load, Td/Tb, m/s."""
@@ -126,7 +122,7 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
     Ta = r * functions.force(v, sigma, z, 0.0, 0.0, draw["Tr"], p)
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
-    known = {**draw, "Ta": Ta, "omega": omega, "Fr": resistance_force(vehicle, v), "r": r, "e": e, "v_rate": v_rate}
+    known = {**draw, "Ta": Ta, "omega": omega, "Fr": vehicle.resistance.force(v), "r": r, "e": e, "v_rate": v_rate}
     Tb, known["s"], *hat_rates = _generated_law(known)
     rates = functions.rates(v, sigma, z, Tb, draw["Td"], draw["Tr"], p)
     surface = draw["lambda_d"] * rates[0] - rates[1] + draw["rho"] * e

@@ -24,8 +24,8 @@ from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
@@ -35,9 +35,6 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
-
-Floats = NDArray[np.float64]
-
 
 ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
 """Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""
@@ -89,7 +86,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     return ReachingSet(
         random_torque=vehicle.wheel.radius * sigmas * ADHESION_NOISE * vehicle.wheel_load,
         torque_fraction=TORQUE_FRACTION if with_torque else 0.0,
-        resistance=(0.0, resistance_force(vehicle, speed)),
+        resistance=(0.0, vehicle.resistance.force(speed)),
         adhesion_torque=(torque, torque),
         speed=(speed, speed),
         slip=(slip, slip),
@@ -119,12 +116,6 @@ def reference_slip(rail: Rail = Rail.DRY) -> float:
     slip = published_law("bristle", rail).reference_slip(rail)
     assert slip is not None, "the bristle model has a published reference"
     return slip
-
-
-def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
-    """Fr, N, at a speed or an array of speeds, m/s."""
-    resistance = vehicle.resistance
-    return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 
 
 def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant, tuple[float, ...]]:

@@ -24,19 +24,14 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.sliding.law import TABLE4_LAWS
-
-from .reaching import resistance_force
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -128,7 +123,7 @@ class SurfaceLoop:
     def load(self) -> float:
         """Torque the law leaves out, N*m: (J/r) Fr/M, since [Park2008] (36) has no travelling resistance."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
-        return float(self.inertia_over_radius * resistance_force(vehicle, v) / vehicle.effective_mass)
+        return float(self.inertia_over_radius * vehicle.resistance.force(v) / vehicle.effective_mass)
 
     @property
     def regressor_power(self) -> float:

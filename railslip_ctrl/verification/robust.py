@@ -23,24 +23,9 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
+from railslip_ctrl.verification import reaching
 
 from .fixed_step import PUBLISHED, RUNS, IdealRun, simulate_ideal
-from .reaching import (
-    LOWEST_SPEED_KMH,
-    TORQUE_DECAY,
-    TORQUE_FRACTION,
-    TORQUE_FREQUENCY,
-    ReachingSet,
-    effective_rate,
-    least_gain,
-    operating_set,
-    reference_slip,
-    search,
-    tolerated_error,
-    true_theta,
-    wet_share,
-    with_friction,
-)
 from .verdict import Condition, How
 
 s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
@@ -73,7 +58,7 @@ def effective_disturbance() -> sp.Expr:
 
     ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
     """
-    effective = sp.expand((effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
+    effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
         raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
     return effective
@@ -195,17 +180,17 @@ def gain_units() -> tuple[str, str]:
 # --- a design ------------------------------------------------------------------------------------------------------
 
 
-def robust_set(vehicle: Vehicle) -> ReachingSet:
+def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
     """The published run with the random force at `SIGMAS` deviations, theta_hat in `parameter_box`, estimates wrong."""
     first, second = parameter_box(vehicle)
     wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
-    box = operating_set(vehicle, sigmas=SIGMAS)
+    box = reaching.operating_set(vehicle, sigmas=SIGMAS)
     return replace(box, theta_hat1=first, theta_hat2=second, torque_error=wrong, rate_error=wrong)
 
 
 def effective_torque(vehicle: Vehicle) -> float:
     """(J/r) d_max over `robust_set`, N*m: the least K of (40)."""
-    return least_gain(vehicle, robust_set(vehicle))
+    return reaching.least_gain(vehicle, robust_set(vehicle))
 
 
 def design_gain(vehicle: Vehicle) -> float:
@@ -227,15 +212,15 @@ def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLI
 
 def slowest_rate(vehicle: Vehicle, D: float) -> float:
     """2 h D0, 1/s, at the smallest h = 1 + Td/Tb."""
-    return 2.0 * (1.0 - TORQUE_FRACTION) * vehicle.wheel.radius / vehicle.effective_inertia * D
+    return 2.0 * (1.0 - reaching.TORQUE_FRACTION) * vehicle.wheel.radius / vehicle.effective_inertia * D
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
     """theta over empty to loaded mass and B from its nominal value to that of the longest stop, widened by a tenth."""
-    far = with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
+    far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
-        for corner in true_theta(far, vehicle).tolist()
+        for corner in reaching.true_theta(far, vehicle).tolist()
     )
     return first, second
 
@@ -275,7 +260,7 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
 
 def _down_to_5_kmh(name: str, holds: bool, how: How, numbers: dict[str, Any], **more: Any) -> Condition:
     """A condition over the published run, to its end where it holds."""
-    return Condition(name, holds, how, numbers, down_to_kmh=LOWEST_SPEED_KMH if holds else None, **more)
+    return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
 
 
 def _matrix_gain() -> Condition:
@@ -290,10 +275,10 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
     box = robust_set(vehicle)
     exact = replace(box, torque_error=_EXACT, rate_error=_EXACT)
     tolerated = {
-        "Ta_hat": tolerated_error(vehicle, exact, "torque_error", K=gains.K),
-        "v_rate_hat": tolerated_error(vehicle, exact, "rate_error", K=gains.K),
+        "Ta_hat": reaching.tolerated_error(vehicle, exact, "torque_error", K=gains.K),
+        "v_rate_hat": reaching.tolerated_error(vehicle, exact, "rate_error", K=gains.K),
     }
-    numbers = {"K": gains.K, "asked": largest, "asked_exact": least_gain(vehicle, exact), "box": box}
+    numbers = {"K": gains.K, "asked": largest, "asked_exact": reaching.least_gain(vehicle, exact), "box": box}
     return _down_to_5_kmh("robust gain", largest < gains.K, "symbolic", numbers, tolerated=tolerated)
 
 
@@ -301,7 +286,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, largest: float, seed: int) -
     """The plant's own s s' at this K, and beside the bound whether it is tight."""
     box = robust_set(vehicle)
     own, below, above = (
-        search(box, vehicle, replace(gains, K=K), seed=seed)
+        reaching.search(box, vehicle, replace(gains, K=K), seed=seed)
         for K in (gains.K, (1 - _BESIDE) * largest, (1 + _BESIDE) * largest)
     )
     numbers = {"own": own, "below": below, "above": above, "beside": _BESIDE, "seed": seed}
@@ -310,7 +295,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, largest: float, seed: int) -
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
     """(40) where Ta_hat is that of the other rail."""
-    box, wet = robust_set(vehicle), wet_share(vehicle)
+    box, wet = robust_set(vehicle), reaching.wet_share(vehicle)
     (low, high), (least, most) = box.torque_error, box.adhesion_torque
     mistaken: dict[str, dict[str, Any]] = {
         "dry taken for wet": {"torque_error": (wet * (1.0 + low) - 1.0, high)},
@@ -319,7 +304,7 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
             "adhesion_torque": (wet * least, wet * most),
         },
     }
-    asked = {name: least_gain(vehicle, replace(box, **changes)) for name, changes in mistaken.items()}
+    asked = {name: reaching.least_gain(vehicle, replace(box, **changes)) for name, changes in mistaken.items()}
     numbers = {"K": gains.K, "asked": asked, "wet_share": wet}
     return _down_to_5_kmh("robust gain, rail mistaken", max(asked.values()) < gains.K, "symbolic", numbers)
 
@@ -354,7 +339,11 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
     """(J/r)|d| of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, at most, along a run with the published Td."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
-    fraction = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * run.time) * np.sin(TORQUE_FREQUENCY * run.time)
+    fraction = (
+        reaching.TORQUE_FRACTION
+        * np.exp(-reaching.TORQUE_DECAY * run.time)
+        * np.sin(reaching.TORQUE_FREQUENCY * run.time)
+    )
     q = fraction[:, None]
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
 
@@ -379,7 +368,7 @@ def _dead_zone(gains: LawGains, largest: float) -> Condition:
 
 def _projection_samples(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     """The cross term at random points, faces included."""
-    worst, theta = largest_cross_term(gains, seed=seed), true_theta(vehicle.loaded(), vehicle)
+    worst, theta = largest_cross_term(gains, seed=seed), reaching.true_theta(vehicle.loaded(), vehicle)
     contains = all(low <= value <= high for value, (low, high) in zip(theta, gains.box or (), strict=True))
     numbers = {"samples": _SAMPLES, "seed": seed, "box": gains.box, "largest": worst}
     return Condition("projection, samples", worst <= 0.0 and contains, "sampled", numbers)
@@ -451,23 +440,23 @@ class LeakBound:
 
 def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
     """For the loaded vehicle's theta, the largest."""
-    theta = true_theta(vehicle.loaded(), vehicle)
+    theta = reaching.true_theta(vehicle.loaded(), vehicle)
     k = (gains.k1, gains.k2)
     of_theta = sum(float(one) ** 2 / (2.0 * gain) for one, gain in zip(theta, k, strict=True))
     c = min(slowest_rate(vehicle, gains.D), gains.leak)
     level = gains.leak * of_theta / c
-    start = 0.5 * (reference_slip() * INITIAL_SPEED_KMH * KMH) ** 2 + of_theta
+    start = 0.5 * (reaching.reference_slip() * INITIAL_SPEED_KMH * KMH) ** 2 + of_theta
     # |theta_tilde_i| <= sqrt(2 k_i V), and theta is between 0, empty, and the loaded vehicle's
     reach = [math.sqrt(2.0 * gain * max(start, level)) for gain in k]
     first, second = ((min(0.0, float(x)) - w, max(0.0, float(x)) + w) for x, w in zip(theta, reach, strict=True))
-    asked = least_gain(vehicle, replace(robust_set(vehicle), theta_hat1=first, theta_hat2=second))
+    asked = reaching.least_gain(vehicle, replace(robust_set(vehicle), theta_hat1=first, theta_hat2=second))
     return LeakBound(c, level, math.sqrt(2.0 * level), start, asked)
 
 
 def _leak(vehicle: Vehicle, gains: LawGains) -> Condition:
     """The bound, over the set of theta_hat that it makes invariant itself."""
     bound = leak_bound(vehicle, gains)
-    numbers = {"least_share": 1 - TORQUE_FRACTION, "K": gains.K, "bound": bound, "leak": gains.leak}
+    numbers = {"least_share": 1 - reaching.TORQUE_FRACTION, "K": gains.K, "bound": bound, "leak": gains.leak}
     return _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound.gain < gains.K, "symbolic", numbers)
 
 

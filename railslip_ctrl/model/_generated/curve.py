@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "c9c66d0d1f65c36e508ba7e0924cb874204a5737744ae1aa53158683382e0a9a"
+SOURCES_SHA256 = "b666086c51b9b6297af61bab779a7b35554a52238e1df742ae58206cae083092"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

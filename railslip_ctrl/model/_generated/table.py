@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "21899bc703803c90ace19d44f16fa573c7cd649ce8d227fa0b53a364af552467"
+SOURCES_SHA256 = "ee08887dd1e493c195d2f8c48c42527e46a81c9c646c88c2d8d522b67c1936aa"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -86,30 +86,16 @@ def published_law(
     that were identified at the rig's wheel load of 34 500 N are taken to another so that mu(slip) stays what was
     measured: this project's assumption, [Park2008] has that load alone.
 
-    Parameters
-    ----------
-    name : str
-        One of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1), "bristle"
-        ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); `source` of a law names its own.
-    rail : Rail or str
-        Condition the parameters are for: "dry" or "wet".
-    initial_speed_kmh : float
-        Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment.
-        Laws that are not published over v0 do not use it.
-    wheel_load : float
-        Wheel load N, N, > 0. `operating_point` refuses the law for a vehicle of another.
+    - name: one of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
+      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); `source` of a law names its own.
+    - rail: condition the parameters are for: "dry" or "wet".
+    - initial_speed_kmh: speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed
+      of the moment. Laws that are not published over v0 do not use it.
+    - wheel_load: wheel load N, N, > 0. `operating_point` refuses the law for a vehicle of another.
 
-    Returns
-    -------
-    AdhesionLaw
-        A frozen record of the law, its fields in SI, with the reference slips where the source has them.
-
-    Raises
-    ------
-    InputError
-        No law of that name, no such rail condition, or a number outside its range.
-    MissingParametersError
-        The source gives no parameters for this law.
+    Returns a frozen record of the law, its fields in SI, with the reference slips where the source has them.
+    InputError: no law of that name, no such rail condition, or a number outside its range. MissingParametersError: the
+    source gives no parameters for this law.
     """
     law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
     return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law
@@ -174,22 +160,11 @@ class SlipsOverSpeed(Record):
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
     """Read an adhesion law and its parameters from a TOML file.
 
-    Parameters
-    ----------
-    path : str or Path
-        Keys as of `LawFile`; numbers SI, or text with a unit.
-    initial_speed_kmh : float or None
-        v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
+    - path: keys as of `LawFile`; numbers SI, or text with a unit.
+    - initial_speed_kmh: v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
 
-    Returns
-    -------
-    AdhesionLaw
-        A frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or one line naming file, key, value and bound.
+    Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
+    InputError: the file cannot be read, or one line naming file, key, value and bound.
     """
     path = given_path(path)
     if initial_speed_kmh is not None:

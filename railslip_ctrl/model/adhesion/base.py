@@ -11,10 +11,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
-from railslip_ctrl.core.arguments import number, real, reals
+from railslip_ctrl.core.arguments import Floats, number, real, reals
 from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, to_unit
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
@@ -250,7 +250,7 @@ def _is_positive(metadata: list[Any]) -> bool:
 # --- adhesion available by speed, whatever the slip: an envelope of measurements, not an adhesion law ----------------
 
 
-def curtius_kniffler(speed: ArrayLike) -> NDArray[np.float64] | np.float64:
+def curtius_kniffler(speed: ArrayLike) -> Floats | np.float64:
     """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, for speeds >= 0 in m/s, of any shape.
 
     E. W. Curtius, A. Kniffler: Neue Erkenntnisse ueber die Haftung zwischen Treibrad und Schiene. Elektrische

@@ -7,8 +7,9 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH, quantity
 from railslip_ctrl.model.vehicle import Rail
 
@@ -88,9 +89,7 @@ _BACK = 1.0 - _NODES  # how far a node lies before the end of the range, in halv
 _NEWTON_STEPS = 8
 
 
-def curve_force(
-    slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float
-) -> NDArray[np.float64] | np.float64:
+def curve_force(slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float) -> Floats | np.float64:
     """F of `Curve`, N, at slip ratios of any shape, to rounding; NaN where |slip| v0 >= gamma.
 
     Variation of constants: with Phi' = (alpha beta/R) s/(gamma - s),
@@ -115,13 +114,13 @@ def curve_force(
     return force[()]  # type: ignore[no-any-return]
 
 
-def _phi_difference(s: NDArray[np.float64], back: NDArray[np.float64], c: float, gamma: float) -> NDArray[np.float64]:
+def _phi_difference(s: Floats, back: Floats, c: float, gamma: float) -> Floats:
     """Phi(s) - Phi(s - back), without the cancellation of two large logarithms."""
-    result: NDArray[np.float64] = c * (gamma * np.log1p(back / (gamma - s)) - back)
+    result: Floats = c * (gamma * np.log1p(back / (gamma - s)) - back)
     return result
 
 
-def _start_of_integration(s: NDArray[np.float64], c: float, gamma: float) -> NDArray[np.float64]:
+def _start_of_integration(s: Floats, c: float, gamma: float) -> Floats:
     """Where, below s, the integrand has decayed by exp(-_DEPTH); 0 where it never has.
 
     Phi is convex and rising, so Newton's iteration from s comes down to the root without passing it; an iterate

@@ -9,9 +9,10 @@ from functools import lru_cache
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import to_unit
 from railslip_ctrl.model.vehicle import Rail
@@ -141,14 +142,14 @@ def _table_force() -> Any:
     return TableForce
 
 
-def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> NDArray[np.float64] | np.float64:
+def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
     """F, N, at slip ratios of any shape, for a table as `LookupTable.parameters` gives it; NaN beyond its last knot."""
     ratio = np.asarray(slip, dtype=float)
     value, _ = _interpolants(tuple(table))
     return np.asarray(wheel_load * np.sign(ratio) * value(np.abs(ratio)), dtype=float)[()]
 
 
-def table_slope(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> NDArray[np.float64] | np.float64:
+def table_slope(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
     """dF/dlambda, N, as `table_force`; even in the slip ratio."""
     _, slope = _interpolants(tuple(table))
     return np.asarray(wheel_load * slope(np.abs(np.asarray(slip, dtype=float))), dtype=float)[()]

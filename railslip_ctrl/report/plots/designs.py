@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.rounding import ms_up
+from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.design.judging import MsMap

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Identification, LogSeries
@@ -41,7 +41,6 @@ from .style import (
 if TYPE_CHECKING:  # it loads the simulation
     from railslip_ctrl.identification.virtual_rig import BrakeTrial, TradeOff
 
-Floats = NDArray[np.float64]
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
 _MODELS_SHOWN = 4

@@ -9,23 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, AdhesionCurve, Table5
+from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, ModelCurve, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
+from . import style
 from .runs import recorded
-from .style import (
-    PAGE_WIDTH,
-    SMALL,
-    TEXT,
-    folded,
-    legend_below,
-    legend_of_figure,
-    line_style,
-    mark_style,
-    new_figure,
-    panels,
-)
 
 _QUANTITIES = dict(
     zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
@@ -37,7 +26,7 @@ _LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bris
 _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
 
-def model_figures(curves: Sequence[AdhesionCurve]) -> dict[str, Figure]:
+def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
     """Figs. 13, and 14 with 15 (dry, by initial speed), by file name."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
@@ -52,63 +41,65 @@ def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
     }
 
 
-def _models_by_speed(curves: Sequence[AdhesionCurve]) -> Figure:
+def _models_by_speed(curves: Sequence[ModelCurve]) -> Figure:
     speeds = list(dict.fromkeys(curve.initial_speed_kmh for curve in curves))
     title = "[Park2008] Fig. 13: adhesion models on dry rail by initial speed (without the rig's marks)"
-    figure = new_figure(5.6, title)
-    axes = panels(figure, 2, (len(speeds) + 1) // 2, sharex=True, sharey=True).ravel()
+    figure = style.new_figure(5.6, title)
+    axes = style.panels(figure, 2, (len(speeds) + 1) // 2, sharex=True, sharey=True).ravel()
     for ax, speed in zip(axes, speeds, strict=True):
         chosen = [curve for curve in curves if curve.initial_speed_kmh == speed]
         for i, curve in enumerate(chosen):
-            ax.plot(curve.slip, curve.coefficient, label=_LAWS[curve.law], **line_style(i))
+            ax.plot(curve.slip, curve.coefficient, label=_LAWS[curve.law], **style.line_style(i))
         peaks = ", ".join(
             f"{c.law.replace('curve', 'ramp')} {c.peak.coefficient:.3f} at {c.peak.slip:.3f}" for c in chosen if c.rises
         )
-        ax.set_title(folded(f"v0 = {speed:g} km/h\npeaks: {peaks}", 0.45 * PAGE_WIDTH, SMALL), fontsize=SMALL)
+        ax.set_title(
+            style.folded(f"v0 = {speed:g} km/h\npeaks: {peaks}", 0.45 * style.PAGE_WIDTH, style.SMALL),
+            fontsize=style.SMALL,
+        )
         _adhesion_axes(ax)
-    legend_of_figure(figure, axes[0], columns=3)
+    style.legend_of_figure(figure, axes[0], columns=3)
     return figure
 
 
-def _speeds_by_model(curves: Sequence[AdhesionCurve]) -> Figure:
+def _speeds_by_model(curves: Sequence[ModelCurve]) -> Figure:
     laws = list(dict.fromkeys(curve.law for curve in curves))
     title = "[Park2008] Figs. 14 and 15: adhesion models on dry rail, by initial speed"
-    figure = new_figure(4.4, title)
-    for ax, law in zip(panels(figure, 1, len(laws), sharey=True)[0], laws, strict=True):
+    figure = style.new_figure(4.4, title)
+    for ax, law in zip(style.panels(figure, 1, len(laws), sharey=True)[0], laws, strict=True):
         chosen = [curve for curve in curves if curve.law == law]
         for i, curve in enumerate(chosen):
-            style = line_style(i)
-            ax.plot(curve.slip, curve.coefficient, label=f"{curve.initial_speed_kmh:g} km/h", **style)
+            ax.plot(curve.slip, curve.coefficient, label=f"{curve.initial_speed_kmh:g} km/h", **style.line_style(i))
         for curve in chosen:  # last, so that the legend keeps the speeds together
             if curve.reference is not None:
                 label = f"reference {curve.reference:g} for {curve.initial_speed_kmh:g} km/h"
                 ax.axvline(curve.reference, color="0.5", linewidth=0.8, label=label)
-        ax.set_title(_LAWS[law], fontsize=TEXT)
+        ax.set_title(_LAWS[law], fontsize=style.TEXT)
         _adhesion_axes(ax)
-        legend_below(ax, 0.15)
+        style.legend_below(ax, 0.15)
     return figure
 
 
-def wet_and_dry_figure(curves: Sequence[AdhesionCurve]) -> Figure:
+def wet_and_dry_figure(curves: Sequence[ModelCurve]) -> Figure:
     """Fig. 17: adhesion dry and wet, with the published references."""
     speeds = " and ".join(f"{speed:g}" for speed in dict.fromkeys(curve.initial_speed_kmh for curve in curves))
-    figure = new_figure(4.8, f"[Park2008] Fig. 17: adhesion dry and wet, v0 = {speeds} km/h")
-    ax = panels(figure)[0, 0]
+    figure = style.new_figure(4.8, f"[Park2008] Fig. 17: adhesion dry and wet, v0 = {speeds} km/h")
+    ax = style.panels(figure)[0, 0]
     for i, curve in enumerate(curves):
-        style = line_style(i)
+        look = style.line_style(i)
         peak = f"peak {curve.peak.coefficient:.3f} at slip {curve.peak.slip:.3f}"
-        ax.plot(curve.slip, curve.coefficient, label=f"{_LAWS[curve.law]}, {curve.rail}: {peak}", **style)
+        ax.plot(curve.slip, curve.coefficient, label=f"{_LAWS[curve.law]}, {curve.rail}: {peak}", **look)
         if curve.reference is not None:
-            ax.axvline(curve.reference, color=style["color"], linewidth=0.8, linestyle=style["linestyle"], alpha=0.7)
+            ax.axvline(curve.reference, color=look["color"], linewidth=0.8, linestyle=look["linestyle"], alpha=0.7)
             ax.annotate(
                 f"{curve.reference:g}, {_SHORT[curve.law]} {curve.rail}", (curve.reference, 1.0),
-                xycoords=("data", "axes fraction"), fontsize=SMALL, rotation=90, xytext=(1, -2),
+                xycoords=("data", "axes fraction"), fontsize=style.SMALL, rotation=90, xytext=(1, -2),
                 textcoords="offset points", va="top",
             )  # fmt: skip
     ax.plot([], [], color="0.4", linewidth=0.8, label="vertical: published reference slips")
     _adhesion_axes(ax)
     ax.set_ylim(0.0, 1.4 * max(curve.peak.coefficient for curve in curves))  # the references' names stand above
-    legend_below(ax, 0.14, columns=2)
+    style.legend_below(ax, 0.14, columns=2)
     return figure
 
 
@@ -121,8 +112,8 @@ def _adhesion_axes(ax: Any) -> None:
 
 
 def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
-    figure = new_figure(1.0 + 2.2 * len(runs), f"[Park2008] Fig. {number}: train and wheel speed{_seeded(runs)}")
-    axes = panels(figure, len(runs), sharex=True, sharey=True)[:, 0]
+    figure = style.new_figure(1.0 + 2.2 * len(runs), f"[Park2008] Fig. {number}: train and wheel speed{_seeded(runs)}")
+    axes = style.panels(figure, len(runs), sharex=True, sharey=True)[:, 0]
     for ax, (name, run) in zip(axes, runs.items(), strict=True):
         signals = recorded(run)
         rim = signals.wheel_speed * run.scenario.vehicle.wheel.radius
@@ -131,10 +122,10 @@ def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
         time, distance = (TABLE5[name][QUANTITIES.index(q)] for q in ("braking_time_s", "braking_distance_m"))
         ax.set_title(
             f"{name}: {run.braking_time:.1f} s, {run.braking_distance:.0f} m (Table 5: {time:g} s, {distance:g} m)",
-            fontsize=TEXT,
+            fontsize=style.TEXT,
         )
         ax.set_ylabel("speed (km/h)")
-        ax.legend(fontsize=SMALL, frameon=False)
+        ax.legend(fontsize=style.SMALL, frameon=False)
     _time_axes(axes)
     return figure
 
@@ -146,7 +137,7 @@ def _torques(runs: Mapping[str, Run]) -> Figure:
         label = f"{name}: energy in the printed reading {energy / 1e7:.2f}·10⁷ N·m (Table 5: {printed / 1e7:.2f}·10⁷)"
         ax.plot(signals.time, signals.torque / 1e3, label=label, **_PAIR[i])
 
-    figure = new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
+    figure = style.new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
     return _by_controller(figure, runs, "acting torque Tb (kN·m)", draw)
 
 
@@ -158,7 +149,7 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
         ax.plot(signals.time, signals.reference, label=f"{name}: reference", linewidth=1.0, **_PAIR_OF_REFERENCES[i])
 
     against = "/".join(f"{slip:g}" for slip in PUBLISHED_REFERENCE.values())
-    figure = new_figure(5.6, f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}")
+    figure = style.new_figure(5.6, f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}")
     return _by_controller(figure, runs, "slip ratio λ (-)", draw)
 
 
@@ -167,13 +158,13 @@ def _by_controller(
 ) -> Figure:
     """A panel a kind of controller; `draw` is given the number of the run in it."""
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
-    axes = panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
+    axes = style.panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
     for ax, kind in zip(axes, kinds, strict=True):
         for i, name in enumerate(name for name in runs if name.split()[0] == kind):
             draw(ax, i, name, runs[name])
         ax.set_ylabel(label)
         count = len(ax.get_legend_handles_labels()[0])
-        ax.legend(fontsize=SMALL, frameon=False, loc="upper left", ncols=2 if count > 2 else 1)
+        ax.legend(fontsize=style.SMALL, frameon=False, loc="upper left", ncols=2 if count > 2 else 1)
         ax.margins(y=0.35)
     _time_axes(axes)
     return figure
@@ -198,8 +189,8 @@ def deviations_figure(comparison: Table5) -> Figure:
         _, column, quantity = row.item.split(" / ")
         error = 100 * row.standard_error / row.published
         groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
-    figure = new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
-    ax = panels(figure)[0, 0]
+    figure = style.new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
+    ax = style.panels(figure)[0, 0]
     for i, (quantity, found) in enumerate(groups.items()):
         names, deviations, errors = zip(*found, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
@@ -207,7 +198,7 @@ def deviations_figure(comparison: Table5) -> Figure:
             places,
             deviations,
             yerr=2 * np.array(errors),
-            **mark_style(i),
+            **style.mark_style(i),
             markersize=4.5,
             capsize=3,
             label=_QUANTITIES[quantity],
@@ -217,5 +208,5 @@ def deviations_figure(comparison: Table5) -> Figure:
     ax.axhline(0.0, color="black", linewidth=0.8)
     ax.set_ylabel("deviation (%); grey: tolerance")
     ax.grid(visible=False, axis="x")
-    legend_below(ax, 0.12, columns=4)
+    style.legend_below(ax, 0.12, columns=4)
     return figure

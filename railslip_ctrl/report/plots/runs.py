@@ -1,4 +1,4 @@
-"""Pictures of braking runs: one over time, controllers compared over runs, and V with the margin of (40) along them."""
+"""Pictures of braking runs: over time, controllers compared, V with the margin of (40) along them, and campaigns."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import seeking_of
+from railslip_ctrl.report.campaign import measure_head, quantity_heads
 from railslip_ctrl.simulation import Run, Signals
+from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
+from railslip_ctrl.simulation.campaign.execution import Replay, measured
+from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
 from railslip_ctrl.simulation.run import events_log
-from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 
-from .style import PAGE_WIDTH, SMALL, TEXT, folded, legend_beside, legend_of_figure, line_style, new_figure, panels
+from . import style
 
 if TYPE_CHECKING:  # it loads SymPy
     from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
-Floats = NDArray[np.float64]
 
 _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
@@ -28,8 +32,10 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
     """Braking distance and mean slip error of every controller, a row of axes a scenario; the bound as a line."""
     seeds = ", ".join(dict.fromkeys(f"{len(one.seeds)}" for one in comparisons))
-    figure = new_figure(0.4 + 2.7 * len(comparisons), f"Braking distance and slip error, means over {seeds} seeds")
-    for axes, comparison in zip(panels(figure, len(comparisons), 2), comparisons, strict=True):
+    figure = style.new_figure(
+        0.4 + 2.7 * len(comparisons), f"Braking distance and slip error, means over {seeds} seeds"
+    )
+    for axes, comparison in zip(style.panels(figure, len(comparisons), 2), comparisons, strict=True):
         names = [row.name for row in comparison.rows]
         distance, error = axes
         places = range(len(names))
@@ -39,16 +45,18 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
             xerr=[row.braking_distance.error for row in comparison.rows],
             **_BAR,
         )
-        distance.bar_label(bars, [_met(row) for row in comparison.rows], padding=3, fontsize=SMALL)
+        distance.bar_label(bars, [_met(row) for row in comparison.rows], padding=3, fontsize=style.SMALL)
         bound = comparison.bound.braking_distance
         distance.axvline(bound, color="black", linestyle="--")
         distance.set_xlabel(f"braking distance (m)\ndashed: no controller below {bound:.0f} m")
         bars = error.barh(places, [row.slip_error.value for row in comparison.rows], **_BAR)
-        error.bar_label(bars, [f"{row.slip_error.value:.3f}" for row in comparison.rows], padding=3, fontsize=SMALL)
+        error.bar_label(
+            bars, [f"{row.slip_error.value:.3f}" for row in comparison.rows], padding=3, fontsize=style.SMALL
+        )
         error.set_xlabel("mean |slip − reference| (-)")
         distance.set_title(f"{comparison.scenario.name}, inertia scale {comparison.scenario.vehicle.inertia_scale:g}")
-        distance.title.set_fontsize(TEXT)
-        distance.set_yticks(places, names, fontsize=SMALL)
+        distance.title.set_fontsize(style.TEXT)
+        distance.set_yticks(places, names, fontsize=style.SMALL)
         error.set_yticks(places, [""] * len(names))
         for each in axes:
             each.invert_yaxis()
@@ -78,29 +86,29 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
-    figure = new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
-    axes = panels(figure, 4, sharex=True)
+    figure = style.new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
+    axes = style.panels(figure, 4, sharex=True)
     _draw(axes[:3], [run])
     adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
-    axes[3, 0].plot(signals.time, adhesion, color=line_style(0)["color"], linewidth=0.9)
+    axes[3, 0].plot(signals.time, adhesion, color=style.line_style(0)["color"], linewidth=0.9)
     axes[3, 0].set_ylabel("adhesion coefficient μ (-)")
     events = [one for one in events_log(run) if one.reached]
     for ax in axes.flat:
         for one in events:
             ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
     told = "\n".join(("time (s)", *(f"dotted, {one.text}" for one in events)))
-    axes[3, 0].set_xlabel(folded(told, 0.8 * PAGE_WIDTH))
+    axes[3, 0].set_xlabel(style.folded(told, 0.8 * style.PAGE_WIDTH))
     axes[3, 0].set_xlim(0.0, float(signals.time[-1]))
     return figure
 
 
 def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
     """Speeds, slip and torque of recorded runs over time, a column each under its name."""
-    figure = new_figure(5.2, title)
-    axes = panels(figure, 3, len(runs), sharex="col", sharey="row")
+    figure = style.new_figure(5.2, title)
+    axes = style.panels(figure, 3, len(runs), sharex="col", sharey="row")
     _draw(axes, list(runs.values()))
     for ax, name in zip(axes[0], runs, strict=True):
-        ax.set_title(folded(name, 0.9 * PAGE_WIDTH / len(runs)), fontsize=TEXT)
+        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(runs)), fontsize=style.TEXT)
     for ax in axes[-1]:
         ax.set_xlabel("time (s)")
     figure.align_ylabels(axes[:, 0])
@@ -113,13 +121,13 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
         rim = (signals.speed - signals.slip_velocity) / KMH
-        speed.plot(signals.time, signals.speed / KMH, label="train, v", **line_style(0))
-        speed.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **line_style(1))
-        slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
+        speed.plot(signals.time, signals.speed / KMH, label="train, v", **style.line_style(0))
+        speed.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **style.line_style(1))
+        slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **style.line_style(0))
         if seeking_of(run.controller) is None:  # it finds its slip
-            slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
+            slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **style.line_style(1))
         torque.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
-        torque.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
+        torque.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **style.line_style(0))
         slips += [float(np.quantile(signals.slip, 0.999)), float(np.nanmax(signals.reference))]
         torques.append(run.max_torque)
         highest.append(float(signals.command.max()))
@@ -134,7 +142,7 @@ def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float
     """Axes of a row from 0 up to what is enough, if there is more."""
     row[0].set_ylim(0.0, top if highest > top else None)
     row[0].set_ylabel(f"{label}\n{what} cut off" if highest > top else label)
-    legend_beside(row[-1])
+    style.legend_beside(row[-1])
 
 
 def recorded(run: Run) -> Signals:
@@ -166,7 +174,7 @@ def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -
     )
     figure, axes = _along_runs(cases, f"{title}\nbelow s", curves)
     axes[3].axhline(1.0, color="black", linewidth=0.6)
-    legend_of_figure(figure, axes[3], columns=2)
+    style.legend_of_figure(figure, axes[3], columns=2)
     return figure
 
 
@@ -182,7 +190,7 @@ def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> F
     longest = max((judged.signals for _, judged in cases), key=lambda signals: float(signals.time[-1]))
     for ax, theta in zip(axes[2:], longest.theta.T, strict=True):
         ax.plot(longest.time, theta, color="black", linewidth=1.6, label="true theta")
-    legend_of_figure(figure, axes[3], columns=2)
+    style.legend_of_figure(figure, axes[3], columns=2)
     return figure
 
 
@@ -191,14 +199,14 @@ def _along_runs(
 ) -> tuple[Figure, NDArray[Any]]:
     """Curves over time, a panel each with a line a case."""
     interval = _interval(cases)
-    figure = new_figure(8.0, f"{title}: the largest in each {interval:g} s")
-    axes = panels(figure, len(curves), sharex=True)[:, 0]
+    figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
+    axes = style.panels(figure, len(curves), sharex=True)[:, 0]
     for ax, (label, scale, largest, values) in zip(axes, curves, strict=True):
         for i, (name, judged) in enumerate(cases):
             time, line = judged.signals.time, values(judged.signals)
             if largest:
                 time, line = _largest(time, line, _block(time, interval))
-            ax.plot(time, line, label=name, **{**line_style(i), "linewidth": 0.9})
+            ax.plot(time, line, label=name, **{**style.line_style(i), "linewidth": 0.9})
         ax.set_ylabel(label)
         if scale == "symlog":  # logarithmic above and below zero, with as many ticks as have room
             ax.set_yscale(scale, linthresh=_LINEAR)
@@ -225,3 +233,101 @@ def _largest(time: Floats, values: Floats, block: int) -> tuple[Floats, Floats]:
     """The largest value of each block of samples, at the block's first time."""
     whole = values.size // block * block
     return time[:whole:block], values[:whole].reshape(-1, block).max(axis=1)
+
+
+# --- campaigns --------------------------------------------------------------------------------------------------------
+
+
+SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
+"""Measures drawn, if none are named."""
+
+# where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
+_CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+
+
+def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
+    """Histogram and distribution function of some measures, over the runs that stopped; None where none did."""
+    if not summary.any_stopped:
+        return None
+    figure = style.new_figure(0.9 + 1.5 * len(measures), _title(summary))
+    axes = style.panels(figure, len(measures), 2, sharex="row")
+    for (density_axes, share), name in zip(axes, measures, strict=True):
+        for i, found in enumerate(summary.controllers.values()):
+            measure, scale = found.measures[name], measured(name).scale
+            if not measure.moments.count:
+                density_axes.plot([], [], label=f"{found.name} (none)", **style.line_style(i))
+                continue
+            edges, counts = measure.histogram
+            shape = measure.histogram.merged()
+            density = shape.counts / counts.sum() / np.diff(scale * shape.edges)
+            label = f"{found.name} ({measure.moments.count})"
+            density_axes.stairs(density, scale * shape.edges, label=label, **style.line_style(i))
+            upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
+            share.plot(scale * edges, upto, **style.line_style(i))
+        density_axes.set_yticks([])
+        style.plain_ticks(share, 4)  # for both, which share the axis
+        for ax in (density_axes, share):
+            ax.set_xlabel(_dotted(measure_head(measured(name))))
+    axes[0, 0].set_title("density of runs", fontsize=style.TEXT)
+    axes[0, 1].set_title("share of runs up to here (-)", fontsize=style.TEXT)
+    style.legend_of_figure(figure, axes[0, 0], columns=4)
+    return figure
+
+
+def scatter_figure(summary: CampaignSummary) -> Figure | None:
+    """The measure by which the worst are chosen, over each varied quantity, with the worst runs numbered.
+
+    None where nothing is varied or no run stopped.
+    """
+    heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
+    if not heads or not summary.any_stopped:
+        return None
+    columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
+    told = "rings: the worst runs of each controller, with the number of the worst"
+    figure, axes = style.grid_of(len(heads), columns, f"{_title(summary)}; {told}", (0.8, 2.5), sharey=True)
+    for ax, (quantity, head) in zip(axes, heads.items(), strict=True):
+        for i, (name, found) in enumerate(summary.controllers.items()):
+            sample, color = summary.sample[name], style.line_style(i)["color"]
+            fill = "none" if i % 2 else "full"  # in grey, what is in marks of one size tells them apart
+            look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **style.mark_style(i)}
+            ax.plot(sample[quantity], measure.scale * sample[measure.name], label=name, **look)
+            for row in found.worst:
+                ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
+            for row in found.worst[:1]:
+                place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
+                ax.annotate(
+                    f"{row['run']}",
+                    place,
+                    (6 * right, 6 * up),
+                    textcoords="offset points",
+                    ha="left" if right > 0 else "right",
+                    va="bottom" if up > 0 else "top",
+                    fontsize=style.SMALL,
+                    color=color,
+                    path_effects=[withStroke(linewidth=1.2, foreground="white")],  # legible over marks
+                )
+        ax.margins(x=0.12, y=0.15)  # a label beside the outermost mark stays inside
+        ax.set_xlabel(style.folded(_dotted(head), 0.9 * style.PAGE_WIDTH / columns))
+    for ax in axes[::columns]:
+        ax.set_ylabel(_dotted(measure_head(measure)))
+    style.legend_of_figure(figure, axes[0], columns=4, markerscale=3)
+    return figure
+
+
+def replay_figure(replayed: Replay) -> Figure:
+    """Speeds, slip and torque of a run, each controller."""
+    runs = {
+        f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s": run
+        for name, run in replayed.runs.items()
+    }
+    return runs_figure(runs, f"Run {replayed.number} again")
+
+
+def _title(summary: CampaignSummary) -> str:
+    return f"{summary.runs} runs of {summary.campaign.scenario.name}; those that stopped"
+
+
+def _dotted(head: str) -> str:
+    """A column's name and unit as on an axis."""
+    words = head.replace("_", " ").replace("*", "·")
+    return words if "(" in head else f"{words} (-)"

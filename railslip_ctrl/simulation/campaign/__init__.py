@@ -1,7 +1,7 @@
 """Many braking runs: sampled or swept quantities, every core or a cluster, results on disk, statistics.
 
-`specification` says what a campaign is, `files` reads one from TOML, `execution` runs it into a folder and repeats
-single runs, `statistics` tells what came out.
+`specification` says what a campaign is and reads one from TOML, `execution` runs it into a folder and repeats single
+runs, `statistics` tells what came out.
 """
 
 from __future__ import annotations

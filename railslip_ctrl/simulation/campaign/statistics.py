@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.arguments import Floats, Integers, checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.run import Outcome
@@ -28,10 +28,7 @@ from .specification import Campaign, Quantity
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
     Columns = dict[str, Floats]
 
 CONFIDENCE = 0.95
@@ -119,7 +116,7 @@ class Histogram(NamedTuple):
     """Counts between `edges` (one more than counts); their running sum is the distribution function at the edges."""
 
     edges: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
@@ -365,33 +362,16 @@ def campaign(
 ) -> CampaignSummary:
     """Many runs of a scenario, each with noise of its own, the same for every controller.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The run, SI.
-    controllers : sequence
-        One or more, whatever `simulate` takes.
-    runs : int
-        Number of runs of each.
-    quantities : sequence of Quantity
-        What else differs from run to run, SI.
-    seed : int
-        Number that the runs repeat with.
-    folder : str or Path, optional
-        Where the runs are kept, and resumed; left out, nothing is kept.
-    workers : int, optional
-        Number of processes; more than this one import the calling script again, which then needs its
-        `if __name__ == "__main__"`.
+    - scenario: the run, SI.
+    - controllers: one or more, whatever `simulate` takes.
+    - runs: number of runs of each.
+    - quantities: what else differs from run to run, SI.
+    - seed: number that the runs repeat with.
+    - folder: where the runs are kept, and resumed; left out, nothing is kept.
+    - workers: number of processes; more than this one import the calling script again, which then needs its `if
+      __name__ == "__main__"`.
 
-    Returns
-    -------
-    CampaignSummary
-        Statistics in SI; its `table()` has a line a controller.
-
-    Raises
-    ------
-    InputError
-        As of `Campaign` and `execute`.
+    Returns statistics in SI; its `table()` has a line a controller. InputError: as of `Campaign` and `execute`.
     """
     told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
     with nullcontext(folder) if folder is not None else TemporaryDirectory() as place:
