@@ -412,14 +412,16 @@ def _report(
     submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
     lead: tuple[StructureChoice, ...] = ()
+    seeking: Callable[[], Trial | None] = partial(_seeking_trial, envelope, nominal)
     if envelope.vehicle.actuator.lag > 0:
         rest = submit(select, envelope, ("pi-lead",), REFERENCE_FACTORS[-1:])  # while this process looks at the others
+        seeking = submit(_seeking_trial, envelope, nominal)
         lead = select(envelope, ("pi-lead",), REFERENCE_FACTORS[:-1]).choices + rest().choices
         lead = tuple(sorted(lead, key=lambda choice: choice.rank))
     if lead and lead[0].design is not None:
         lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, submit, progress, meanwhile)
+    report = _designed(envelope, nominal, selection, (submit, seeking), progress, meanwhile)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -432,16 +434,16 @@ def _designed(
     envelope: Envelope,
     nominal: bool,
     selection: Selection,
-    submit: Beside,
+    beside: tuple[Beside, Callable[[], Trial | None]],
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """The report but for rivals and the sliding-mode law."""
-    empty = DesignReport(envelope, nominal, selection)
+    """The report but for rivals and the sliding-mode law. `beside`: where to compute, what gives the seeking trial."""
+    empty, submit = DesignReport(envelope, nominal, selection), beside[0]
     progress("braking runs")
     tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
     tried = [_trial(one, nominal) for one in tied]
-    seeking = _seeking_trial(envelope, nominal, tried)
+    seeking = beside[1]()
     if selection.best is None and (seeking is None or seeking.above_kmh is None):
         blank = _unjudged(envelope)
         progress("the brake that would do")
@@ -489,18 +491,12 @@ def _with(runs: Sequence[Stop], had: Iterator[ClairvoyantStop | None]) -> tuple[
     return tuple(replace(stop, attainable=next(had)) for stop in runs)
 
 
-def _seeking_trial(envelope: Envelope, nominal: bool, others: list[Trial]) -> Trial | None:
-    """The seeking controller in the same stops, judged at the slips that it comes to; at the operating points alone
-    where they show that another is used from a lower speed, or a wheel slides."""
+def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial | None:
+    """The seeking controller in its stops, judged at the slips that it comes to; None of a brake without dead time."""
     if envelope.vehicle.actuator.dead_time <= 0:
         return None
-    design = seeking_over(envelope, nominal=True)
+    design = seeking_over(envelope, nominal=nominal)
     runs, robust = stops(design.control, design.judgement), design.judgement.robust_from_kmh
-    first = min((one.above_kmh for one in others if one.above_kmh is not None), default=math.inf)
-    own = math.inf if robust is None or any(stop.slides for stop in runs) else robust
-    if not nominal and own <= first:  # it may be the one recommended, if only as the least bad
-        design = seeking_over(envelope)
-        robust = design.judgement.robust_from_kmh
     lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
     choice = StructureChoice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
     return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.control, runs)
