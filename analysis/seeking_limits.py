@@ -4,8 +4,8 @@ Four limits for the published vehicle: of a change from dry to wet, of the filli
 curve, and of low speed. Answers, asserted in the tests:
 
 - a wheel that holds the dry peak locks on wet rail even if its brake is let go at the instant of the change, below
-  48 km/h (curve, empty), 57 km/h (polach) and, with a brake 30 % slower, 62 and 75 km/h: it forbids the locks of
-  polach's runs at 90 m, all but one, and none of those at 40 m;
+  48 km/h (curve, empty), 57 km/h (polach) and, with a brake 30 % slower, 62 and 75 km/h: nothing could have saved
+  polach's runs that lock at 90 m; those at 40 m, and the rare ones of other laws, could have been;
 - a stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's; noise, which the inner
   loop answers, fills 3 to 6 more, 1.5 to 3 with one half as quick: nothing forbids 12 kN*m;
 - the dead time forbids Ms <= 2 from 1.2 times the slip of polach's peak on; to stay below costs no distance;

@@ -5,7 +5,7 @@ theory page of the controller has the proofs. Answers, asserted in the tests:
 
 - a bound on the slip after the start over every static adhesion curve between two, by comparison of scalar equations:
   from 100 km/h on beam and on curve wet below locking for boxes of 5 %, and for the law alone at most a quarter above
-  what is simulated; on curve dry there is one for the law alone, on polach dry there is none;
+  what is simulated; on curve dry there is one for narrow boxes alone, on polach dry there is none;
 - where the reference rests, no more is given away than the flatness and the errors of the map; that it stays within
   0.022 of the peak on curves of one hump between 0.01 and 0.11 is simulated, and a peak below the knots is not found;
 - after a rail has become better the second start is commanded within a time that follows from the change.
@@ -123,14 +123,10 @@ def overshoot(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, *, agai
         end = round(((k + 1) * PERIOD + g.dead_time) / STEP)
         over = min(high[(k - 1) * steps], share - g.start_lead * filtered[k - 1] / speed)
         begins.append((low[end], path(over, (k - 1) * steps, end, box.least, quick=True)[-1], full[end]))
-    least = np.minimum(np.interp(low, SLIPS, box.least), np.interp(high, SLIPS, box.least))
-    excess = float((full - holding(vehicle, high, least, 0.0, speed))[:end].max())  # of torque over the holding
-    return _highest(vehicle, g, box, speed, begins, float(slow[end + round(WITHIN / STEP)]), excess, again)
+    return _highest(vehicle, g, box, speed, begins, float(slow[end + round(WITHIN / STEP)]), again)
 
 
-def _highest(
-    vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: Any, after: float, excess: float, again: int
-) -> float:
+def _highest(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: Any, after: float, again: int) -> float:
     """The slip at which T - H, bounded over the slip while it rises, is no more than what adhesion can have fallen; H
     is the holding torque of the highest adhesion so far, `after` the least speed."""
     rate, rising = vehicle.wheel.radius / vehicle.wheel.inertia, np.maximum.accumulate(box.most)
@@ -153,7 +149,7 @@ def _highest(
             continue
         error = (reference - slip) * (speed if slip < reference else after)
         error += g.dead_time * (reference * slowing + rate * worst[i])
-        rests = g.kappa * error / rate + turning * g.dead_time * rate * excess / after
+        rests = g.kappa * error / rate + turning * max(slip - reference, 0.0)  # it holds the reference, not the slip
         below = min(max((error / (reference * after) - 0.25) / 0.75, 0.0), 1.0)
         if below > 0:
             rests = max(rests, 0.3 * below * float(holding(vehicle, 0.0, rising[-1], speed, 0.0)))
@@ -163,7 +159,6 @@ def _highest(
             if slip > farthest:
                 return float(slip)
             continue
-        excess = max(excess, drives)
         falls = max((rests - over) / g.torque_time, -(over + held) / g.lag)
         over += SLIP_STEP * (falls * after / (rate * drives) + turning)
     return 1.0
