@@ -71,9 +71,9 @@ class SeekingGains(Record):
 
     fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=27 * KMH)
     hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=13 * KMH)
-    last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=5 * KMH)
+    last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
     hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.88)
-    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.7)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.5)
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
         """The slip ratio that it comes to on a rail of constant adhesion at a speed, m/s, under a wheel load, N: the
@@ -103,8 +103,8 @@ class SeekingGains(Record):
 @checked
 def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     """The gains for a vehicle, by rules in its dead time theta: kappa = 0.16 x/theta, torque time
-    0.58 x^(2/3) theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched
-    for over stops, the powers of x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
+    0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched
+    for over stops, x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
 
     x = min(1, 16 m/s J/(N r^2 theta)): under a heavy load for its wheel the slip runs away sooner past the peak, so
     that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be filtered.
@@ -134,7 +134,7 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
         lag=vehicle.actuator.lag,
         torque_high=torque_high,
         kappa=0.16 * quick / dead_time,
-        torque_time=0.58 * quick ** (2 / 3) * dead_time,
+        torque_time=0.75 * quick * dead_time,
         observer_time=0.34 * quick * dead_time,
         deceleration_time=0.52 * dead_time,
         start_lead=0.9 * dead_time,

@@ -298,7 +298,10 @@ def readhesion(x, c, v, slip, reference):
     nothing is known of its peak."""
     x[LOW_TIME] = x[LOW_TIME] + c[PERIOD] if slip < 0.69 * reference else 0.0
     x[QUICK_TORQUE] += c[PERIOD] / _QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
-    x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
+    if slip < 1.2 * reference:
+        x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
+    else:  # what rises as the slip comes back from past the peak is no news of the rail
+        x[MEAN_TORQUE] = x[QUICK_TORQUE]
     rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
     if v > c[HAND_OVER_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
         x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
