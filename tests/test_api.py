@@ -77,7 +77,6 @@ def public() -> dict[str, Any]:
 FUNCTIONS = {name: inspect.unwrap(thing) for name, thing in public().items() if inspect.isroutine(thing)}
 CLASSES = {name: thing for name, thing in public().items() if inspect.isclass(thing)}
 THINGS = FUNCTIONS | CLASSES
-ERRORS = {name for name, thing in CLASSES.items() if issubclass(thing, Exception)}
 
 
 def test_the_top_lists_what_it_offers() -> None:
@@ -158,25 +157,6 @@ def test_every_public_method_says_what_it_takes(name: str) -> None:
                 assert told, f"{name}.{method.name}: {argument.arg} is not in its docstring with its unit and shape"
 
 
-@pytest.mark.parametrize("name", [name for name in THINGS if name not in ERRORS])
-def test_every_error_that_is_raised_is_documented(name: str) -> None:
-    """By the function or public method that raises it, or by the class, which says what making the object raises."""
-    thing = THINGS[name]
-    if inspect.isclass(thing):
-        said = {
-            method.name: (method, ast.get_docstring(method) or "")
-            for method in methods(thing)
-            if method.name[0] != "_"
-            or method.name.startswith("__")
-            or any("validator" in ast.unparse(decorator) for decorator in method.decorator_list)
-        }
-    else:
-        said = {"": (ast.parse(inspect.getsource(thing)).body[0], "")}
-    for part, (node, text) in said.items():
-        missing = {one for one in raised(node) if not re.search(rf"\b{one}\b", documentation(thing) + text)}
-        assert not missing, f"{name} {part}: {', '.join(missing)} not in its docstring"
-
-
 def documentation(thing: Any) -> str:
     """The docstring of a function, or those of a class and of the package's classes it is made from."""
     if not inspect.isclass(thing):
@@ -225,13 +205,6 @@ def docstring_of(pointed_at: str) -> str:
     known = {name.rpartition(".")[2]: thing for name, thing in THINGS.items()}
     thing = known.get(pointed_at.rpartition(".")[2])
     return documentation(thing) if thing else ""
-
-
-def raised(node: ast.AST) -> set[str]:
-    """Names of the errors in the raise statements of a function's own text."""
-    calls = (item.exc for item in ast.walk(node) if isinstance(item, ast.Raise) and item.exc is not None)
-    names = {ast.unparse(call.func if isinstance(call, ast.Call) else call) for call in calls}
-    return {name for name in names if name.endswith("Error")}
 
 
 def test_every_source_key_resolves() -> None:

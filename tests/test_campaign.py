@@ -365,8 +365,8 @@ def test_a_damaged_part_is_named(finished, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"workers": 0}, "--workers: 0"),
-        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave it out with --scheduler"),
+        ({"workers": 0}, "workers: 0"),
+        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave them out with a scheduler"),
         ({"part_runs": 0}, "part_runs: 0"),
         ({"scheduler": "nonsense://here"}, "cannot be reached"),
     ],

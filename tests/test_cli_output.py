@@ -153,22 +153,3 @@ def test_numbers_of_another_law_are_refused():
 
 
 # --- controllers from Python files ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("x = 1\n", "mine.py: has no CONTROLLER; name it so"),
-        ("CONTROLLER = 'pi'\n", "mine.py: CONTROLLER: str is not a linear system; give a python-control"),
-        ("class A:\n    step = 0\nCONTROLLER = A\n", "mine.py: CONTROLLER: A is a class; give an object of it, A()"),
-        ("x = 1\n1 / 0\n", "mine.py, line 2: running it fails with ZeroDivisionError: division by zero; mend the file"),
-        (None, "mine.py: no such file; check the path"),
-    ],
-)
-def test_a_python_file_without_a_controller_is_one_clear_line(railslip, tmp_path, text, told):
-    path = tmp_path / "mine.py"
-    if text is not None:
-        path.write_text(text)
-    err = refused(railslip("simulate", "--controller", path))
-    assert err.startswith("railslip: error: --controller: ")
-    assert told in err

@@ -59,9 +59,6 @@ PUBLISHED = published_reference("bristle")
 AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
 IN_FEW_WORDS = {
     'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, **AS_BEFORE),
-    'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
-        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5, **AS_BEFORE
-    ),
     'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
         StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01
     ),
@@ -71,7 +68,6 @@ IN_FEW_WORDS = {
     'kind = "state-space"\nA = -1\nB = 2\nC = 3': LinearControl(
         StateSpaceController(((-1.0,),), (2.0,), (3.0,)), PUBLISHED, "state-space", 0.01
     ),
-    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
         LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
     ),
@@ -82,7 +78,6 @@ IN_FEW_WORDS = {
         torque_high=2.0,
         **AS_BEFORE,
     ),
-    'kind = "slide-protection"': SlideProtection(PUBLISHED),
     'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
         PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5
     ),
@@ -115,6 +110,12 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0, 0.0]\nden = [1.0]', "not proper"),
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
+        ('kind = "transfer-function"\nnum = []\nden = [1.0]', "num: is empty"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nrule = "euler"', "rule: 'euler' is not allowed; give 'tustin' or"),
+        (
+            'kind = "state-space"\nA = [[0.0, 1.0], [2.0]]\nB = [1.0, 2.0]\nC = [1.0, 2.0]',
+            "A: has rows of 1 and of 2 numbers",
+        ),
         ('kind = "state-space"\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]', "A: give its rows"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0', "B: is not of one input"),
         ('kind = "state-space"\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]', "C: is not of one input"),

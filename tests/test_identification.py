@@ -23,7 +23,6 @@ from railslip_ctrl.identification.fits import (
     clustered_covariance,
     fit,
     profile_interval,
-    search,
     whole_tests,
 )
 from railslip_ctrl.identification.models import (
@@ -145,16 +144,6 @@ def test_cells_and_bins_are_sums_over_the_samples_however_they_come():
         assert bins.deviation[i] == pytest.approx(inside.std(ddof=1), rel=1e-9)
 
 
-def test_stretches_stay_bounded_and_lose_no_sample():
-    slip = 0.3 + 0.1 * np.sin(np.arange(60_000) / 500.0)
-    sums = gathered(samples(slip, V100, slip, interval=1.0))  # each sample further from the next than a stretch
-    stretches = sums.stretches()
-    assert len(np.unique(stretches.stretch)) <= 8192
-    assert stretches.count.sum() == slip.size
-    assert stretches.total.sum() == pytest.approx(slip.sum(), rel=1e-12)
-    assert stretches.length > 5 * TAU
-
-
 # --- fits ----------------------------------------------------------------------------------------------------------
 
 
@@ -218,36 +207,6 @@ def test_bounds_hold_and_an_active_one_is_said():
     assert any(note.startswith("mu_max: rests on its upper bound; by this log it is not less") for note in found.notes)
 
 
-def test_a_profile_beside_a_bound_is_its_closed_form():
-    """Two correlated parameters of a straight line; the second rests on 0, and its square alone makes the sum rise."""
-    matrix = np.array([[1.0, 0.8], [0.2, 1.0], [0.5, -0.3]])
-    free = np.array([2.0, -0.4])  # the best without bounds
-    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, np.inf])
-    normal = matrix.T @ matrix
-    best = np.array([free[0] - normal[0, 1] / normal[0, 0] * (0.0 - free[1]), 0.0])
-    rise = 0.7
-    own = 1.0 / np.linalg.inv(normal).diagonal()  # of the sum of squares, least over the other parameter
-
-    def interval(index: int) -> tuple[float, float]:
-        coordinates = Coordinates.of(("first", "second"), *bounds, np.ones(2))
-        return profile_interval(
-            lambda x: matrix @ (x - free), coordinates, best, index, stderr=own[index] ** -0.5, rise=rise
-        )
-
-    at_bound = own[1] * free[1] ** 2
-    low, high = interval(1)
-    assert low == 0.0
-    assert high == pytest.approx(free[1] + math.sqrt((at_bound + rise) / own[1]), abs=0.03 * own[1] ** -0.5)
-    # the first, upwards where the second would turn negative and stays at 0; the other way it follows as if free
-    ends = []
-    for sign in (-1.0, 1.0):
-        held = best[0] + sign * math.sqrt(rise / normal[0, 0])
-        loose = free[0] + sign * math.sqrt((at_bound + rise) / own[0])
-        second = free[1] - normal[0, 1] / normal[1, 1] * (loose - free[0])
-        ends.append(loose if second > 0.0 else held)
-    assert interval(0) == pytest.approx(ends, abs=0.03 * own[0] ** -0.5)
-
-
 FALLING = Coordinates.of(("beta", "gamma"), np.array([1e-12, 5.0]), np.full(2, np.inf), np.array([5e-3, 50.0]))
 
 
@@ -295,27 +254,6 @@ def test_profiles_along_a_bend_are_fieller_s(noise, bounded):
     low, high = interval(1)
     assert low == pytest.approx(ends[0] if bounded else ends[1], **lower_end)
     assert high == (pytest.approx(ends[1], **upper_end) if bounded else math.inf)
-
-
-def test_a_bound_of_beta_is_one_of_its_own_coordinate():
-    """And not of the level, which with 1/gamma is what a log shows where beta is free."""
-    values = np.array([4.7e-3, 58.0])
-    assert FALLING.at(values) == pytest.approx([58.0 / 4.7e-3, 1.0 / 58.0], rel=1e-12)
-    given = Coordinates.of(("beta", "gamma"), np.array([1e-3, 5.0]), np.array([1e-2, np.inf]), values)
-    assert given.at(values) == pytest.approx(values)
-
-
-def test_no_interval_is_narrower_than_with_the_others_known():
-    """Residuals whose search over the other parameter ends too high: nothing but the best value of it is any good."""
-    best, own = np.array([1.0, 2.0]), np.array([50.0, 30.0])
-
-    def residuals(values):
-        return np.array([*(own * (values - best)), 1e3 * (values[1] != best[1])])
-
-    coordinates = Coordinates.of(("first", "second"), np.full(2, 1e-12), np.full(2, np.inf), np.ones(2))
-    half = math.sqrt(6.6) / own[0]
-    found = profile_interval(residuals, coordinates, best, 0, stderr=1.0 / own[0], rise=6.6)
-    assert found == pytest.approx((1.0 - half, 1.0 + half), rel=1e-6)
 
 
 def test_too_little_data_are_without_errors():
@@ -573,19 +511,6 @@ def test_scatter_from_test_to_test_widens_what_it_shifts():
     assert widths["scattered"]["a"] < 3.0 * widths["alike"]["a"]
 
 
-def test_a_search_has_one_end_where_the_data_tell_a_sum_alone():
-    """Residuals of x0 + x1: both move alike from the centre, and as the normal equations of the pull have it."""
-    coordinates = Coordinates.of(("first", "second"), np.full(2, -np.inf), np.full(2, np.inf), np.array([1.0, 2.0]))
-    centre, matrix, aim = np.array([1.0, 2.0]), np.ones((3, 2)), 5.0
-    pull = np.diag((0.1 / centre) ** 2)
-    expected = centre + np.linalg.solve(matrix.T @ matrix + pull, matrix.T @ (aim - matrix @ centre))
-    known = {"weight": 0.1, "centre": centre, "tolerance": 1e-14, "most": 100}
-    for begin in (centre, np.array([-30.0, 40.0]), np.array([7.0, -1.0])):
-        squares, x = search(lambda x: matrix @ x - aim, coordinates, begin, **known)
-        assert x == pytest.approx(expected, rel=1e-6)  # rounding of 1e-16/1e-4 in the slopes, by a curvature of 0.01
-        assert squares == pytest.approx(3.0 * (x.sum() - aim) ** 2, abs=1e-12)
-
-
 # --- files ---------------------------------------------------------------------------------------------------------
 
 
@@ -612,5 +537,5 @@ def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
     # straight between the speeds: 5/7 of the way from 30 to 100 km/h
     assert (law.reference.dry, law.reference.wet) == pytest.approx((0.17, 0.19 - 5 / 70 * 10 * 0.1), rel=1e-12)
     assert load_law(path, initial_speed_kmh=130.0).reference == held[100.0]
-    with pytest.raises(InputError, match=r"polynomials of the initial speed; give --initial-speed"):
+    with pytest.raises(InputError, match=r"polynomials of the initial speed; give that of the brake"):
         load_law(path)

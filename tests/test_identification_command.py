@@ -9,7 +9,7 @@ import json
 import matplotlib.image
 import numpy as np
 import pytest
-from project import ROOT, refused
+from project import refused
 from rig_logs import HEADER, rig_rows, write_log
 
 from railslip_ctrl.cli import main
@@ -116,6 +116,9 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, fitted, tmp_
     )
     _, _, slip, load, torque, mu = np.loadtxt(file, delimiter=",", skiprows=1, usecols=range(6)).T
     assert slip.size == found["points"]
+    regime = np.array([line.rpartition(",")[2] for line in file.read_text().splitlines()[1:]])
+    assert np.array_equal(regime == "adhesion", slip < found["log"]["sliding_from_slip"])
+    assert np.sum(regime == "sliding") == found["log"]["sliding_regime_points"]
     assert mu == pytest.approx(torque / (PARK2008.wheel.radius * load), rel=1e-8)  # ten digits
     for each in found["curve"]:
         inside = (slip >= each["slip_from"]) & (slip < each["slip_to"])
@@ -155,18 +158,6 @@ def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(lo
     # the filter is 0.05 s late, in which omega goes up to 3 rad/s
     assert change == pytest.approx(omega[seen] - omega[seen][0], abs=3.0)
     assert np.ptp(omega[seen]) > 25.0
-
-
-@pytest.mark.long
-def test_forces_found_at_another_wheel_load_are_told(railslip, log, tmp_path):
-    """Bristles have forces, which do not grow with the load; a law of the slip alone has none."""
-    for model, told in (("bristle", True), ("table", False)):
-        railslip("identify", log, "--model", model, "--out", tmp_path / model)
-        file = tmp_path / model / "model.toml"
-        vehicle = ROOT / "designs" / "vehicles" / "desiro_classic.toml"
-        err = railslip("linearize", "--adhesion", file, "--slip", "0.1", "--vehicle", vehicle)[2]
-        assert err.count("was found at a wheel load of 34500 N and is used at") == int(told)
-        assert "wheel load" not in railslip("linearize", "--adhesion", file, "--slip", "0.1")[2]
 
 
 @pytest.mark.long

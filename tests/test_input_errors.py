@@ -26,22 +26,16 @@ from railslip_ctrl import (
     Rail,
     RailslipError,
     Vehicle,
-    assess,
     built_in_scenario,
     linearize,
-    nonlinear_plant,
     operating_point,
     published_law,
     stabilizing_pi,
-    tune_pi,
 )
 from railslip_ctrl.core.arguments import check_fields, checked, complexes, number, numbers
-from railslip_ctrl.design import margin_grid
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.vehicle import Record, Wheel
@@ -151,40 +145,6 @@ def test_a_copy_takes_a_value_as_it_is() -> None:
     assert PARK2008.model_copy() == PARK2008
 
 
-FINITE = "is not allowed; give a finite value"
-CALLS: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object], str]] = [
-    (operating_point, ("bristle", PARK2008, 27.0, 0.1), {}, "law: 'bristle' is not allowed; give an AdhesionLaw"),
-    (operating_point, (LAW, PARK2008, 27.0, math.nan), {}, "slip: nan is not allowed; give 0 <= slip < 1"),
-    (
-        operating_point,
-        (LAW, PARK2008, 27.0, 0.1),
-        {"rail": "icy"},
-        "rail: 'icy' is not allowed; give dry or wet or None",
-    ),
-    (linearize, (POINT,), {"speed_state": 1}, "speed_state: 1 is not allowed; give True or False"),
-    (nonlinear_plant, (LAW, PARK2008), {"reference_slip": 2}, f"reference_slip: 2 {FINITE} >= 0 and < 1"),
-    (LOOP.sensitivity, ("a",), {}, "omega: 'a' is not allowed; give a number or an array of numbers"),
-    (LOOP.scaled, (math.inf,), {}, f"gain factor: inf {FINITE}"),
-    (pade, (0.1, 1.5), {}, "order: 1.5 is not allowed; give an integer"),
-    (tune_pi, (LAG, 0.5), {"ms_max": 1}, f"ms_max: 1 {FINITE} > 1"),
-    (tune_pi, (LAG,), {"minimise_ms": True, "ki_min": math.nan}, f"ki_min: nan {FINITE} > 0"),
-    (
-        *(Specification, (), {"crossover": (1, "a")}),
-        "crossover: (1, 'a') is not allowed; give a number in place of 'a' or None",
-    ),
-    (margin_grid, (REGION, [1.0], [0.0, math.nan]), {}, f"ki: nan {FINITE}"),
-    (assess, (PLANT, PI, PARK2008.actuator), {"poles": 0}, f"poles: 0 {FINITE} >= 1 and <= 1000"),
-    (published_law, ("bristle", "dry"), {"wheel_load": 0}, f"wheel load: 0 N {FINITE} > 0"),
-]
-
-
-@pytest.mark.parametrize(("function", "given", "named", "line"), CALLS)
-def test_a_call_refuses_in_one_line_of_the_package(
-    function: Callable[..., object], given: tuple[object, ...], named: dict[str, object], line: str
-) -> None:
-    assert refusal(lambda: function(*given, **named)) == line
-
-
 ROOMS = ("model.adhesion", "design", "loop", "simulation")
 
 VALID: dict[str, object] = {
@@ -240,15 +200,14 @@ def functions() -> dict[str, Callable[..., object]]:
     return {name: thing for name, thing in found.items() if inspect.isfunction(thing)}
 
 
-ARGUMENTS = [(name, argument) for name, f in functions().items() for argument in inspect.signature(f).parameters]
-
-
-@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
-def test_no_function_takes_what_is_of_no_kind(name: str, argument: str) -> None:
+@pytest.mark.parametrize("name", functions())
+def test_no_function_takes_what_is_of_no_kind(name: str) -> None:
     function = functions()[name]
     taken = inspect.signature(function).parameters.values()
     given = {one.name: VALID[one.name] for one in taken if one.default is one.empty} | OWN.get(name, {})
-    assert "thing" in refusal(lambda: function(**{**given, argument: Thing()})).lower()
+    for argument in taken:
+        told = refusal(lambda: function(**{**given, argument.name: Thing()}))  # noqa: B023
+        assert "thing" in told.lower(), argument.name
 
 
 # --- the checks themselves -----------------------------------------------------------------------------------------

@@ -102,24 +102,6 @@ def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file,
     assert "outside 30 to 140" in refused(railslip(command, "--adhesion", name, "--initial-speed", "160", *AT[command]))
 
 
-@pytest.mark.long
-def test_a_run_takes_the_law_at_the_speed_it_begins_at(railslip, file):
-    slow = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [30, 30]\n{PARAMETERS}{SLIPS}')
-    run = ("simulate", "--no-noise", "--controller", "pi-lead")
-    assert "v0 of 30 km/h and is used at 100 km/h" in railslip(*run, "--adhesion", slow)[2]
-    assert "v0" not in railslip(*run, "--adhesion", slow, "--speed", "30")[2]
-    over = file("over.toml", OVER + SLIPS)
-    assert "v0" not in railslip(*run, "--adhesion", over, "--speed", "80")[2]
-    told = "the adhesion is that of brakes applied at 80 km/h, but this run begins at 100 km/h (--speed)"
-    for law in (over, "beam"):
-        assert told in railslip(*run, "--adhesion", law, "--initial-speed", "80")[2]
-    err = railslip("linearize", "--rail", "dry", "--speed", "60", "--speed", "120")[2]
-    assert err.startswith(
-        "railslip: warning: --speed: 120 km/h is above 100 km/h, the v0 at which the brake is applied"
-    )
-    assert railslip("linearize", "--rail", "dry", "--speed", "120", "--initial-speed", "120")[2] == ""
-
-
 def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
     name = file("heavy.toml", BEAM.replace("[parameters]", 'wheel_load = "50 kN"\n[parameters]'))
     assert wheel_load_in(name) == 50e3
@@ -224,14 +206,7 @@ def test_text_and_json_tell_a_file_s_law_from_the_published_one(railslip, file, 
     assert "as given" not in text
 
 
-def test_a_published_law_is_told_as_such_at_its_v0_in_the_reading_of_the_run_and_from_a_scenario_s_file(railslip, file):
-    run = ("simulate", "--no-noise", "--json")
-    scaled = ("--adhesion", "bristle", "--initial-speed", "80")  # as the default scenario's inertia is
-    for more in (scaled, ("--adhesion", "beam", "--speed", "80"), ()):
-        assert laws_in(railslip(*run, *more)[1])[0]["source"] == "published"
-    file("model.toml", BEAM)
-    scenario = file("own.toml", 'extends = "park2008"\nadhesion = "model.toml"\n')
-    assert laws_in(railslip(*run, "--scenario", scenario)[1])[0]["source"] == "model.toml"
+def test_a_published_law_with_a_number_changed_is_told_as_given():
     own = published_law("beam", "dry").model_copy(update={"mu_max": 0.3})
     points = [operating_point(law, PARK2008, 20.0, 0.05) for law in (own, published_law("beam", "dry"))]
     assert [source_at(point) for point in points] == ["given", "published"]
@@ -254,7 +229,7 @@ def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command
     more = {"tune": ASKED["tune"][2:], "verify": ("--law", "layered"), "report": ("--out", "never")}.get(command, ())
     told = refused(railslip(command, "--adhesion", name, *more))
     assert told.startswith("railslip: error: --adhesion 'beam' of fitted.toml: its parameters are for wet rail")
-    assert "; ask for wet rail alone (--rail wet" in told
+    assert "; ask for wet rail alone" in told
     if command in ASKED:
         assert railslip(command, "--adhesion", name, *more, "--rail", "wet")[0] in (0, 1)
 

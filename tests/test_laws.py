@@ -485,9 +485,3 @@ def test_bad_files_get_one_clear_line(written, old: str, new: str, message: str)
         load_law(path, initial_speed_kmh=100.0)
     assert str(caught.value).startswith(f"{path}: {message}")
     assert str(caught.value).isprintable()
-
-
-def test_a_law_over_v0_wants_it(written) -> None:
-    for text in (OVER, LUGRE.replace(SLIPS, "initial_speed = [30, 140]\ndry = [0.1, 0.2]\nwet = [0.1, 0.1]")):
-        with pytest.raises(InputError, match="initial speed; give --initial-speed"):
-            load_law(written(text))

@@ -7,15 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import sympy as sp
 from sliding_cases import ACTUATOR, DESIGN, READINGS, effect_on, measured_cycle
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
-from railslip_ctrl.core.notation import symbol
-from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.verification import findings_text
-from railslip_ctrl.verification import relay_loop
 from railslip_ctrl.verification.actuator_effects import (
     PublishedBehind,
     actuator_effect,
@@ -44,8 +40,7 @@ from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING, SlidingGains
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 
-CYCLES = [(Rail.DRY, 3.6, 400.0), (Rail.WET, 1.0, 30.0), (Rail.WET, 1.0, 200.0), (Rail.WET, 3.6, 70.0)]
-CYCLES += [(Rail.DRY, 1.0, K) for K in (30.0, 90.0)]
+CYCLES = [(Rail.DRY, 3.6, 400.0), (Rail.WET, 1.0, 30.0), (Rail.WET, 3.6, 70.0), (Rail.DRY, 1.0, 90.0)]
 AMPLITUDES = ("surface_amplitude", "sigma_amplitude", "torque_amplitude")
 
 
@@ -99,16 +94,11 @@ def test_small_cycle_of_the_nonlinear_wheel_is_the_linearised_one():
     assert sum(actual.sigma_range) / 2 == pytest.approx(loop.plant.point.sigma, rel=1e-3)
 
 
-def test_nonlinear_cycle_on_a_static_law():
-    loop = published_loop(Rail.WET, adhesion="beam")
-    actual = nonlinear_limit_cycle(loop, K=200.0)
-    measured = _simulated(loop, 200.0, actual.sigma_amplitude)
-    assert actual.period == pytest.approx(measured.period, rel=0.01)
-    assert actual.sigma_amplitude == pytest.approx(measured.sigma_amplitude, rel=0.02)
-
-
 # range of the slip and period from an own simulator in C, steps of 0.5 ms, of the same law on the same wheel
-RELEASED = [(Rail.DRY, 400.0, -0.016, 0.286, 3.60), (Rail.WET, 400.0, -0.009, 0.198, 3.23)]
+RELEASED = [
+    (Rail.DRY, 400.0, -0.016, 0.286, 3.60),
+    pytest.param(Rail.WET, 400.0, -0.009, 0.198, 3.23, marks=pytest.mark.long),
+]
 
 
 @pytest.mark.parametrize(("rail", "K", "low", "high", "period"), RELEASED)
@@ -136,6 +126,7 @@ def test_a_wheel_that_locks_is_lost():
     assert math.isnan(lost.cycles[0].period_error)
 
 
+@pytest.mark.long
 def test_law_with_its_adaptation_releases_the_wheel_its_relay_alone_would_spare():
     loop = published_loop(Rail.DRY)
     frozen, falling = law_runs(loop)
@@ -165,15 +156,6 @@ def test_integrator_with_dead_time_has_the_textbook_cycle():
 
 
 # --- the loop around s ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("rail", "scale"), READINGS)
-def test_ideal_actuator_leaves_the_published_first_order_lag(rail, scale):
-    loop = without_actuator(published_loop(rail, inertia_scale=scale))
-    omega = np.geomspace(0.01, 100, 50)
-    s, gain = 1j * omega, loop.plant.gain
-    # rounding of the adhesion that cancels
-    np.testing.assert_allclose(loop.surface_response(omega), gain / (s + gain * loop.gains.D), rtol=1e-10)
 
 
 @pytest.mark.parametrize("rail", Rail)
@@ -312,15 +294,6 @@ def test_cycles_that_do_not_exist():
     run = simulate_fine(loop.plant.point, law, ACTUATOR, duration=2.0, step=5e-3)
     with pytest.raises(DomainError, match="simulate longer"):
         measured_cycle(run)
-
-
-def test_the_actuator_is_the_stated_one():
-    s, tau, T = (symbol(name) for name in ("s", "tau", "T"))
-    stated = sp.lambdify(s, plant.actuator_transfer().subs({tau: 0.15, T: 0.6}))
-    for at in (0.3j, 4.0j, -0.2 + 1.0j):
-        assert relay_loop.actuator_response(ACTUATOR, at) == pytest.approx(stated(at), rel=1e-14)
-        lag = complex(relay_loop.actuator_lag(ACTUATOR)(at))
-        assert lag * np.exp(-0.15 * at) == pytest.approx(stated(at), rel=1e-14)
 
 
 def test_bounds_that_do_not_exist():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -107,15 +106,6 @@ def test_wheel_limits_and_the_best_pi_known_for_it(rail):
     assert 10 < pi[0] < pi[1] < 90
 
 
-def test_the_pi_limit_is_the_theorem_for_lag_and_dead_time():
-    # 1/((T1 s - 1)(T2 s + 1)) exp(-theta s): a PI needs theta + T2 < T1 (oracles)
-    for t1, feasible in ((0.749, False), (0.75, False), (0.7501, True)):
-        plant = real([], [1 / t1, -1 / 0.6], 1.0)
-        limit = fundamental_limits(plant, 0.15, lag=0.6).pi
-        assert limit.feasible is feasible
-        assert (limit.ms_bound == math.inf) is not feasible
-
-
 def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
     assert fundamental_limits(real([2.0], [0.5, -1.0]), 0.1).pi is None
     assert fundamental_limits(real([], [0.5, 0.2, -1.0]), 0.1).pi is None
@@ -178,25 +168,6 @@ def test_no_pi_beats_the_limits_of_its_structure(p, lags, tau, where, ki_over_kp
     assert min(m.ms, m.mt) >= limits.ms_bound * (1 - 1e-9)
 
 
-@pytest.mark.parametrize("rail", list(Rail))
-def test_bode_integral_with_the_exact_dead_time(rail):
-    from scipy.integrate import quad
-
-    plant = actuated_plant(wheel(rail), PARK2008.actuator)
-    loop = DeadTimeLoop(real([-5 / 229, -1 / 0.6], [0.0, -1 / 0.06], 229 * 10.0) * plant, TAU)
-    assert loop.is_stable()
-    expected = fundamental_limits(plant, TAU, lag=LAG).bode_integral
-
-    def log_s(omega):
-        return math.log(abs(loop.sensitivity(np.array([omega]))[0]))
-
-    edges = [0.0, 1e-3, 0.1, 1.0, 5.0, *np.arange(20.0, 4000.0, 40.0)]
-    total = sum(quad(log_s, a, b, limit=200, epsabs=1e-11)[0] for a, b in itertools.pairwise(edges))
-    # |L| ~ a/omega^2 beyond the last edge: the tail is an oscillation below a/(tau omega^2)
-    size = abs(loop(1j * edges[-1]))
-    assert total == pytest.approx(expected, abs=5 * size / TAU + 1e-8)
-
-
 # --- quasi-polynomial loops against the dead-time loop, and the compensators against what their structure promises ---
 
 
@@ -226,7 +197,7 @@ def delayed(loop):
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(random_loops())
 def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assume(not loop.root_count.marginal)
@@ -264,7 +235,7 @@ def assert_same_enclosures(one, other):
         assert least <= high + room
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.1))
 @example(DeadTimeLoop(Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6), 0.15))
@@ -293,21 +264,6 @@ def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
         loop.scaled(20 / 1.2).margins()
     assert raised.value.stabilizing_gain_range == pytest.approx((0.234619891262 * 0.06, 4.39578339078 * 0.06))
     assert loop.sensitivity(0.7) + loop.complementary_sensitivity(0.7) == pytest.approx(1.0)
-
-
-def test_a_delayed_loop_is_multiplied_and_drawn_as_its_dead_time_loop():
-    loop = DeadTimeLoop(Rational(np.array([-3.0]), np.array([0.0, -0.5, -8.0]), 2.0), 0.4)
-    lead = Rational(np.array([-1.0]), np.array([-10.0]), 10.0)
-    product, expected = delayed(loop) * lead, loop * lead
-    omega = np.geomspace(0.01, 30.0, 50)  # the phase turns nearly twice
-    assert product.response(omega) == pytest.approx(expected.response(omega), rel=1e-12)
-    assert product.phase(omega) == pytest.approx(expected.phase(omega), rel=1e-12)
-    assert product.integrators == expected.integrators == 1
-    assert product.open_loop_unstable_poles == expected.open_loop_unstable_poles == 0
-    assert product.nyquist_plot().axes
-    low, high = product.feature_band()
-    assert low < expected.feature_band()[0]
-    assert high > expected.gain_crossovers[-1]
 
 
 def test_poles_on_the_axis_are_not_stable():
@@ -403,15 +359,6 @@ def test_filtered_smith_predictor_is_stable_inside_with_its_true_margins(rail, m
     assert design.controller.high_frequency_gain == pytest.approx(2290 * b / 0.1, rel=1e-9)
 
 
-def test_filtered_smith_predictor_of_a_plant_with_several_unstable_poles_and_an_integrator():
-    plant = Rational(np.array([]), np.array([0.3 + 0.4j, 0.3 - 0.4j, -4.0, 0.0]), 4.0)
-    controller = Rational(np.array([-0.3, -0.5, -0.6]), np.array([-20.0, -20.0, -20.0]), 8000.0 * 4)
-    assert DeadTimeLoop(controller * plant).is_stable()
-    design = filtered_smith_predictor(plant, 0.05, controller, filter_time=0.2)
-    assert design.is_stable()
-    assert design.margins().mt > 1
-
-
 # -- the observer ---------------------------------------------------------------------------------------------
 
 FEEDBACK, OBSERVER = [-0.1, -1.0, -1.67, -8.6], [-30.0, -21.0, -8.6]
@@ -431,32 +378,6 @@ def test_observer_design_has_the_finite_spectrum_asked_for(rail):
     for scale in (m.gain_increase, m.gain_decrease):
         assert design.loop.scaled(1 + (scale - 1) * 0.9999).is_stable()
         assert not design.loop.scaled(1 + (scale - 1) * 1.0001).is_stable()
-
-
-def test_observer_controller_equals_its_block_diagram():
-    from scipy.integrate import quad_vec
-    from scipy.linalg import expm
-    from scipy.signal import place_poles
-
-    plant = actuated()
-    num, den = plant.gain * np.poly(plant.zeros).real, np.poly(plant.poles).real
-    a = np.diag(np.ones(2), 1)
-    a[-1] = -den[:0:-1]
-    b, c = np.array([[0.0], [0.0], [1.0]]), np.append(num[::-1], 0.0)[None, :]
-    ea, eb = np.block([[a, np.zeros((3, 1))], [c, np.zeros((1, 1))]]), np.vstack([b, [[0.0]]])
-    k = place_poles(ea, eb, FEEDBACK).gain_matrix
-    gain = place_poles(a.T, c.T, OBSERVER).gain_matrix.T
-    design = observer_compensator(plant, TAU, feedback_poles=FEEDBACK, observer_poles=OBSERVER)
-    for omega in (0.05, 0.7, 4.0, 40.0):
-        s = 1j * omega
-        past = quad_vec(lambda x, s=s: expm((ea - s * np.eye(4)) * x) @ eb, 0, TAU, epsabs=1e-13)[0]
-        observer = np.linalg.inv(s * np.eye(3) - a + gain @ c)
-        from_u = np.vstack([observer @ b * np.exp(-s * TAU), [[0.0]]])
-        from_y = np.vstack([observer @ gain, [[1 / s]]])
-        ahead = k @ expm(ea * TAU)
-        value = (ahead @ from_y / (1 + k @ past + ahead @ from_u)).item()
-        assert design.controller(s) == pytest.approx(value, rel=1e-7)
-        assert design.loop(s) == pytest.approx(value * plant(s) * np.exp(-s * TAU), rel=1e-7)
 
 
 # -- effort ---------------------------------------------------------------------------------------------

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import re
 import tomllib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from project import refused
 from rig_logs import BEAM, changed, found_in, identified, two_runs, write_log
 
-from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification, Lag, LogSeries, check_fit, fit_doubts
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE, fit
+from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification
 from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_of_law
+from railslip_ctrl.identification.results import Regimes, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
@@ -33,8 +30,6 @@ from railslip_ctrl.report.identification import (
     identification_json,
     identification_text,
     model_toml,
-    series_json,
-    series_toml,
 )
 
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
@@ -78,48 +73,6 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, log,
     assert {each.name for each in tmp_path.iterdir()} == {"log.csv"}
 
 
-def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
-    """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
-    monkeypatch.setattr(job, "CANDIDATES", ("burckhardt", "beam"))
-    monkeypatch.setattr(job, "highest_mu", lambda fit, _: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
-    found = identified(rows, "best")
-    assert found.chosen.fit.model.name == "beam"
-    assert (
-        "log: burckhardt: fitted to this log its highest adhesion coefficient, the peak, is 2," in found.not_fitted[0]
-    )
-    (told,) = found.warnings
-    assert told.startswith("log: burckhardt: left out, as fitted to this log their adhesion cannot be")
-
-
-def test_what_made_a_fit_impossible_is_named(railslip, dry, log):
-    """The elastic rise alone leaves mu_max of the beam free to be any; or its user gave it."""
-    free = dataclasses.replace(dry.chosen.fit.parameters[0], value=2.4e8)
-    vague = dataclasses.replace(dry.chosen.fit, parameters=(free, *dry.chosen.fit.parameters[1:]))
-    words = r"limit of friction \(mu_max\), is 2.4e\+08, above 1, .*not tell this model.*--bound mu_max=0:0.7"
-    with pytest.raises(InputError, match=words):
-        check_fit(vague, dry.setting, dry.curve)
-    assert "--fix mu_max=1e+09 is given" in refused(railslip("identify", log, "--model", "beam", "--fix", "mu_max=1e9"))
-
-
-def test_a_parameter_on_its_bound_is_told_with_bound_and_cause(dry):
-    fit, setting = dry.chosen.fit, dry.setting
-    at = (Parameter("mu_max", 0.26, math.nan, "at upper bound"), Parameter("a", 1e-12, math.nan, "at lower bound"))
-    resting = dataclasses.replace(fit, parameters=(*at, fit.parameters[2]))
-    given = dataclasses.replace(setting, bounds={"mu_max": (0.1, float(fit.model.upper[0]))})
-    sound, high_up = (SimpleNamespace(name="log", highest_mu=mu, factors={}) for mu in (0.25, 3.0))
-    high, low = fit_doubts(resting, given, sound)
-    assert high.startswith(
-        "log: the fitted mu_max of 0.26 rests on its upper bound, infinity: which is given by --boun"
-    )
-    assert "the fitted a of 1e-12 rests on its lower bound, 0: likely this log does not tell it" in low
-    assert "likely by a wrong unit of the brake torque" in fit_doubts(resting, setting, high_up)[0]
-    assert fit_doubts(fit, setting, sound) == ()
-    free = dataclasses.replace(fit.parameters[1], limits=(1e-12, math.inf))
-    vague = dataclasses.replace(fit, parameters=(fit.parameters[0], free, fit.parameters[2]))
-    (told,) = fit_doubts(vague, setting, sound)
-    assert told.startswith(f"log: the fitted a of {free.value:.4g} may as well be any other by this log")
-
-
 @pytest.mark.parametrize(("header", "scale", "unit"), [("N*m", 1.0, "kN*m"), ("kN*m", 1e3, "N*m")])
 def test_a_torque_a_thousand_times_off_is_told_with_the_option_that_mends_it(
     railslip, rows, tmp_path, header, scale, unit
@@ -153,21 +106,6 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json(rows):
     assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
 
 
-def test_a_given_ramp_far_from_the_logs_is_told(dry):
-    for factor in (0.25, 1.0, 4.0):
-        options = Options(slip_acceleration=factor * dry.setting.slip_acceleration)
-        told = job._against_the_log(dry.curve, dry.setting, options)
-        assert any("--slip-acceleration is" in text for text in told) == (factor != 1.0)
-
-
-def test_which_rows_of_a_large_log_are_followed_is_told(dry):
-    large = dataclasses.replace(dry, curve=dataclasses.replace(dry.curve, record_stride=4))
-    sentence = "take 20000 rows at most, in whole runs spread evenly over the log, here one run of 4"
-    assert sentence in " ".join(identification_text(large).split())
-    assert sentence in identification_json(large)["log"]["rows_followed_note"]
-    assert identification_json(dry)["log"]["rows_followed_note"] is None
-
-
 # --- peaks: by rule, extrapolated, none ----------------------------------------------------------------------------
 
 
@@ -181,11 +119,6 @@ def test_what_is_not_from_the_log_is_marked(dry):
     assert all(each["slip_stderr"] is None and each["mu_stderr"] is None for each in wet)
     assert all(each["reference_slip"] is not None for each in wet)
     assert set(dry.peak_notes) <= set(found["notes"])
-    text = identification_text(dry)
-    lines = [line.split() for line in text.splitlines() if line.split()[:1] in (["dry"], ["wet"])]
-    assert [line[1] for line in lines] == ["log,"] * 4 + ["log"] + ["rule,"] * 4 + ["rule"]
-    assert ["±" in line for line in lines] == [True] * 5 + [False] * 5
-    assert "the log is of v0 = 100 km/h" in text
     assert f"# {dry.peak_notes[1]}" in model_toml(dry)
 
 
@@ -204,23 +137,6 @@ def test_a_model_without_a_slip_to_hold_says_why(dry):
     assert found["reference_slip"] is None
     assert found["reference_slip_reason"].startswith("this model falls from the start")
     assert identification_json(dry)["reference_slip_reason"] is None
-
-
-def test_a_model_without_a_peak_does_not_end_the_run(dry, monkeypatch):
-    table, drift = found_in("table"), job.drift
-    candidates = job.Candidates(dry.curve, PARK2008, dry.setting)
-
-    def fails(fit, *args, **options):
-        if fit.model.name == "beam":
-            raise DomainError("stay below slip 0")
-        return drift(fit, *args, **options)
-
-    monkeypatch.setattr(job, "drift", fails)
-    scores, chosen, _, without = job._chosen((dry.chosen, table.chosen), candidates)
-    assert (chosen, scores) == (table.chosen, (table.chosen,))
-    assert without == ("log: beam: stay below slip 0",)
-    with pytest.raises(InputError, match="stay below slip 0"):
-        job._chosen((dry.chosen,), candidates)
 
 
 def test_the_peak_of_a_table_is_known_to_its_knots_at_best():
@@ -256,17 +172,6 @@ def test_a_log_that_stays_below_the_peak_has_no_slip_to_hold(railslip, rows, tmp
 
 
 # --- regimes -------------------------------------------------------------------------------------------------------
-
-
-def test_each_observed_row_has_its_regime(railslip, log, tmp_path):
-    file = tmp_path / "observed.csv"
-    found = json.loads(railslip("identify", log, "--model", "table", "--observed", file, "--json")[1])
-    lines = [line.split(",") for line in file.read_text().splitlines()[1:]]
-    slip, regime = np.array([float(line[2]) for line in lines]), np.array([line[6] for line in lines])
-    top = found["log"]["sliding_from_slip"]
-    assert np.array_equal(regime, np.where(slip < top, "adhesion", "sliding"))
-    for name in ("adhesion", "sliding"):
-        assert int(np.sum(regime == name)) == found["log"][f"{name}_regime_points"]
 
 
 def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
@@ -347,16 +252,6 @@ def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(rig_log, 
     assert factor != 1.0 or curve.deceleration_ratio == pytest.approx(1.0, abs=2e-3)
 
 
-def test_no_delay_is_advised_where_the_deceleration_does_not_fit(rig_log, monkeypatch):
-    monkeypatch.setattr(job, "lag_of", lambda *_: Lag(-0.0043, 0.001))
-    half = changed(rig_log, brake_torque=0.5 * rig_log.columns["brake_torque"])
-    text = " ".join(identified(half).warnings)
-    assert "shifted by -0.0043 s, which a torque of the wrong scale, or a wrong vehicle, makes too" in text
-    assert "undoes it" not in text
-    monkeypatch.setattr(job.Candidates, "better_followed", lambda self, fit: fit)
-    assert "undoes it" in " ".join(identified(rig_log).warnings)
-
-
 def test_a_rig_that_keeps_its_speed_has_no_deceleration_to_compare(rows):
     v = np.full(len(rows), 100.0 / 3.6)
     omega = rows.columns["wheel_angular_speed"] * v / rows.columns["train_speed"]
@@ -366,31 +261,3 @@ def test_a_rig_that_keeps_its_speed_has_no_deceleration_to_compare(rows):
 
 
 # --- several logs --------------------------------------------------------------------------------------------------
-
-
-def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(dry, tmp_path):
-    """As if of three logs at three speeds, with parameters and errors of their own.
-
-    Three logs determine a parabola: the errors by Lagrange's polynomials, and at each log its own.
-    """
-    speeds, logs = (60.0 * KMH, 100.0 * KMH, 140.0 * KMH), []
-    for v0, factor, error in zip(speeds, (1.2, 1.0, 0.9), (1.0, 0.5, 2.0), strict=True):
-        fit = dry.chosen.fit
-        own = tuple(dataclasses.replace(p, value=factor * p.value, stderr=error * p.stderr) for p in fit.parameters)
-        score = dataclasses.replace(dry.chosen, fit=dataclasses.replace(fit, parameters=own))
-        logs.append(dataclasses.replace(dry, chosen=score, setting=dataclasses.replace(dry.setting, initial_speed=v0)))
-    series = LogSeries(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
-    (tmp_path / "model.toml").write_text(text := series_toml(series), encoding="utf-8")
-    at_100 = load_law(tmp_path / "model.toml", initial_speed_kmh=100.0)
-    assert at_100.mu_max == pytest.approx(series.polynomials[0].at(100.0))
-    for k, p in enumerate(series.polynomials):
-        own = np.array([each.chosen.fit.parameters[k].stderr for each in logs])
-        basis = np.linalg.inv(np.vander(p.speeds_kmh, 3, increasing=True))  # coefficients by values
-        assert p.stderrs == pytest.approx(np.sqrt(basis**2 @ own**2), rel=1e-6)
-        (line,) = (line for line in text.splitlines() if line.startswith(f"# {p.name}: standard errors of the"))
-        errors = [float(x) for x in line.split("coefficients ")[1].split(";")[0].split(", ")]
-        assert errors == pytest.approx(p.stderrs, rel=6e-3)  # three digits are told
-        values = [float(part.split(" at ")[0]) for part in line.split("of the value ")[1].split(", ")]
-        assert values == pytest.approx(own, rel=6e-3)
-        covariance = np.array(series_json(series)["parameters"][p.name]["covariance"])
-        assert np.sqrt(np.diag(covariance)) == pytest.approx(p.stderrs)

@@ -112,36 +112,6 @@ def test_resonances_integrators_and_non_minimum_phase_equal_the_scalar_engine(ze
     assert_equals_scalar(arguments, batch_margins(*arguments))
 
 
-def test_bounds_between_points_hold_however_far_apart_these_are():
-    n, ends, inside = 400, 9, 60
-    loops = batch._checked(*random_loops(n, (1, 1), (2, 1), seed=7))
-    rng = np.random.default_rng(8)
-    centre, width = 10 ** rng.uniform(-1.5, 2, n), 10 ** rng.uniform(-2, -0.3, n)
-    omega = np.exp(np.log(centre)[:, None] + width[:, None] * np.linspace(0, 1, ends * inside))
-    rows = np.repeat(np.arange(n), ends * inside)
-    fine = loops.evaluate(omega.ravel(), rows)
-    chosen = (np.arange(rows.size) % (ends * inside)) % inside == 0
-    points = fine.take(chosen)
-    bent = batch.bends(loops, points)
-    spans = batch.ranges(points, bent)
-    values, every = points.responses()[0], fine.responses()[0]
-    piece = np.cumsum(chosen) - 1
-    within = points.row[:-1] == points.row[1:]
-    owned = np.append(within, False)[piece]
-    rounding = 1e-12
-    for one, (low, high) in zip((fine.size, fine.phase), spans, strict=True):
-        at = piece[owned]
-        assert np.all(one[owned] >= low[at] - rounding * (1 + abs(low[at])))
-        assert np.all(one[owned] <= high[at] + rounding * (1 + abs(high[at])))
-    boxes = batch.bounds(points, spans)
-    for share in (1.0001, 1.01, 1.3):
-        most = share * np.maximum(values[:, :-1], values[:, 1:])
-        open_ones = batch.exceeding(points, bent[0], boxes, values, most)
-        excluded = np.append(within & ~open_ones, False)[piece]
-        assert np.all(every[:, excluded] <= most[:, piece[excluded]] * (1 + rounding))
-        assert 0 < open_ones[within].mean() < 0.5
-
-
 def test_integrators_with_dead_time_equal_the_closed_form():
     # k exp(-tau s)/s: a pair on the axis at omega = pi/(2 tau) for k tau = pi/2
     gain, tau = (a.ravel() for a in np.meshgrid(np.geomspace(0.1, 20, 40), np.linspace(0.05, 2, 30)))

@@ -33,7 +33,6 @@ from railslip_ctrl.model.numeric import (
     GENERATED,
     PACKAGE,
     WORKS,
-    adhesion_coefficient,
     adhesion_table,
     generate,
     has_table,
@@ -141,19 +140,6 @@ def test_functions_are_the_statement_for_numbers_and_arrays(name: str) -> None:
             scale = max(1.0, float(np.max(np.abs(expected))))
             for found in (flat(getattr(functions, function)(*row, p)), [np.broadcast_to(x, 6)[i] for x in together]):
                 np.testing.assert_allclose(np.array(found, dtype=float), expected, rtol=1e-12, atol=2e-14 * scale)
-
-
-def test_effective_inertias_enter_and_coefficients_keep_their_shape() -> None:
-    law = sample_law("bristle")
-    one = plant_parameters(law, PARK2008)
-    other = plant_parameters(law, PARK2008.model_copy(update={"inertia_scale": 3.6}))
-    assert other[:3] == pytest.approx([3.6 * value for value in one[:3]], rel=1e-15)
-    assert other[3:] == one[3:]
-    grid = np.linspace(0.0, 0.5, 6).reshape(2, 3)
-    mu = adhesion_coefficient(sample_law("beam"), 20.0, grid, 34_500.0)
-    assert mu.shape == (2, 3)
-    assert mu[1, 2] == adhesion_coefficient(sample_law("beam"), 20.0, 0.5, 34_500.0)
-    assert adhesion_coefficient(law, 20.0, [], 34_500.0).shape == (0,)
 
 
 # --- in kernels ----------------------------------------------------------------------------------------------------

@@ -10,8 +10,7 @@ import pytest
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.observed import AdhesionStream, BrakedRows, Observer, Recorder
-from railslip_ctrl.identification.prediction import Intervals
+from railslip_ctrl.identification.observed import AdhesionStream, Observer, Recorder
 from railslip_ctrl.model.vehicle import PARK2008
 
 LOAD = PARK2008.wheel_load
@@ -136,51 +135,3 @@ def test_a_record_is_whole_runs_however_its_rows_come():
         assert np.array_equal(np.diff(of_run), np.ones(of_run.size - 1))
         assert of_run[0] in begins or apart[of_run[0]]
         assert of_run[-1] + 1 == used.size or not used[of_run[-1] + 1] or apart[of_run[-1] + 1]
-
-
-def test_a_long_run_is_cut_where_it_is_whatever_the_blocks():
-    rows, recorder = np.vstack([np.arange(10_000.0), np.ones((4, 10_000))]), Recorder()
-    for part in np.split(rows, [4000, 4100, 8000], axis=1):
-        recorder.add(part, np.ones(part.shape[1], dtype=bool), np.zeros(part.shape[1], dtype=bool))
-    assert np.unique(recorder.record().run, return_counts=True)[1].tolist() == [4096, 4096, 1808]
-
-
-def intervals_of(time: np.ndarray, torque: np.ndarray, run: np.ndarray) -> Intervals:
-    one = np.ones(time.size)
-    return Intervals.of(BrakedRows(time, one, one, torque, one, run))
-
-
-def test_torques_between_rows_bend_as_their_neighbours_say():
-    """A parabola has its mean exactly, however the rows lie; a brake dying out in 0.05 s has it 10 times better."""
-    generator = np.random.default_rng(7)
-    time = np.cumsum(generator.uniform(0.5, 1.5, 60))
-    run = np.repeat([0.0, 1.0], 30)
-    square = intervals_of(time, 3.0 - 2.0 * time + 0.7 * time**2, run)
-    bent = square.bent()
-    start = np.delete(time[:-1], 29)  # the interval between the runs is none
-    end = start + square.step
-    mean = 3.0 - (end**2 - start**2) / square.step + 0.7 * (end**3 - start**3) / (3.0 * square.step)
-    assert (bent.torque0 + bent.torque1) / 2 == pytest.approx(mean, rel=1e-9)  # rounding of cubes of 60
-    assert bent.torque1 - bent.torque0 == pytest.approx(square.torque1 - square.torque0, rel=1e-9)
-    tau, time = 0.05, 0.01 * np.arange(60)
-    torque = 5000.0 * np.exp(-np.maximum(time - 0.2, 0.0) / tau)
-    held = intervals_of(time, torque, np.zeros(60))
-    mean = torque[:-1] * np.where(time[:-1] < 0.199, 1.0, tau / 0.01 * -math.expm1(-0.01 / tau))
-    straight, bent = ((each.torque0 + each.torque1) / 2 - mean for each in (held, held.bent()))
-    assert bent[:20] == pytest.approx(np.zeros(20), abs=1e-9)  # none goes across the corner at 0.2 s
-    assert np.all(np.abs(bent[20:]) < 0.25 * np.abs(straight[20:]))  # the first knows but the bend of the next
-    assert np.all(np.abs(bent[21:-1]) < 0.12 * np.abs(straight[21:-1]))
-
-
-def test_the_bend_of_the_train_s_speed_is_that_of_a_parabola_and_of_a_corner_one_side_s():
-    step, time, one = 0.01, 0.01 * np.arange(40), np.ones(40)
-
-    def bend(speed, run, *, steeper=False):
-        return Intervals.of(BrakedRows(time, speed, one, one, one, run)).bent(steeper=steeper).speed_bend
-
-    assert bend(20.0 - 3.0 * time**2, 0.0 * one) == pytest.approx(-6.0 * step**2, rel=1e-6)  # rounding of differences
-    corner = 20.0 - np.maximum(time - 20.5 * step, 0.0)
-    assert np.count_nonzero(np.abs(bend(corner, 0.0 * one)) > 1e-9) == 1  # the interval with the corner, no neighbour
-    assert np.flatnonzero(np.abs(bend(corner, 0.0 * one, steeper=True)) > 1e-9).tolist() == [19, 20, 21]
-    two = bend(corner, np.repeat([0.0, 1.0], 20), steeper=True)
-    assert two[:19] == pytest.approx(0.0, abs=1e-9)  # not from the next run

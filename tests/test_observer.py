@@ -10,7 +10,6 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
-from scipy.signal import cont2discrete, lfilter
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.identification.observer import (
@@ -19,16 +18,14 @@ from railslip_ctrl.identification.observer import (
     Form,
     KalmanObserver,
     TorqueSensor,
-    adhesion_coefficient,
-    linear_recursion,
     observer_responses,
 )
-from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, estimated, observer_errors
+from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, observer_errors
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.errata import adhesion_torque, corrected_observer, passed_at_once
+from railslip_ctrl.paper.errata import corrected_observer
 
 TAU, INTERVAL, SPEED = 0.08, 5e-3, 140 / 3.6
 S, TAU_SYMBOL = printed.laplace, printed.tau
@@ -69,33 +66,6 @@ def behind_the_wheel(form: Form) -> dict[str, sp.Expr]:
     return found | {name: sp.diff(STATEMENTS[form], one) for name, one in sensors.items()}
 
 
-def zero(expression: sp.Expr) -> bool:
-    return sp.simplify(expression) == 0
-
-
-def test_25_follows_from_the_wheel():
-    J, B, w, w_rate, tb = plant.J, plant.B, plant.omega, plant.omega_rate, plant.Tb
-    assert zero(adhesion_torque() - (J * w_rate + B * w + tb))
-
-
-def test_corrected_observer_is_a_lag_of_the_true_torque_and_of_nothing_else():
-    lag = 1 / (TAU_SYMBOL * S + 1)
-    wheel = behind_the_wheel(Form.CORRECTED)
-    assert zero(wheel["adhesion"] - lag)
-    assert zero(wheel["brake"])
-    assert zero(wheel["disturbance"] + lag)  # what nobody measures is taken for adhesion
-    assert zero(wheel["torque_noise"] - lag)
-    assert passed_at_once(corrected_observer()) == 0
-
-
-def test_printed_observer_lets_the_brake_torque_through():
-    wheel = behind_the_wheel(Form.PRINTED)
-    J, B = plant.J, plant.B
-    assert zero(wheel["brake"] - J * TAU_SYMBOL * S**2 / ((TAU_SYMBOL * S + 1) * (J * S + B)))
-    assert sp.limit(wheel["brake"], S, sp.oo) == passed_at_once(printed.observer) == wheel["torque_noise"] == 1
-    assert not zero(wheel["adhesion"] - 1 / (TAU_SYMBOL * S + 1))
-
-
 @pytest.mark.parametrize("form", Form)
 def test_responses_are_those_of_the_statement(form):
     observer = FilterObserver.of(PARK2008.model_copy(update={"inertia_scale": 3.6}), TAU, form)
@@ -107,10 +77,6 @@ def test_responses_are_those_of_the_statement(form):
         expected = sp.lambdify(S, symbolic[name].subs(numbers), "numpy")(1j * omega) * np.ones(omega.size)
         # the response to Tb is a difference of two terms that may cancel down to rounding
         assert getattr(responses, name) == pytest.approx(expected, rel=1e-12, abs=1e-13), name
-
-
-def test_adhesion_coefficient():
-    assert adhesion_coefficient(np.array([0.0, 0.3 * 34_500 * 0.43]), PARK2008) == pytest.approx([0.0, 0.3])
 
 
 # --- samples -------------------------------------------------------------------------------------------------------
@@ -174,18 +140,6 @@ def test_chunks_of_a_log_and_the_sampled_form_give_what_the_whole_gives(observer
         expected.append(form.C @ x + form.D @ now)
     found = observer.run(INTERVAL * np.arange(1200), torque, omega).adhesion_torque
     assert found == pytest.approx(expected, abs=1e-6)  # J/h omega of 1e6 N*m is a difference here
-
-
-@pytest.mark.parametrize("rows", [0, 1, 2, 17, 1000])
-def test_recursion_is_the_loop(rows):
-    generator = np.random.default_rng(rows)
-    transition = 0.6 * generator.uniform(-1, 1, (rows, 2, 2))
-    forcing, initial = generator.normal(size=(rows, 2)), np.array([1.0, -2.0])
-    expected, x = np.empty((rows, 2)), initial
-    for k in range(rows):
-        x = expected[k] = transition[k] @ x + forcing[k]
-    # sums of terms of order 1 that are forgotten within a few steps
-    np.testing.assert_allclose(linear_recursion(transition, forcing, initial), expected, rtol=0, atol=1e-12)
 
 
 # --- the Kalman filter: against independent Riccati solutions ------------------------------------------------------
@@ -355,14 +309,3 @@ def test_estimates_are_the_truth_but_for_lag_and_noise(trial, observer):
     assert errors.simulated == pytest.approx(errors.total, rel=0.12)
     if observer is KALMAN:
         assert errors.total < 0.06 * trial.adhesion_torque.max()
-
-
-def test_corrected_estimate_is_the_filtered_truth(trial):
-    """With perfect sensors, against Ta through the lag by an independent integration: what half an interval costs."""
-    b, a, _ = cont2discrete(([1.0], [0.05, 1.0]), INTERVAL, method="foh")
-    lagged = lfilter(b[0], a, trial.adhesion_torque[1:] - trial.adhesion_torque[1]) + trial.adhesion_torque[1]
-    error = estimated(FilterObserver.of(PARK2008, 0.05), trial) - lagged
-    rate = PARK2008.wheel.inertia * np.gradient(trial.omega, trial.time)
-    late = INTERVAL / 2 * np.abs(np.diff(rate)).max() / INTERVAL  # J omega' is half an interval late
-    assert np.abs(error[200:]).max() < 1.1 * late
-    assert np.abs(error[200:]).max() < 0.05 * trial.adhesion_torque.max()

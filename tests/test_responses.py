@@ -169,20 +169,6 @@ def test_biproper_loop_without_dead_time():
 # --- what a response must do -----------------------------------------------------------------------------------------
 
 
-def test_final_values_of_a_stable_loop_with_integral_action():
-    dc = float(WHEEL.dc_gain)
-    step = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0])
-    assert step.output == pytest.approx([1.0, 1.0], abs=1e-8)
-    assert step.control == pytest.approx([1 / dc] * 2, rel=1e-7)
-    load = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], disturbance=50.0)
-    assert load.output == pytest.approx([0.0, 0.0], abs=1e-8)
-    assert load.control == pytest.approx([-50.0, -50.0], rel=1e-7)
-    assert load.plant_input == pytest.approx([0.0, 0.0], abs=1e-5)
-    offset = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], noise=0.1)
-    assert offset.output == pytest.approx([-0.1, -0.1], abs=1e-9)
-    assert offset.error == pytest.approx([0.0, 0.0], abs=1e-9)
-
-
 @pytest.mark.parametrize(("factor", "dead_time"), [(1.0, 0.15), (1.0, 0.6), (8.0, 0.15), (0.3, 0.15)])
 def test_late_response_grows_or_decays_as_the_rightmost_closed_loop_poles(factor, dead_time):
     controller = PI_LEAD * factor

@@ -160,21 +160,6 @@ def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
         controller_system(sampled)
 
 
-def test_a_sampled_loop_takes_systems_of_its_period(plant):
-    c, p = ct.tf([0.5], [1.0, -0.2], 0.1), ct.tf([1.0], [1.0, 1.0])
-    expected = SampledLoop(Rational.from_polynomials([0.5], [1, -0.2]), Rational.from_control(p), 0.05, 0.1)
-    for systems in ((c, p), (ct.tf2ss(c), ct.tf2ss(p)), (scipy.signal.dlti([0.5], [1, -0.2], dt=0.1), p)):
-        assert SampledLoop(*systems, 0.05, 0.1).margins().ms == pytest.approx(expected.margins().ms, rel=1e-9)
-    with pytest.raises(InputError, match=r"controller: a system with dt = 0.1 s does not go with a period of 0.2 s"):
-        SampledLoop(c, p, 0.05, 0.2)
-    with pytest.raises(InputError, match="plant: a discrete-time system"):
-        SampledLoop(c, c, 0.05, 0.1)
-    with pytest.raises(InputError, match="controller: a system with dt = 0 s does not go"):
-        SampledLoop(LEAD, p, 0.05, 0.1)
-    with pytest.raises(InputError, match=r"plant: a discrete-time system \(dt = 0.1\)"):
-        SampledLoop(c, SampledController(LEAD, 0.1), 0.05, 0.1)
-
-
 def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     control = LinearControl(SYSTEM, REFERENCE, period=0.1, rule="tustin")
     found = assess(plant, control, PARK2008.actuator)
@@ -280,29 +265,7 @@ def test_set_up_gives_the_asked_torque_at_once_and_holds_it_without_error(name):
 # --- limits and anti-windup ------------------------------------------------------------------------------------------
 
 
-def limited_run(controller: SampledController, reference: float, samples: int) -> np.ndarray:
-    """y' = 0.2 torque from rest, by its exact sampled form; y and the integral part at the samples."""
-    y, x, found = 0.0, np.array(controller.start()), []
-    for _ in range(samples):
-        torque = controller.step(x, reference - y)
-        found.append((y, x[0]))
-        y += 0.2 * controller.period * torque
-    return np.array(found).T
-
-
 FAST_PI = PIController(PIGains(kp=3.0, ki=1.0))
-
-
-def test_anti_windup_recovers_from_saturation_without_overshoot():
-    limits = {"torque_low": -1.0, "torque_high": 1.0}
-    guarded, integral = limited_run(SampledController(FAST_PI, 0.05, **limits), 10.0, 4000)
-    wound, wound_integral = limited_run(SampledController(FAST_PI, 0.05, **limits, tracking_time=math.inf), 10.0, 4000)
-    assert guarded.max() < 10.0 * 1.05
-    assert wound.max() > 10.0 * 1.5
-    # the integral part that balances the back-calculation is the limit less kp e, here 1 - 30; it cannot leave that
-    assert np.all(np.abs(integral) <= 30.0 + 1.0)
-    assert wound_integral.max() > 100.0
-    assert guarded[-1] == pytest.approx(10.0, abs=1e-6)
 
 
 def test_limits_outside_the_controller_count_through_the_torque_applied():
@@ -349,7 +312,7 @@ def test_a_saturated_controller_of_any_order_comes_back_as_the_unlimited_one_doe
     Times are those of a crossover at 1 rad/s. Of 1000 loops like these, none was above 0 and 5.3 s, and 0.03 and 0.7 s.
     """
     h, wound = 0.05, []
-    for c, plant in random_loops(5, 20):
+    for c, plant in random_loops(5, 12):
         made = realise(plant)
         n = made.b.size
         block = expm(np.block([[made.a, made.b[:, None]], [np.zeros((1, n + 1))]]) * h)
@@ -428,42 +391,6 @@ def test_integrator_with_proportional_control_closed_form():
     assert m.gain_decrease == 0.0
 
 
-@pytest.mark.parametrize("k", [1.1, 1.5, 1.9])
-def test_delay_margin_of_the_sampled_integrator_closed_form(k):
-    # z^2 + (k (1 - f) - 1) z + k f, f the added share of a period: a pair leaves the circle at k f = 1
-    period = 0.4
-    m = SampledLoop(gain(k / period), INTEGRATOR, 0.0, period).margins()
-    assert m.delay_s == pytest.approx(period / k, rel=1e-9)
-    assert np.cos(m.delay_frequency * period) == pytest.approx((2 - k) / 2, abs=1e-8)  # -(k (1 - f) - 1)/2
-
-
-@pytest.mark.parametrize("fraction", [0.0, 0.25, 0.999])
-@pytest.mark.parametrize("periods", [0, 3])
-def test_pulse_transfer_function_of_the_delayed_integrator(periods, fraction):
-    period = 0.1
-    loop = SampledLoop(gain(2.0), INTEGRATOR, (periods + fraction) * period, period)
-    omega = np.array([0.01, 1.0, 10.0, 31.0])
-    z = np.exp(1j * omega * period)
-    expected = 2.0 * period * ((1 - fraction) * z + fraction) / (z * (z - 1)) / z**periods
-    assert loop.response(omega) == pytest.approx(expected, rel=1e-12)
-
-
-def test_zero_order_hold_is_the_one_of_python_control(plant):
-    controller = SampledController(LEAD, 0.05)
-    loop = sampled_loop(controller, plant, ACTUATOR)  # 0.15 s are three periods
-    wheel = ct.ss(plant.A, plant.B, [[1.0, 0.0]], 0.0) * ct.ss(ct.tf([1], [0.6, 1]))
-    z = np.exp(1j * 0.05 * np.array([0.1, 1.0, 20.0, 60.0]))
-    expected = ct.sample_system(wheel, 0.05, "zoh")(z) * controller.transfer_function(z) / z**3
-    assert loop.response(np.array([0.1, 1.0, 20.0, 60.0])) == pytest.approx(expected, rel=1e-9)
-
-
-def test_response_slope_is_the_derivative(plant):
-    loop = sampled_loop(SampledController(LEAD, 0.04), plant, ACTUATOR)
-    omega, h = np.array([0.3, 2.0, 20.0, 70.0]), 1e-6
-    ahead, behind = np.log(loop.response(omega + h)), np.log(loop.response(omega - h))
-    assert loop.response_and_slope(omega)[1] == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)
-
-
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.09])
 def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):
@@ -508,14 +435,6 @@ def test_short_periods_converge_to_the_continuous_margins(plant, computation):
         assert losses[:-1] - losses[1:] == pytest.approx([1.0, 1.0, 1.0], abs=0.1), name
         gaps = np.log2(np.abs(exact - equivalent)[1:])  # the longest period is not yet in the asymptotic range
         assert gaps[:-1] - gaps[1:] == pytest.approx([2.0, 2.0], abs=0.2), name
-
-
-def test_continuous_record_is_the_unsampled_design(plant):
-    record = sampled_margins(SampledController(LEAD, 0.05), plant, ACTUATOR, computation=0.01)
-    expected = wheel_slip_loop(plant, LEAD, ACTUATOR).margins()
-    assert (record.continuous.ms, record.continuous.delay_s) == (expected.ms, expected.delay_s)
-    assert record.exact.ms > record.continuous.ms
-    assert (record.period, record.computation) == (0.05, 0.01)
 
 
 def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plant):

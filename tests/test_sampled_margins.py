@@ -13,7 +13,7 @@ from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.loop import Rational, sampled
-from railslip_ctrl.loop.sampled import BoxedResponse, SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.vehicle import PIGains
 
 
@@ -165,54 +165,6 @@ def test_no_narrow_peak_of_random_loops_is_missed():
         assert np.max(np.abs(response / (1 + response))) <= m.mt * (1 + 1e-6)
         assert np.max(np.abs(1 / (1 + response) - 0.5)) * m.disk <= 1 + 1e-6
         assert np.count_nonzero(np.diff(np.abs(response) > 1)) <= m.gain_crossovers.size
-
-
-@pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
-def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box(shape):
-    # at random points of random boxes, against the state-space response of the loop with that dead time
-    rng = np.random.default_rng(2)
-    controller = SampledController(
-        PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06), 0.1
-    ).transfer_function
-    plant = Rational(np.array([3.0, -0.2]), np.array([0.5, -40.0, -1 + 3j, -1 - 3j]), 2.0)
-    loop = SampledLoop(controller, plant, 0.0, 0.1)
-    response, n = BoxedResponse(loop), 12
-    theta, fraction = rng.uniform(0.02, 3.1, n), rng.uniform(0.05, 0.95, n)
-    fraction[:4] = 0.96  # where the command hardly acts within its sample, and nothing is linear
-    expansion = response.expand(theta, fraction)
-    previous = None
-    for size in (0.04, 0.01, 0.0025):
-        half, half_fraction = shape[0] * size * theta, np.full(n, shape[1] * size)
-        top, rest, level = expansion.bounds(half, half_fraction)
-        assert np.all(level <= rest * (1 + 1e-12))
-        deviations = np.zeros(n)
-        for move, late in [*rng.uniform(-1, 1, (20, 2)), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
-            at, at_fraction = theta + move * half, fraction + late * half_fraction
-            exact = [
-                loop.delayed((2 + f) * 0.1).response(np.array([w]))[0]
-                for w, f in zip(at / 0.1, at_fraction, strict=True)
-            ]
-            found = np.log(exact) + 3j * at - expansion.value
-            found -= move * half * expansion.slope + late * half_fraction * expansion.drift
-            found = found.real + 1j * np.angle(np.exp(1j * found.imag))
-            assert np.all(np.abs(found) <= rest)
-            assert np.all(np.abs(found.real) <= level)
-            assert np.all(np.log(np.abs(exact)) <= top)
-            deviations = np.maximum(deviations, np.abs(found))
-        # sizes of series are summed, which is no more than this off
-        assert np.median(rest / deviations) < 25
-        if previous is not None:
-            # 16 in the limit; less while higher powers count, as near the fast pole and where roots are near
-            assert np.median(previous / rest) > 13
-        previous = rest
-
-
-@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9])
-def test_delay_margin_does_not_hang_on_where_the_search_begins(fraction):
-    # windows of stability: what is left of one and the same margin as dead time is added
-    model = FractionalModel(0.75, 0.2, 0.4, 0.01)
-    whole = model.loop.delayed(1.0).margins().delay_s
-    assert model.loop.delayed(1 + fraction * whole).margins().delay_s == pytest.approx((1 - fraction) * whole, rel=1e-9)
 
 
 @pytest.mark.parametrize("period", [0.003, 0.1, 1.0])

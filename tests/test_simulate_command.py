@@ -55,14 +55,6 @@ def test_json_has_the_contract_s_keys_and_the_run_s_numbers(numbers):
     assert found["reference_slip"] == {"dry": 0.119, "wet": 0.059}
 
 
-def test_brake_energy_is_the_si_integral_of_torque_times_wheel_speed(numbers, tmp_path):
-    found = numbers("--csv", tmp_path / "run.csv", "--log-period", "0.001")
-    log = pd.read_csv(tmp_path / "run.csv")
-    power = log["brake torque [N*m]"] * log["wheel angular speed [rad/s]"]
-    # trapezoids over samples of 1 ms, the torque's corners between them
-    assert np.trapezoid(power, log["time [s]"]) == pytest.approx(found["brake_energy_j"], rel=1e-6)
-
-
 def test_the_default_run_is_the_published_pi_with_noise(numbers):
     found = numbers()
     assert (found["scenario"], found["controller"], found["gains"], found["seed"]) == ("park2008", "pi", "bristle", 0)

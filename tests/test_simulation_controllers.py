@@ -194,6 +194,7 @@ def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
     assert 0.99 * MS_MAX < margins.ms.max() <= MS_MAX
 
 
+@pytest.mark.long
 def test_the_lead_of_a_vehicle_is_for_its_own_brake():
     """Lag 0.4 s in place of 0.6 s; and more integral action than behind the published brake's lead."""
     vehicle = PARK2008.model_copy(
@@ -214,18 +215,6 @@ def test_no_pi_lead_of_ms_2_has_more_ki():
     best = tune_pi([plant], vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator)
     assert control.design.gains.ki == pytest.approx(best.ki, rel=0.01)
     assert control.design.gains.kp == pytest.approx(best.kp, rel=0.01)
-
-
-def test_the_recommended_pi_lead_beats_the_best_of_table_5():
-    """581 m, 50.7 s, 0.0272 in [Park2008] Table 5, with a law that knows the curve; here without it."""
-    simulator = Simulator(SCENARIO, recommended_pi_lead())
-    runs = [simulator.run(seed) for seed in range(8)]
-    assert all(run.stopped and run.locked_fraction == 0 for run in runs)
-    assert recommended_pi_lead().model_law is None
-    # single runs scatter by less than 1 m and 0.001
-    assert np.mean([run.braking_distance for run in runs]) == pytest.approx(547, abs=1)
-    assert np.mean([run.braking_time for run in runs]) == pytest.approx(47.6, abs=0.1)
-    assert np.mean([run.mean_abs_slip_error_published for run in runs]) == pytest.approx(0.0170, abs=0.0005)
 
 
 @pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
@@ -262,19 +251,11 @@ def test_designs_follow_another_vehicle():
     )
     assert full_brake_torque(heavy) == pytest.approx(18_000.0)
     assert slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
-    with pytest.raises(InfeasibleDesignError, match="give --kp and --ki"):
+    with pytest.raises(InfeasibleDesignError, match="give its gains"):
         recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
 
 
 # --- by name -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("column", "kp", "ki", "dry"), [("beam", 400, 54, 0.119), ("bristle", 650, 27, 0.132)])
-def test_table_4_by_column(column, kp, ki, dry):
-    pi = published_controller("pi", column)
-    assert pi.design.gains == PIGains(kp=3.6 * kp, ki=3.6 * ki)
-    assert pi.reference.dry == dry
-    assert published_controller("asmc", column).reference == pi.reference
 
 
 def test_gains_of_one_s_own():
@@ -302,7 +283,7 @@ def test_every_named_controller_has_its_reference_and_period(name):
         (lambda: published_controller("pid"), "choose pi or asmc"),
         (lambda: published_controller("pi", "dahl"), "choose beam or bristle"),
         (lambda: published_controller("pi", adaptive=True), "choose 'asmc'"),
-        (lambda: TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "must rise"),
+        (lambda: TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
         (lambda: TorqueProfile((), (), REFERENCE), "as many"),
         (lambda: TorqueProfile((0.0,), (), REFERENCE), "as many"),
         (lambda: TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from braking_runs import NO_LIMITS, REFERENCE, bare_vehicle, pi, published_pi, run_from, scenario
+from braking_runs import REFERENCE, bare_vehicle, pi, published_pi, run_from, scenario
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
@@ -177,32 +177,6 @@ def test_a_wheel_at_the_edge_of_locking_neither_chatters_without_end_nor_loses_e
 # --- the delayed integrator ------------------------------------------------------------------------------------------
 
 
-def delayed_integrator(rate: float, dead_time: float, *, period: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Without adhesion, under a P controller, sigma' = rate (sigma_d - sigma)(t - dead_time); t and sigma/sigma_d."""
-    vehicle = bare_vehicle(dead_time=dead_time)
-    kp = rate * PARK2008.wheel.inertia / PARK2008.wheel.radius
-    base = scenario(vehicle, limits=NO_LIMITS, longest_time=end)
-    run = simulate(base, pi(kp, slip=0.01, period=period), seed=None)
-    return run.signals.time, run.signals.slip / 0.01
-
-
-@pytest.mark.parametrize("dead_time", [1.0, 0.50371])
-def test_the_sampled_delayed_integrator_exactly(dead_time: float) -> None:
-    """Piecewise linear between command changes, so that an exact recursion exists, also for a fractional delay."""
-    period, rate = 0.01, 1.3
-    t, y = delayed_integrator(rate, dead_time, period=period, end=4.0)
-    whole = math.floor(dead_time / period + 1e-9)
-    late = dead_time / period - whole  # share of a period for which the command before still acts
-    command = np.zeros(t.size)
-    expected = np.zeros(t.size)
-    for n in range(t.size - 1):
-        command[n] = rate * (1.0 - expected[n])
-        older = command[n - whole - 1] if n > whole else 0.0
-        newer = command[n - whole] if n >= whole else 0.0
-        expected[n + 1] = expected[n] + period * (late * older + (1 - late) * newer)
-    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11)
-
-
 # --- the linearised loop ----------------------------------------------------------------------------------------------
 
 HEAVY = 1e15  # kg: the speed stays what it is, as the linearisation with frozen speed has it
@@ -253,22 +227,3 @@ def test_both_sides_of_a_margin(case: str, published_margins: tuple[float, float
     assert loop.is_stable() == (float(factor) < 1)
     assert (late < early) == loop.is_stable()
     assert late < 1e-2  # small still, so that the linearisation is what is compared
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("gain", "end", "begin"), [(1.0, 60.0, 10.0), (2.0, 60.0, 10.0), (3.5, 25.0, 3.0), (0.6, 12.0, 4.0)]
-)
-def test_a_perturbation_grows_or_decays_as_the_rightmost_poles_say(gain: float, end: float, begin: float) -> None:
-    loop, t, deviation = small_perturbation(gain=gain, end=end)
-    # what is left after `begin` are the rightmost pair and a real pole: the roots of a linear recursion of order 3
-    order, interval = 3, 0.25
-    y = deviation[t >= begin][:: round(interval / 1e-3)]
-    rows = np.stack([y[order - 1 - i : y.size - 1 - i] for i in range(order)], axis=1)
-    weights = 1 / np.max(np.abs(rows), axis=1)
-    coefficients, *_ = np.linalg.lstsq(rows * weights[:, None], y[order:] * weights, rcond=None)
-    seen = np.log(np.roots(np.concatenate([[1.0], -coefficients])).astype(complex)) / interval
-    for pole in loop.closed_loop_poles(order):
-        nearest = seen[np.argmin(np.abs(seen - pole))]
-        assert nearest.real == pytest.approx(pole.real, rel=0.01)
-        assert nearest.imag == pytest.approx(pole.imag, rel=0.01, abs=1e-9)

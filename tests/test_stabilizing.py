@@ -64,16 +64,6 @@ def test_plants_without_dead_time_follow_routh():
     assert stabilizing_pi(Rational(np.array([]), np.array([-1.0]), 1.0)).ki_limit(1e9) == np.inf
 
 
-def test_a_lag_of_many_equal_parts_has_its_closed_form():
-    # (1 + s/n)^-n turns by 180 deg at n tan(pi/n), where its gain is cos(pi/n)^n; its R turns back every 3 degrees
-    n = 60
-    region = stabilizing_pi(Rational(np.array([]), np.full(n, -float(n)), float(n) ** n))
-    assert region.kp_range == pytest.approx((-1, math.cos(math.pi / n) ** -n), rel=1e-13)  # n roundings and more
-    limit = region.ki_limit(0.3)
-    assert region.certified_contains(0.3, limit * (1 - NEAR))
-    assert not region.certified_contains(0.3, limit * (1 + NEAR))
-
-
 def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():
     region = stabilizing_pi(2 * (S + 2) / (S + 1))
     assert region.p_intervals == ((-np.inf, -0.5), (-0.25, np.inf))
@@ -180,7 +170,7 @@ def columns(rng, region):
 def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     rng = np.random.default_rng(seed)
     points = 0
-    for _ in range(30):
+    for _ in range(15):
         region, _ = random_region(rng)
         inner, at_ends = columns(rng, region)
         for kp in (*inner, *at_ends):
@@ -193,52 +183,7 @@ def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
             for ki in values:
                 assert region.contains(kp, ki) == any(a < ki < b for a, b in intervals)
             points += 1 + len(values)
-    assert points > 600
-
-
-def resonant_region(rng):
-    """Up to three resonances and antiresonances of damping down to 1e-6, or many equal lags; dead time up to 20 s."""
-    if rng.random() < 0.2:
-        order = int(rng.integers(8, 30))
-        plant = Rational(np.array([]), np.full(order, -float(order)), float(order) ** order)
-    else:
-        counts = rng.integers([1, 0], [4, 2]).tolist()
-        pairs = []
-        for count in counts:
-            size, damping = 10 ** rng.uniform(-1, 1, count), 10 ** rng.uniform(-6, -0.5, count)
-            upper = size * (-damping + 1j * np.sqrt(1 - damping**2))
-            pairs.append(np.concatenate([upper, upper.conj()]))
-        plant = Rational(pairs[1], np.append(pairs[0], -(10 ** rng.uniform(-1, 0.5))), 1.0)
-        plant = plant * (1 / plant.dc_gain)
-    dead_time = 10 ** rng.uniform(-2, 1.3)
-    kind = rng.integers(3)
-    if kind == 0:
-        return stabilizing_pi(plant, dead_time)
-    derivative = {"derivative_time": rng.uniform(0, 2)} if kind == 1 else {"derivative_gain": rng.uniform(-0.5, 0.5)}
-    return stabilizing_pid(plant, dead_time, derivative_filter=10 ** rng.uniform(-2, 0), **derivative)
-
-
-@pytest.mark.long
-def test_resonances_and_long_dead_times_hide_no_boundary():
-    rng = np.random.default_rng(15)
-    for _ in range(60):
-        region = resonant_region(rng)
-        low, high = region.kp_range or (-1.0, 1.0)
-        turns = region.decomposition.curve(region.decomposition.turning_points)[0]
-        turns = turns[(turns > low) & (turns < high)]
-        columns = [
-            *rng.uniform(low, high, 3),
-            *(rng.choice(turns, 2) * (1 + 1e-9 * rng.normal(size=2)) if turns.size else ()),
-        ]
-        gains = [(e * (1 + side * NEAR), 0.0) for pair in region.p_intervals for e in pair for side in (-1, 1)]
-        sets = {kp: region.ki_intervals(kp) for kp in columns}
-        for kp, intervals in sets.items():
-            ends = [e for pair in intervals for e in pair if 0 < e < np.inf]
-            gains += [(kp, e * (1 + side * NEAR)) for e in ends for side in (-1, 1)]
-            gains += [(kp, max(ends, default=1.0) * 10 ** rng.uniform(-4, 0.3)) for _ in range(8)]
-        for kp, ki in gains[:100]:
-            expected = region.p_intervals if ki == 0 else sets[kp]
-            assert region.contains(kp, ki) == any(a < (ki or kp) < b for a, b in expected), (kp, ki)
+    assert points > 300
 
 
 # -- PID ------------------------------------------------------------------------------------------------------
@@ -303,20 +248,6 @@ def test_intersection_intersects_intervals_not_only_their_ends():
     assert intersection([island, slow]).ki_limit(-1.24) == 0.0
 
 
-def test_intersection_that_is_empty_names_the_ranges():
-    strong, weak = stabilizing_pi(UNSTABLE, 0.15), stabilizing_pi(100 * UNSTABLE, 0.15)
-    common = intersection([strong, weak])
-    assert common.kp_range is None
-    assert "plant 1: 1 < kp < 23.3988; plant 2: 0.01 < kp < 0.233988" in common.reason
-    many = intersection([strong, strong, weak, weak], ("dry", "drier", "wet", "wetter"))
-    assert "(dry: 1 < kp < 23.3988; wet: 0.01 < kp < 0.233988)" in many.reason  # two that exclude each other
-    hopeless = stabilizing_pi(Rational(np.array([]), np.array([5.0]), 1.0), 2.4)
-    alone = intersection([strong, hopeless, hopeless], ("dry", "wet", "wetter")).reason
-    assert alone.startswith("wet (nor 1 more of the 3): no kp stabilises")
-    with pytest.raises(InputError, match="names: 1 for 2 regions"):
-        intersection([strong, weak], ("dry",))
-
-
 # -- refusals -------------------------------------------------------------------------------------------------
 
 
@@ -335,6 +266,7 @@ def test_intersection_that_is_empty_names_the_ranges():
         (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
         (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),
         (lambda: intersection([]), "no region is given"),
+        (lambda: intersection([stabilizing_pi(1 / S)], ("dry", "wet")), "names: 2 for 1 regions"),
         (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0,), (1.0, 2.0)), "kp: .* give two finite ends"),
         (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), 3.0), "ki: .* give two finite ends"),
         (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), (0.0, 2.0)), "ki: 0"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import fields, replace
 
@@ -61,20 +60,6 @@ def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
         extra = compensator if compensator is not None else Rational(np.array([]), np.array([]), 1.0)
         worst = worst_of(family_margins([DeadTimeLoop(controller * extra * g, 0.15) for g in twelve_points()]))
         assert worst is None or worst.ms >= design.worst.ms * (1 - 1e-9)
-
-
-@pytest.mark.parametrize("compensator", [pytest.param(None, marks=pytest.mark.long), LEAD], ids=["PI", "PI-lead"])
-def test_largest_ki_under_ms_is_on_the_bound_and_the_largest(compensator):
-    ms_max = 6.0 if compensator is None else 1.8
-    plants = twelve_points()
-    design = tune_pi(plants, 0.15, ms_max=ms_max, compensator=compensator)
-    assert design.worst.ms == pytest.approx(ms_max, rel=1e-9)
-    assert design.worst.ms <= ms_max
-    extra = compensator if compensator is not None else Rational(np.array([]), np.array([]), 1.0)
-    for kp in design.kp * np.linspace(0.8, 1.25, 19):
-        controller = pi_transfer_function(kp, design.ki * 1.0005)
-        worst = worst_of(family_margins([DeadTimeLoop(controller * extra * g, 0.15) for g in plants]))
-        assert worst is None or worst.ms > ms_max
 
 
 def test_phase_and_delay_margins_can_bind():
@@ -147,6 +132,8 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
         (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 holds all plants; the largest"),
         (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
         (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
+        # 1/(s - 1) with 0.95 s under P control: atan(w) - 0.95 w, at most at w^2 = 1/0.95 - 1
+        (1 / (S - 1), 0.95, {"phase_min_deg": 20}, r"largest phase margin 0\.4336 deg"),
         # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
         pytest.param(
             1 / (S - 0.5),
@@ -224,31 +211,6 @@ def tuned_at_100(structure, **given):
 def rescaled(plant, gain, time):
     """gain P(time s)."""
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
-
-
-@pytest.mark.parametrize(("gain", "time"), [(1e12, 1e-6), pytest.param(1e-12, 1e6, marks=pytest.mark.long)])
-@pytest.mark.parametrize(
-    ("poles", "dead_time", "asked"),
-    [
-        ([0.0], 1.0, {"ms_max": 2.5}),
-        ([0.3, -2.0], 0.1, {"ms_max": 3.0, "phase_min_deg": 25.0}),
-        ([-1.0], 1.0, {"delay_min_s": 0.05}),
-        ([-1.0, -0.1 + 0.5j, -0.1 - 0.5j], 0.3, {"ms_max": 2.0}),
-        ([-1.0], 1.0, {"minimise_ms": True, "ki_min": 0.2}),
-    ],
-    ids=["integrator", "unstable", "delay", "resonant", "least Ms"],
-)
-def test_tuning_is_free_of_scale(poles, dead_time, asked, gain, time):
-    plant = Rational(np.array([]), np.array(poles), 1.0)
-    unit = {"delay_min_s": time, "ki_min": 1 / (gain * time)}
-    here = tune_pi(plant, dead_time, **asked)
-    there = tune_pi(
-        rescaled(plant, gain, time), dead_time * time, **{k: v * unit[k] if k in unit else v for k, v in asked.items()}
-    )
-    # where the optimum is flat, kp is known to the square root of what ki is
-    assert there.ki * gain * time == pytest.approx(here.ki, rel=1e-6)
-    assert there.kp * gain == pytest.approx(here.kp, rel=1e-4)
-    assert there.worst.ms == pytest.approx(here.worst.ms, rel=1e-6)
 
 
 def test_tuning_is_continuous_as_the_dead_time_vanishes():
@@ -451,23 +413,6 @@ def test_gaps_are_what_the_margins_leave(name, wanted):
                 assert inside == allowed(plant, dead_time, kp, ki, wanted), (ki, kp)
 
 
-@pytest.mark.parametrize("name", PLANTS)
-def test_a_band_leaves_what_its_rows_leave_and_no_pole_on_the_axis(name):
-    plant, dead_time = PLANTS[name]
-    wanted, forbidden = Specification(ms_max=2.0), Forbidden.sampled([plant], [dead_time], [20.0])
-    response = plant(1j * OMEGA) * np.exp(-1j * OMEGA * dead_time)
-    critical = -1j * OMEGA / response  # ki + j omega kp
-    for low, high in itertools.pairwise(np.geomspace(0.01, 10.0, 32)):
-        band = forbidden.gaps(low, wanted, high)
-        for ki in np.linspace(low, high, 3):
-            for kp in np.random.default_rng(2).normal(size=15):
-                if np.abs(1 + (kp - 1j * ki / OMEGA) * response).min() >= 1 / wanted.ms_max:
-                    assert any(a - 1e-3 < kp < b + 1e-3 for a, b in band), (ki, kp)
-        inside = (critical.real > low) & (critical.real < high)
-        for kp in critical.imag[inside] / OMEGA[inside]:
-            assert not any(a < kp < b for a, b in band), kp
-
-
 # --- tuning rules against their sources' tables, and refused where they do not hold ----------------------------------
 
 
@@ -541,10 +486,3 @@ def test_the_wheel_is_reduced_to_an_unstable_lag_and_the_rule_closes_the_full_lo
     assert DeadTimeLoop(pi.transfer_function() * plant, TAU).margins().ms == pytest.approx(5.865, abs=5e-4)
     pid = rotstein_lewin(plant, TAU, closed_loop_time=2.0, derivative=True)
     assert DeadTimeLoop(pid.transfer_function(0.06) * plant, TAU).margins().ms == pytest.approx(1.974, abs=5e-4)
-
-
-def test_models_reproduce_a_stable_and_an_integrating_plant_at_low_frequency():
-    for plant in (lags(3.0, gain=2.0), lags(integrators=1, gain=0.5)):
-        model = first_order_model(plant, 0.2)
-        assert model.transfer_function(0.7j) == pytest.approx(plant(0.7j), rel=1e-13)
-        assert model.dead_time == 0.2

@@ -173,21 +173,6 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
         assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
 
 
-@pytest.mark.parametrize(
-    ("words", "line", "doubted"),
-    [
-        ("linearize --rail dry", "dead_time = 150", "dead_time = 150 s"),
-        ("simulate --controller slide-protection --dead-time 2.5", "lag = 0.6", "dead_time = 2.5 s"),
-    ],
-)
-def test_commands_tell_it_of_the_vehicle_in_use(file: Any, railslip: Any, words: str, line: str, doubted: str) -> None:
-    status, out, err = railslip(*words.split(), "--vehicle", file(_with(line)), "--json")
-    assert status == 0
-    assert err.count("is taken as given, but is outside the usual") == bool(doubted)
-    assert f"railslip: note: vehicle: {doubted}" in err or not doubted
-    assert (f'"{doubted} is taken as given' in out) == bool(doubted)
-
-
 # --- railtoolkit -------------------------------------------------------------------------------------------
 
 

@@ -284,17 +284,6 @@ def test_the_bound_is_tight_for_the_nonlinear_plant(vehicle, surface):
     assert np.max(reaching.approach(reaching.points_of(asked, shares), vehicle, carried, surface)) < 0
 
 
-def test_the_effective_disturbance_is_what_the_bound_is_over():
-    # d solved from s' against the bound's own formula: K_min is (J/r) d where s > 0 and q = -c
-    expression = robust.effective_disturbance()
-    assert not {"s", "D", "K"} & {str(symbol) for symbol in expression.free_symbols}
-    assert robust.effective_torque(PARK2008) == pytest.approx(1516.9, abs=0.05)
-    assert robust.design_gain(PARK2008) == pytest.approx(1.1 * robust.effective_torque(PARK2008))
-    assert robust.effective_torque(PARK2008) > reaching.least_gain(
-        PARK2008, reaching.operating_set(PARK2008, sigmas=3.0)
-    )  # theta_hat
-
-
 def test_a_plant_for_which_the_bound_is_no_bound_is_refused(monkeypatch):
     made = derive()
     for module, function, term, words in (
@@ -339,19 +328,6 @@ def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated)
 
 
 # --- simulation of the ideal loop -----------------------------------------------------------------------------------
-
-
-def test_an_estimate_rests_off_theta_only_while_the_speed_is_held():
-    """theta_tilde = c (omega, -Ta) is a rest at constant omega and Ta; in a stop it moves, and does not vanish."""
-    speed, c = 100 / 3.6, 1e-7
-    Ta = reaching.rest_adhesion_torque(PARK2008, speed, reaching.reference_slip())
-    start = (-c * (1 - 0.132) * speed / 0.43, c * Ta)
-    held = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=5.0, held_speed=speed, start_estimate=start)
-    stop = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=20.0, start_estimate=start)
-    assert np.ptp(held.V) < 1e-9 * held.V[0, 0]
-    alive = stop.theta_hat[np.isfinite(stop.V[:, 0]), 0]
-    assert np.linalg.norm((alive[-1] - alive[0]) / start) > 0.1
-    assert np.linalg.norm(alive[-1] / start) > 0.1  # theta is 0
 
 
 def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from project import script
 from rig_logs import identified
-from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
@@ -31,8 +30,8 @@ from railslip_ctrl.identification.virtual_rig import (
     run_tests,
     write_log,
 )
-from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
-from railslip_ctrl.model.numeric import numeric_plant, peak
+from railslip_ctrl.model.adhesion import load_law, published_law
+from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.identification import series_json, series_toml
 
@@ -40,10 +39,6 @@ BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
 V30, V100 = 30.0 * KMH, 100.0 * KMH
 RADIUS = PARK2008.wheel.radius
 CLEAN = {"random_force": 0.0, "wheel_noise": 0.0}
-
-
-def slip_of(log: Rows) -> np.ndarray:
-    return 1.0 - RADIUS * log.columns["wheel_angular_speed"] / log.columns["train_speed"]
 
 
 def fit_of(test: RigTest, *, tests: int = 6, seed: int = 0) -> Fit:
@@ -72,30 +67,6 @@ def test_the_procedure_ramps_up_and_once_released_stays_so():
     moments = ((0.4, 0.0), (1.5, 0.29), (1.51, 0.31), (1.52, 0.0), (1.53, 0.0))
     torques = [rig.step(t, 20.0, 20.0 * (1 - slip) / RADIUS) for t, slip in moments]
     assert torques == [0.0, 2000.0, 800.0, 0.0, 0.0]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("test", published_tests("curve"), ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
-def test_the_course_is_that_of_figure_12(test):
-    """Free rolling, the ramp, slip that grows by itself past the peak, release past half slip, the wheel back."""
-    log = run_tests(dataclasses.replace(test, **CLEAN), tests=1)
-    slip, torque, time = slip_of(log), log.columns["brake_torque"], log.columns["time"]
-    rolling = time <= 0.5
-    # the resistance slows the train, and by its friction on the rail the wheel
-    assert np.abs(slip[rolling]).max() < 2e-3
-    assert np.abs(torque[rolling]).max() == 0.0
-    ramp = (time > 1.0) & (slip < 0.5) & (time < time[np.argmax(slip)])
-    # behind a lag the acting torque of a ramp rises at the ramp's rate once the lag has settled
-    assert np.diff(torque[ramp]) == pytest.approx(np.full(ramp.sum() - 1, test.rate * test.interval), rel=2e-3)
-    top = peak(test.law, test.initial_speed, test.vehicle.wheel_load).slip
-    to_peak = np.ptp(time[(slip > 0.5 * top) & (slip < top) & ramp])
-    beyond = np.ptp(time[(slip > top) & (slip < 4.0 * top) & ramp])
-    assert beyond < 1.5 * to_peak  # six times the way in hardly more time
-    assert np.all(np.diff(slip[ramp & (slip > top)]) > 0.0)
-    highest = int(np.argmax(slip))
-    assert 0.5 < slip[highest] < 0.75  # what the brake's dead time and lag let it run on
-    assert torque[-1] < 1e-3 * torque.max()
-    assert abs(slip[-1]) < 0.5 * slip[highest]  # the wheel comes back, at 140 km/h not within the second recorded
 
 
 def test_scatter_is_what_was_asked_for():
@@ -178,42 +149,6 @@ def test_intervals_hold_the_truth_in_95_of_100_logs(law):
 
 
 @pytest.mark.long
-def test_a_steep_rise_is_not_taken_for_a_flat_one():
-    """Polach, dry: the random force is in the slip where mu rises, and a curve through mu over slip is 30 % low."""
-    law = published_law("polach", Rail.DRY, 100.0, PARK2008.wheel_load)
-    fits, hits = hits_of(RigTest(PARK2008, law, V100), range(3))
-    assert set(hits.values()) == {3}
-    for p in (p for found in fits for p in found.parameters):
-        assert p.value == pytest.approx(getattr(law, p.name), rel=0.08), p.name  # 3 to 5 times its scatter
-        assert p.stderr < 0.08 * p.value
-
-
-@pytest.mark.long
-def test_bristles_at_30_km_h_have_honest_intervals():
-    """Up to half slip the force falls by 7 %, less than some logs show: then beta and gamma have no upper end."""
-    test, count = published_tests("bristle")[0], 13
-    fits, hits = hits_of(test, range(count))
-    without_end, spreads = 0, [found.parameters[0].stderr / test.law.alpha for found in fits]
-    for found in fits:
-        _, beta, gamma = found.parameters
-        for p in (beta, gamma):
-            assert p.interval[0] > 0.35 * getattr(test.law, p.name)  # not wide enough downwards to hold anything
-            assert np.isfinite(p.value)
-        assert np.isinf(beta.interval[1]) == np.isinf(gamma.interval[1])
-        if np.isinf(beta.interval[1]):
-            without_end += 1
-            assert sum("not less than" in note and "has no upper end" in note for note in found.notes) == 2
-        # the level, which every log shows, to 4 times its scatter
-        assert gamma.value / beta.value == pytest.approx(test.law.gamma / test.law.beta, rel=0.04)
-    # the scatter itself is 0.012; one log in a hundred has tests that differ by chance, and its interval is wider
-    assert np.median(spreads) < 0.014
-    assert max(spreads) < 0.04
-    # of 13 at 99 % each, two misses of a parameter or more have a probability of 0.7 %
-    assert min(hits.values()) >= count - 1, hits
-    assert 0 < without_end < count // 2
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("model", ["beam", "burckhardt"])
 def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(model, monkeypatch):
     """Seventy rows up to slip 0.2: the profiles go where no wheel could roll, and the numbers stay finite.
@@ -261,7 +196,7 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     assert capsys.readouterr().out.count("km/h") == 24
 
 
-@pytest.mark.parametrize("test", published_tests("bristle"), ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
+@pytest.mark.parametrize("test", published_tests("bristle")[::2], ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
 def test_a_clean_log_of_bristles_has_the_truth_well_inside(test):
     """What is left of the error is that of rows 0.01 s apart: the released brake's torque bends between them."""
     found = fit_of(dataclasses.replace(test, **CLEAN), tests=3)
@@ -323,25 +258,6 @@ def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     assert "its standard error is of alpha, beta and gamma alone" in own.chosen.fit.notes[0]
 
 
-@pytest.mark.long
-def test_a_parameter_on_its_bound_leaves_the_others_their_uncertainty():
-    """30 km/h and a fall of the adhesion, a, that hardly shows: some logs would have it negative."""
-    test = published_tests("beam")[0]
-    test = dataclasses.replace(test, law=test.law.model_copy(update={"a": 0.001}))  # a standard error is 0.0015
-    (fits, hits), rested = hits_of(test, range(1005, 1017)), 0
-    for found in fits:
-        a = found.parameters[1]
-        if a.status == "at lower bound":
-            rested += 1
-            assert np.isnan(a.stderr)
-            assert 0.0 <= a.interval[0] <= a.value < 1e-3 < a.interval[1] < 0.02
-            assert any("a: rests on its lower bound; by this log it is not more than" in note for note in found.notes)
-            assert found.parameters[0].stderr > 1e-3  # not as if a were known, which would make it 4e-4
-    assert rested >= 3
-    # of 12 at 99 % each, three misses of a parameter or more have a probability of 0.02 %
-    assert min(hits.values()) >= len(fits) - 2, hits
-
-
 def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
     """[Park2008] Fig. 17 for 2.93 m/s^2."""
     given, slip, mu = 2.93, 0.129, 0.299
@@ -357,43 +273,6 @@ def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
     assert f"a ramp of {given:g} m/s^2 (as given" in fit.notes[0]
     assert own.chosen.fit.model.known["R"] == own.setting.slip_acceleration
     assert "the log's mean up to its peak" in own.chosen.fit.notes[0]
-
-
-def integrated_log(law: AdhesionLaw, interval: float) -> Rows:
-    """A ramp of torque without noise, by SciPy's DOP853."""
-    force = numeric_plant(type(law)).force
-    p = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, PARK2008.wheel_load, *law.parameters())
-    wheel = PARK2008.wheel
-
-    def rates(t: float, x: np.ndarray) -> tuple[float, float]:
-        v, omega = x
-        Fa = float(force(v, v - RADIUS * omega, 0.0, 0.0, 0.0, 0.0, p))
-        torque = max(4000.0 * (t - 1.0), 0.0)
-        return -Fa / PARK2008.mass, (RADIUS * Fa - torque - wheel.viscous_friction * omega) / wheel.inertia
-
-    def half_slip(t: float, x: np.ndarray) -> float:
-        return float(0.5 - (1.0 - RADIUS * x[1] / x[0]))
-
-    half_slip.terminal = True  # type: ignore[attr-defined]
-    time = np.arange(0.0, 10.0, interval)
-    start = [V100, V100 / RADIUS]
-    found = solve_ivp(
-        rates, (0.0, 10.0), start, "DOP853", time, events=half_slip, rtol=1e-11, atol=1e-11, max_step=0.05
-    )
-    time, (v, omega) = found.t, found.y
-    columns = {"time": time, "train_speed": v, "wheel_angular_speed": omega}
-    torque = np.maximum(4000.0 * (time - 1.0), 0.0)
-    return Rows(np.arange(time.size) + 2, {**columns, "brake_torque": torque})
-
-
-@pytest.mark.parametrize("interval", [0.005, 0.01])
-def test_the_steps_of_the_integration_are_in_the_standard_error(interval):
-    """A log without noise: what is left of the error is that of the steps, and the interval holds it."""
-    law = law_class("burckhardt").model_validate({"c1": 0.28, "c2": 25.0, "c3": 0.09})
-    found = identified(integrated_log(law, interval), "burckhardt", initial_speed=V100)
-    for p in found.chosen.fit.parameters:
-        assert p.interval[0] <= getattr(law, p.name) <= p.interval[1], p.name
-        assert p.stderr < 1e-3 * p.value
 
 
 @pytest.mark.long

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 from railslip_ctrl.design.envelope import Envelope, load_envelope
@@ -158,22 +158,24 @@ class CaseOptions:
             )
         _ = self.chosen_vehicle  # says what is assumed of it
         car = self.given_vehicle
-        if given.lower() != DEFAULT_ENVELOPE:
-            found = from_file("--envelope", Path(given), lambda path: load_envelope(path, car))
-        elif self.vehicle is not None:
-            found = from_file("--vehicle", self.vehicle, lambda path: load_envelope(path, car))
-        else:
-            found = Envelope(car)
-        slips = {} if self.slip is None else {"reference": {rail.value: self.slip for rail in Rail}}
-        named: dict[str, Any] = {
-            "rails": self.rails and self.chosen_rails(),
-            "laws": _is_given("adhesion") and (self.adhesion,),
-            "speeds": self.speeds,
-            "loads": self.loaded and ("loaded",),
-            "initial_speed": _is_given("initial_speed") and self.initial_speed,
-            **slips,
-        }
-        return found.at(**{name: value for name, value in named.items() if value})
+        source, path = ("--vehicle", self.vehicle) if given.lower() == DEFAULT_ENVELOPE else ("--envelope", Path(given))
+        found = Envelope(car) if path is None else from_file(source, path, lambda path: load_envelope(path, car))
+        if self.slip == 0:
+            raise InputError("--slip: 0 is not allowed with an envelope; give a value > 0")
+        named: tuple[tuple[str, str, Any], ...] = (  # the slip first, of which the laws may have none
+            ("--slip", "reference", self.slip and {rail.value: self.slip for rail in Rail}),
+            ("--rail", "rails", self.rails and self.chosen_rails()),
+            ("--adhesion", "laws", _is_given("adhesion") and self.adhesion),
+            ("--speed", "speeds", self.speeds),
+            ("--loaded", "loads", self.loaded and "loaded"),
+            ("--initial-speed", "initial_speed", _is_given("initial_speed") and self.initial_speed),
+        )
+        for option, name, value in named:
+            if value:
+                found = naming(option, functools.partial(found.at, **{name: value}))
+        laws_of = "--adhesion" if path is None or _is_given("adhesion") else f"{source}: {file_name(path)}: envelope"
+        naming(laws_of, found.check_files)
+        return found
 
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""
@@ -198,29 +200,34 @@ class CaseOptions:
     def points(self) -> list[OperatingPoint]:
         """The operating points, in the order rail, mass, speed."""
         vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
-        if max(speeds) > self.initial_speed:
-            other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
-            warn(
-                f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
-                f"applied, which a braking train does not reach again; give another{other}"
-            )
         found = []
         for rail in self.chosen_rails():
             law = self.law(rail)
             held = self.slip if self.slip is not None else law.reference_slip(rail)
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
-            found += [
-                operating_point(
-                    law,
-                    _with_mass(vehicle, mass),
-                    speed * KMH,
-                    held,
-                    rail=rail,
-                    initial_speed_kmh=self.initial_speed,
-                )
-                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds)
-            ]
+            try:
+                found += [
+                    operating_point(
+                        law,
+                        _with_mass(vehicle, mass),
+                        speed * KMH,
+                        held,
+                        rail=rail,
+                        initial_speed_kmh=self.initial_speed,
+                    )
+                    for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds)
+                ]
+            except DomainError as error:
+                if self.slip is not None:
+                    raise
+                raise InputError(f"--speed: the law's own {' '.join(str(error).split(': ', 1))}") from None
+        if max(speeds) > self.initial_speed:
+            other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
+            warn(
+                f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
+                f"applied, which a braking train does not reach again; give another{other}"
+            )
         return found
 
     def chosen_rails(self) -> tuple[Rail, ...]:
@@ -505,8 +512,12 @@ def naming(option: str, made: Callable[[], R]) -> R:
     try:
         return made()
     except InputError as error:
-        message = str(error).removeprefix(f"{option.removeprefix('--')}: ")
-        raise InputError(f"{option}: {message}") from None
+        word = option.removeprefix("--").split(":")[0].replace("-", " ")
+        message = str(error).removeprefix("Envelope: ")
+        for named in (f"{word}: ", f"{word}s: ", "laws: " if word == "adhesion" else ""):
+            message = message.removeprefix(named)
+        of_name = message.startswith(f"{word} '")  # adhesion 'beam': ...
+        raise InputError(f"{option}{message.removeprefix(word) if of_name else f': {message}'}") from None
     except InfeasibleDesignError as error:
         raise InfeasibleDesignError(f"{option}: {str(error).removeprefix('controller: ')}") from None
 

@@ -130,10 +130,13 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 # What the package calls a quantity, where an option gives it.
-_OPTION_NAMED = re.compile(r"^(slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])")
+_OPTION_NAMED = re.compile(
+    r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
+    r"|(?:structure|controller|out|workers|scheduler|worst by)(?=:))"
+)
 
 
 def _fail(message: str) -> NoReturn:
-    line = _OPTION_NAMED.sub(lambda match: "--" + match[1].replace(" ", "-"), " ".join(message.split()))
+    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), " ".join(message.split()))
     click.echo(f"{PROGRAM}: error: {line}", err=True)
     sys.exit(2)

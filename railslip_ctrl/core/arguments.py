@@ -100,8 +100,8 @@ def reals(name: str, values: ArrayLike) -> Floats:
 
 def complexes(name: str, values: ArrayLike) -> Complexes:
     """Return an array of complex numbers, of any shape, finite or not; InputError for anything else."""
-    if isinstance(values, np.ndarray) and values.dtype == np.complex128:
-        return values
+    if isinstance(values, np.ndarray) and values.dtype in (np.complex128, np.float64):
+        return values.astype(complex, copy=False)
     return np.asarray(_apply(name, ArrayLike, values), dtype=complex)
 
 

@@ -49,7 +49,7 @@ def claimed(folder: Path) -> Iterator[None]:
             lock.acquire(timeout=0)
         except Timeout:
             raise InputError(
-                f"--out: {str(folder)!r} is being written to by another process; wait for it, or choose another folder"
+                f"out: {str(folder)!r} is being written to by another process; wait for it, or choose another folder"
             ) from None
         except OSError as error:
             raise unwritable(folder, error) from None
@@ -80,7 +80,7 @@ def staged(folder: Path) -> Iterator[Path]:
 def unwritable(folder: Path, error: OSError) -> InputError:
     """The error of a folder that cannot be written to."""
     return InputError(
-        f"--out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
+        f"out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
     )
 
 

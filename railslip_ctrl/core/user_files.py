@@ -39,6 +39,7 @@ _KINDS = {
     **dict.fromkeys(("int_type", "int_from_float", "int_parsing"), "an integer"),
     **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a table of keys"),
     **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
 }
 
 
@@ -160,6 +161,8 @@ def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) 
         return unknown_key(str(complaint["loc"][-1]), owner)
     if kind == "is_instance_of":
         return f"{shown(value)} is not allowed; give an instance of {context['class']}"
+    if kind in ("enum", "literal_error"):
+        return f"{shown(value)} is not allowed; give {context['expected']}"
     if kind in _KINDS:
         return f"{shown(value)} is not allowed; give {_KINDS[kind]}"
     return f"{shown(value)} is not allowed; {_flat(complaint['msg'])}"

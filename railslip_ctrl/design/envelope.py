@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.errors import DomainError, InputError, KinkError
-from railslip_ctrl.core.units import KMH, quantity, to_unit
+from railslip_ctrl.core.errors import DomainError, InputError, KinkError, MissingParametersError
+from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_in, load_law, published_law, wheel_load_in
@@ -47,6 +47,7 @@ HeldSlip = Callable[[AdhesionLaw, float, float], float]
 
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more would fill memory: the default has 2592
+_FASTEST = 1000.0  # km/h; no train, nor the domain of a law, goes there
 _KNIFE_EDGE = 0.05  # of the peak's slip: nearer, the slope of the curve, and with it the pole, changes sign by a hair
 
 
@@ -80,15 +81,29 @@ class Envelope(Record):
 
     def __init__(self, vehicle: Vehicle = PARK2008, /, **values: Any) -> None:
         car = values.setdefault("vehicle", vehicle)
+        if isinstance(car, (str, Path)):
+            raise InputError(f"Envelope: vehicle: {shown(str(car))} is not a Vehicle; give load_vehicle of the file")
         own = json.loads(car.envelope) if isinstance(car, Vehicle) else {}
         super().__init__(**{**own, **values})
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as of `Record`
 
+    @field_validator("laws", mode="before")
+    @classmethod
+    def _each_a_law(cls, value: Any) -> Any:
+        for one in value:
+            if not isinstance(one, (str, Path, AdhesionLaw)):
+                raise InputError(f"{shown(one)} is not a law; give a name, a file, or a record of an AdhesionLaw")
+        return value
+
     @field_validator("rails", "laws", "speeds", "loads", "slip", "dead_time", "lag", "radius", mode="before")
     @classmethod
     def _a_list(cls, value: object) -> object:
         """A tuple of what was given once each; one value stands for itself."""
+        if isinstance(value, dict):
+            raise InputError(f"{shown(value)} is not allowed; give a list")
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
         if isinstance(value, (str, Path, AdhesionLaw)) or not isinstance(value, Iterable):
             value = (value,)
         values = tuple(x.item() if isinstance(x, np.generic) else x for x in value)
@@ -105,20 +120,31 @@ class Envelope(Record):
     @classmethod
     def _positive(cls, values: tuple[float, ...], info: Any) -> tuple[float, ...]:
         may_vanish = info.field_name in ("dead_time", "lag")
-        bad = [x for x in values if not (x > 0 or (may_vanish and x == 0))]
+        is_speed = info.field_name == "speeds"
+        bad = [x for x in values if not ((x > 0 or (may_vanish and x == 0)) and (x <= _FASTEST or not is_speed))]
         if bad:
-            raise InputError(f"{bad[0]:g} is not allowed; give finite values {'>= 0' if may_vanish else '> 0'}")
+            bounds = ">= 0" if may_vanish else f"> 0 and <= {_FASTEST:g} (km/h)" if is_speed else "> 0"
+            raise InputError(f"{bad[0]:g} is not allowed; give finite values {bounds}")
         return values
 
     @model_validator(mode="after")
     def _laws_are_had_and_slips_below_1(self) -> Self:
         """Of laws in files not until they are read."""
-        for rail, law in product(self.rails, self.laws):
-            if not _is_file(law):
-                found = _law(law, rail, self.vehicle, self)
-                if self.reference is not None or found.reference_slip(rail) is not None:
-                    _reference(self, found, rail)
+        self._check([law for law in self.laws if not _is_file(law)])
         return self
+
+    def check_files(self) -> None:
+        """Read the laws in files, to refuse with InputError now what `points` would refuse."""
+        self._check([law for law in self.laws if _is_file(law)])
+
+    def _check(self, laws: list[Any]) -> None:
+        for rail, law in product(self.rails, laws):
+            try:
+                found = _law(law, rail, self.vehicle, self)
+            except MissingParametersError as error:
+                raise InputError(str(error)) from None
+            if self.reference is not None or found.reference_slip(rail) is not None:
+                _reference(self, found, rail)
 
     def at(self, **changes: Any) -> Envelope:
         """The envelope with other values of some of its fields, checked."""
@@ -412,11 +438,19 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
         given, found_at = law, law.of_wheel_load
     elif not _is_file(law):
         return published_law(str(law), rail, envelope.initial_speed, loaded.wheel_load)
-    elif Path(law).suffix.lower() == ".py":
-        given = law_in(law)
     else:
-        given, found_at = load_law(law, initial_speed_kmh=envelope.initial_speed), wheel_load_in(law)
+        given, found_at = _law_of_file(Path(law), envelope)
     return given.on(rail).at_wheel_load(loaded.wheel_load / (found_at or envelope.vehicle.wheel_load))
+
+
+def _law_of_file(path: Path, envelope: Envelope) -> tuple[AdhesionLaw, float | None]:
+    """The law in a file, and the wheel load, N, at which it was found, if that says it."""
+    try:
+        if path.suffix.lower() == ".py":
+            return law_in(path), None
+        return load_law(path, initial_speed_kmh=envelope.initial_speed), wheel_load_in(path)
+    except InputError as error:
+        raise InputError(f"Envelope: laws: {error}") from None
 
 
 def _is_file(law: str | Path | AdhesionLaw) -> bool:
@@ -431,7 +465,7 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
         of = "" if given is not None else f" of {law.name}"
         raise InputError(
             f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a locked "
-            f"wheel; give factors < {1 / slip:.4g}"
+            f"wheel; give factors < {1 / slip:.4g}, or less slip"
         )
     if slip is None:
         raise InputError(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib import import_module
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from railslip_ctrl.core.arguments import Flags, Floats, checked
 from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
-from railslip_ctrl.loop.quasi import DelayedLoop
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
@@ -27,12 +26,12 @@ from .controllers import (
     linear_controller,
     linear_of,
     loop_as_run,
-    peak_near,
     sampled_peak,
     seeking_of,
     wheel_slip_loop,
 )
 from .envelope import Case, Envelope, EnvelopePoints
+from .seeking import seeking_margins
 from .specification import is_robust
 
 UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 % at 10 ms, is not judged"
@@ -406,8 +405,12 @@ def margins_at(
     With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
-    if seeking_of(controller) is not None:
-        return _one_by_one(controller, points)
+    if (gains := seeking_of(controller)) is not None:
+        found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
+        found["stable"], found["ms"] = seeking_margins(
+            [plant.point for plant in points.plants], gains, points.actuators, (points.plant, points.actuator)
+        )
+        return BatchMargins(**found)
     used = np.unique(points.plant).tolist()
     if callable(linear_of(controller)):
         designs = [linear_controller(controller, points.plants[i].point) for i in used]
@@ -415,23 +418,26 @@ def margins_at(
         designs = [linear_controller(controller)] * len(used)
     if any(not isinstance(design, PIController) and design.period is not None for design in designs):
         return _one_by_one(controller, points)
-    bare = {i: design.transfer_function * points.system(i) for i, design in zip(used, designs, strict=True)}
+    parts = {key: design.transfer_function for key, design in {id(one): one for one in designs}.items()}
+    loops = [(parts[id(design)], points.system(i)) for i, design in zip(used, designs, strict=True)]
     times = factors if factors is not None else np.ones(1)
     lags = np.array([one.lag for one in points.actuators])[points.actuator]
     dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
     found = {field.name: np.full((times.size, len(points)), np.nan) for field in fields(BatchMargins)}
-    shapes = np.zeros((len(points.plants), 2), dtype=int)
-    shapes[used] = [(one.zeros.size, one.poles.size) for one in bare.values()]
+    shapes = np.array([(c.zeros.size + g.zeros.size, c.poles.size + g.poles.size) for c, g in loops])
+    loop_of = np.searchsorted(used, points.plant)
     asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
-    kinds = product(np.unique(shapes[used], axis=0).tolist(), (lags > 0, lags == 0), asked)
-    for (zeros, poles), braked, kind in kinds:
-        mine = np.flatnonzero((shapes == (zeros, poles)).all(axis=1)[points.plant] & braked & kind)
+    kinds = product(np.unique(shapes, axis=0).tolist(), (lags > 0, lags == 0), asked)
+    for shape, braked, kind in kinds:
+        alike = (shapes == shape).all(axis=1)
+        mine = np.flatnonzero(alike[loop_of] & braked & kind)
         if not mine.size:
             continue
-        systems = [bare[i] for i in points.plant[mine]]
-        z = np.array([one.zeros for one in systems], dtype=complex).reshape(mine.size, zeros)
-        p = np.array([one.poles for one in systems], dtype=complex).reshape(mine.size, poles)
-        gain = np.array([one.gain for one in systems])
+        row = (np.cumsum(alike) - 1)[loop_of[mine]]  # of each case among the loops of this shape
+        some = list(compress(loops, alike.tolist()))
+        z = np.array([np.concatenate([c.zeros, g.zeros]) for c, g in some], dtype=complex)[row]
+        p = np.array([np.concatenate([c.poles, g.poles]) for c, g in some], dtype=complex)[row]
+        gain = np.array([c.gain * g.gain for c, g in some])[row]
         if lags[mine[0]] > 0:
             p, gain = np.column_stack([p, -1 / lags[mine]]), gain / lags[mine]
         n = times.size
@@ -454,21 +460,16 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
     return points.plants[int(points.plant[index])], points.actuators[int(points.actuator[index])]
 
 
-def _peak(loop: DelayedLoop) -> float:
-    """Ms of a loop with delays in it, looked for from the frequencies of its root count; inf where it is unstable."""
-    return peak_near(loop, loop.characteristic.axis_nodes[0][1:]) if loop.is_stable() else math.inf
-
-
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Stability and Ms of loops that no batch has; of sampled ones all margins at the operating points."""
+    """Stability and Ms of sampled loops, which no batch has, and all their margins at the operating points."""
     found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)
         loop = wheel_slip_loop(plant, controller, actuator)
-        sampled = isinstance(loop, SampledLoop)
-        found["ms"][index] = sampled_peak(loop) if sampled else _peak(loop)
+        assert isinstance(loop, SampledLoop), "as its controller is discrete"
+        found["ms"][index] = sampled_peak(loop)
         found["stable"][index] = math.isfinite(found["ms"][index])
-        if sampled and points.operating[index] and found["stable"][index]:
+        if points.operating[index] and found["stable"][index]:
             margins = loop.margins()
             for name in found.keys() - {"stable"}:
                 found[name][index] = getattr(margins, name, np.nan)

@@ -5,6 +5,7 @@ It is told neither rail nor mass nor adhesion curve. Its parts are in `simulatio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache, reduce
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -15,19 +16,22 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, stable_and_peak
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
+from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Rows = NDArray[np.intp]
 
 FADED = 0.7
 """Share of the reference slip that is left at the hand-over."""
 
+_RUN_AWAY = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
 _SLIPS = 1001  # up to the peak, among which the slip held is looked for
 
 
@@ -98,8 +102,12 @@ class SeekingGains(Record):
 
 @checked
 def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
-    """The gains for a vehicle, by rules in its dead time theta: kappa = 0.134/theta, torque time 0.58 theta,
-    observer 0.34 theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched for over stops.
+    """The gains for a vehicle, by rules in its dead time theta: kappa = 0.16 x/theta, torque time
+    0.58 x^(2/3) theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched
+    for over stops, the powers of x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
+
+    x = min(1, 16 m/s J/(N r^2 theta)): under a heavy load for its wheel the slip runs away sooner past the peak, so
+    that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be filtered.
 
     Parameters
     ----------
@@ -116,6 +124,8 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     dead_time = vehicle.actuator.dead_time
     if dead_time <= 0:
         raise InputError(f"seeking: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
+    run_away = vehicle.wheel_load * vehicle.wheel.radius**2 * dead_time / vehicle.effective_inertia
+    quick = min(1.0, _RUN_AWAY / run_away)
     return SeekingGains(
         inertia=vehicle.effective_inertia,
         viscous_friction=vehicle.inertia_scale * vehicle.wheel.viscous_friction,
@@ -123,9 +133,9 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
         dead_time=dead_time,
         lag=vehicle.actuator.lag,
         torque_high=torque_high,
-        kappa=0.134 / dead_time,
-        torque_time=0.58 * dead_time,
-        observer_time=0.34 * dead_time,
+        kappa=0.16 * quick / dead_time,
+        torque_time=0.58 * quick ** (2 / 3) * dead_time,
+        observer_time=0.34 * quick * dead_time,
         deceleration_time=0.52 * dead_time,
         start_lead=0.9 * dead_time,
     )
@@ -135,10 +145,10 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
 def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator | None = None) -> DelayedLoop:
     """The exact loop of the inner part at a point, broken at the acting torque; its reference is the point's slip.
 
-    The speed is frozen, its rate is not. With E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
-    deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio, a the deceleration:
-    L = E J/r [(1 + kappa theta)(s Q G + ((1 - lambda) Qa - Q) A + a/v G) + kappa (G - lambda theta Qa A)] / [tau_c s +
-    1 + kappa (1 - E)/s - (1 + kappa theta) Q E]. It runs sampled; this is the loop of a short period.
+    The speed is frozen. With E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
+    deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa theta)
+    (s Q G + ((1 - lambda) Qa - Q) A) + kappa (G - lambda theta Qa A)] / [tau_c s + 1 + kappa (1 - E)/s -
+    (1 + kappa theta) Q E]. It runs sampled; this is the loop of a short period.
 
     Parameters
     ----------
@@ -162,13 +172,32 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     return DelayedLoop(DelayedRatio(numerator, denominator))
 
 
+def seeking_margins(
+    points: Sequence[OperatingPoint], gains: SeekingGains, brakes: Sequence[Actuator], case: tuple[Rows, Rows]
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Whether the loop of each `case`, (numbers of points, numbers of brakes), is stable, and its Ms, inf where not."""
+    blocks = [_blocks(point, gains) for point in points]
+    lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
+    stable, ms = np.zeros(lag.size, dtype=bool), np.full(lag.size, np.inf)
+    kinds = np.array([tuple(part.size for part in parts) for parts in blocks])
+    for kind in np.unique(kinds, axis=0):
+        mine = np.flatnonzero((kinds == kind).all(axis=1)[case[0]])
+        above, undelayed, delayed = (np.array([blocks[i][k] for i in case[0][mine].tolist()]) for k in range(3))
+        none, believed = np.zeros(mine.size), np.full(mine.size, gains.dead_time)
+        numerator = QuasiPolynomials((none[:, None], above), (none, dead_time[mine]), removed=1)
+        parts = tuple(
+            np.column_stack([lag[mine, None] * part, none]) + np.column_stack([none, part])
+            for part in (undelayed, delayed)
+        )
+        denominator = QuasiPolynomials(parts, (none, believed), removed=1)
+        stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
+    return stable, ms
+
+
 @lru_cache(64)  # the actuators of an envelope follow each other at a point
 def _blocks(point: OperatingPoint, gains: SeekingGains) -> tuple[Floats, Floats, Floats]:
     """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
     den, sigma, v_rate = _responses(point)
-    law = point.law
-    now = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0, 0.0)
-    rate = -float(numeric_plant(type(law)).rates(*now, plant_parameters(law, point.vehicle))[0]) / point.speed  # a/v
     more, slip, ratio = 1 + gains.kappa * gains.dead_time, point.slip, gains.inertia / point.vehicle.wheel.radius
     s, observer, slow, lag, torque = (
         np.array([tau, one])
@@ -179,7 +208,7 @@ def _blocks(point: OperatingPoint, gains: SeekingGains) -> tuple[Floats, Floats,
     )
     both = _product(observer, slow, sigma)
     turning = _product(_sum((1 - slip) * observer, -slow), v_rate)
-    holding = _sum(_product(s, slow, sigma), turning, rate * both)
+    holding = _sum(_product(s, slow, sigma), turning)
     error = _sum(both, -slip * gains.dead_time * _product(observer, v_rate))
     above = ratio * _product(_sum(more * holding, gains.kappa * error), lag, s)
     undelayed = _sum(_product(observer, torque, s), gains.kappa * observer)

@@ -194,7 +194,7 @@ class TunedCases:
 def check_structure(structure: str) -> None:
     """InputError for one that is not of `STRUCTURES`."""
     if structure not in STRUCTURES:
-        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}, seeking")
+        raise InputError(f"structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}, seeking")
 
 
 def tune_cases(
@@ -217,9 +217,10 @@ def tune_cases(
     """
     check_structure(structure)
     if structure == "pi" and (lead is not None or lead_filter is not None):
-        raise InputError("--lead: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
+        given = "lead" if lead is not None else "lead filter"
+        raise InputError(f"{given}: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
     if structure == "pid" and lead is not None:
-        raise InputError("--lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
+        raise InputError("lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
     tuned = partial(_tune, plants, actuator, structure, specification, ki_min, lead_filter)
     if structure == "pid":
         return _searched(tuned, actuator.lag or actuator.dead_time or 1.0)

@@ -22,18 +22,15 @@ from railslip_ctrl.core.errors import InputError
 from .bounded import BoundedLoop, Expansion
 from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
+from .quasi_batch import NEAR_ORIGIN, SERIES, QuasiPolynomials, count_right
 from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
-# An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
-_NARROWEST = 1e-12
-_MOST_INTERVALS = 2_000_000
 _SMALL = 5e-3  # frequencies reach to where |L| is for certain below this
 _TURNS = 22  # and over as many turns of the dead time, so that the first 20 phase crossovers are listed
 _BELOW_FEATURES = 1e-4
 _CELL_RATIO = 1.5
 _ROUNDING = 1e-13  # of F over the sizes of its terms
-_NEAR_ORIGIN, _SERIES = 0.03, 12  # |s| delay in which so many terms of the series serve: 0.03^12 = 5e-19
 
 
 @dataclass(frozen=True)
@@ -69,7 +66,7 @@ class QuasiPolynomial:
         value = np.asarray(sum(np.polyval(c, s) * np.exp(-delay * s) for delay, c in self._present))
         if not self.removed:
             return value
-        near = np.abs(s) * max(self.delays) < _NEAR_ORIGIN  # where the sum cancels
+        near = np.abs(s) * max(self.delays) < NEAR_ORIGIN  # where the sum cancels
         if not near.any():
             return np.asarray(value / s**self.removed)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -83,7 +80,7 @@ class QuasiPolynomial:
     @cached_property
     def _series(self) -> Floats:
         """Coefficients of F's Taylor series about 0, ascending."""
-        count = self.removed + _SERIES
+        count = self.removed + SERIES
         series = np.zeros(count)
         for delay, c in self._present:
             turn = np.cumprod([1.0, *(-delay / np.arange(1, count))])
@@ -150,51 +147,16 @@ class QuasiPolynomial:
         return bool(self.terms[0][0] != 0 and all(c.size < self.terms[0].size for c in self.terms[1:]))
 
     def count_right(self) -> RootCount:
-        """Zeros in the open right half plane, and whether some are on the axis (`marginal`; then counted as right).
-
-        The argument of F(j omega) is followed from 0 to where the highest power decides. No step is taken on
-        trust: over each, |F| at the middle exceeds its largest possible change, by a bound on dF/ds.
-        """
+        """Zeros in the open right half plane, and whether some are on the axis (`marginal`; then counted as right)."""
         if not self.retarded:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s comes with a delay; make the loop proper"
             )
-        top, (nodes, marginal) = self._dominant_frequency(), self.axis_nodes
-        if marginal:
-            return RootCount(float("nan"), True)
-        value = self(1j * nodes)
-        turned = float(np.angle(value[1:] / value[:-1]).sum())
-        # beyond the last node F stays within 90 deg of its highest power
-        rest = float(np.angle(value[-1] / (self.terms[0][0] * (1j * top) ** self.degree)))
-        return RootCount(float(round((self.degree * np.pi / 2 - turned + rest) / np.pi)), False)
-
-    def _dominant_frequency(self) -> float:
-        """omega beyond which the highest power exceeds twice the sum of all others."""
-        sizes = np.zeros(self.degree + self.removed + 1)
-        for c in self.terms:
-            sizes[-c.size :] += 2 * np.abs(c / self.terms[0][0])
-        return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
-
-    @cached_property
-    def axis_nodes(self) -> tuple[Floats, bool]:
-        """Frequencies, rad/s, from 0 to where the highest power decides, between which F cannot turn by 90 deg, and
-        whether F vanishes on the way."""
-        top = self._dominant_frequency()
-        edges = np.concatenate([[0.0], np.geomspace(1e-6 * top, top, 120)])
-        low, high = edges[:-1], edges[1:]
-        done: list[Floats] = [np.array([0.0])]
-        held = 0
-        while low.size:
-            half = (high - low) / 2
-            middle = low + half
-            safe = np.abs(self(1j * middle)) > 1.01 * half * self.slope.size(high)
-            if np.any(~safe & (half <= _NARROWEST * high)) or held + low.size > _MOST_INTERVALS:
-                return np.array([]), True
-            done += [middle[safe], high[safe]]
-            held += int(np.count_nonzero(safe))
-            low, middle, high = low[~safe], middle[~safe], high[~safe]
-            low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
-        return np.unique(np.concatenate(done)), False
+        one = QuasiPolynomials(
+            tuple(c[None] for c in self.terms), tuple(np.array([delay]) for delay in self.delays), self.removed
+        )
+        right = float(count_right(one)[0][0])
+        return RootCount(right, math.isnan(right))
 
 
 @dataclass(frozen=True)

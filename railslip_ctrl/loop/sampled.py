@@ -100,7 +100,7 @@ class SampledLoop(BoundedLoop):
                 "the actuator's lag"
             )
         if c.gain == 0:
-            raise InputError("sampled loop: a controller with gain 0 closes no loop; give one that is not 0")
+            raise InputError("controller: one with gain 0 closes no loop; give one that is not 0")
         given = {"controller": c, "plant": p, "dead_time": dead_time, "period": period, "_dt": period}
         for name, value in given.items():
             object.__setattr__(self, name, value)

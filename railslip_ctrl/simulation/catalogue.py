@@ -194,7 +194,7 @@ def recommended_pi_lead(
         try:
             gains = full_range_gains(car, plants)
         except InfeasibleDesignError as error:
-            raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
+            raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give its gains") from None
     held = reference or published_reference("bristle")
     return LinearControl(
         PIController(gains, lead, lead_filter),

@@ -141,6 +141,9 @@ class TransferFunctionKeys(SystemKeys):
     den: tuple[float, ...] = quantity("1", "denominator")
 
     def design(self) -> controllers.PolynomialController:
+        for name, given in (("num", self.num), ("den", self.den)):
+            if not given:
+                raise InputError(f"{name}: is empty; give at least one coefficient")
         return controllers.PolynomialController(self.num, self.den, self.own_period)
 
 
@@ -169,6 +172,9 @@ class StateSpaceKeys(SystemKeys):
             found["D"] = _only(_only(found["D"]))
         if any(not isinstance(row, list | tuple) for row in _listed(found.get("A", []))):
             raise InputError("A: give its rows, [[...], ...]")
+        lengths = sorted({len(row) for row in found.get("A", [])})
+        if len(lengths) > 1:
+            raise InputError(f"A: has rows of {lengths[0]} and of {lengths[-1]} numbers; give n rows of n")
         for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
             if any(isinstance(entry, list) for entry in found.get(key, ())):
                 raise InputError(f"{key}: is not of one input and one output; give {shape}")

@@ -340,8 +340,9 @@ class TorqueProfile:
             raise InputError(
                 f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give as many of each"
             )
-        if any(not later > earlier for earlier, later in pairwise(self.times)):
-            raise InputError("torque profile: times must rise")
+        for earlier, later in pairwise(self.times):
+            if not later > earlier:
+                raise InputError(f"torque profile: time {later:g} s after {earlier:g} s is not allowed; they must rise")
         if not all(map(math.isfinite, (*self.times, *self.torques))):
             raise InputError("torque profile: give finite times (s) and torques (N*m)")
 

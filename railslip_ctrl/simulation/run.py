@@ -204,7 +204,7 @@ class Simulator:
         control = as_control(controller, scenario.vehicle, scenario.adhesion.reference)
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
-        number("period", self.period, "s", ge=LEAST_STEP)
+        number(f"controller {control.name}: period", self.period, "s", ge=LEAST_STEP, le=scenario.longest_time)
         self._plan = make_plan(scenario, control, self.period)
 
     @cached_property

@@ -104,8 +104,8 @@ def torque_ago(x, c, samples):
 
 
 @compiled
-def observe(x, c, v, omega):
-    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the slip ratio."""
+def observe(x, c, v, omega, reference):
+    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the reference slip."""
     sigma = v - c[RADIUS] * omega
     if x[SAMPLES] == 0.0:
         x[FILTERED_OMEGA], x[FILTERED_SIGMA], x[FILTERED_SPEED], x[SLOW_SPEED] = omega, sigma, v, v
@@ -121,7 +121,7 @@ def observe(x, c, v, omega):
     x[ADHESION_TORQUE] = c[INERTIA] * spin + c[FRICTION] * x[FILTERED_OMEGA] + x[FILTERED_TORQUE]
     x[SLOW_SPEED] += slow * (v - x[SLOW_SPEED])
     x[DECELERATION] = slow / (1.0 - slow) / c[PERIOD] * (x[SLOW_SPEED] - v)
-    turning = c[INERTIA] / c[RADIUS] * x[DECELERATION] * (1.0 - sigma / v)
+    turning = c[INERTIA] / c[RADIUS] * x[DECELERATION] * (1.0 - reference)
     x[HOLDING_TORQUE] = x[ADHESION_TORQUE] + turning - c[FRICTION] * x[FILTERED_OMEGA]
 
 
@@ -315,10 +315,10 @@ def seeking(x, t, v, omega, applied, c, table):
     if x[SAMPLES] == 0.0:
         x[REFERENCE_SLIP], x[STARTING] = c[FIRST_SLIP], 1.0
     sigma = v - c[RADIUS] * omega
-    actuator_model(x, c, applied)
-    observe(x, c, v, omega)
-    predict(x, c, v, sigma)
     reference = x[REFERENCE_SLIP] * fading(v, c)
+    actuator_model(x, c, applied)
+    observe(x, c, v, omega, reference)
+    predict(x, c, v, sigma)
     seek(x, c)
     if x[STARTING] > 0.0:
         if v >= c[HAND_OVER_SPEED]:

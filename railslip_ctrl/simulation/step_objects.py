@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import Floats, check_fields
+from railslip_ctrl.core.arguments import Floats, check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
@@ -40,6 +40,7 @@ from railslip_ctrl.model.vehicle import Vehicle
 
 from .catalogue import full_brake_torque, tuned_control
 from .controllers import Controller, LinearControl, Situation
+from .scenario import LEAST_STEP
 from .steps import step_text
 
 if TYPE_CHECKING:
@@ -131,6 +132,8 @@ class StepControl:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.period is not None:
+            number(f"controller {self.name}: period", self.period, "s", ge=LEAST_STEP)
         if not isinstance(self.step, UserStep):
             object.__setattr__(self, "step", UserStep(self.step))
 

@@ -1,4 +1,4 @@
-"""Braking runs against python-control, jitcdde and C, and the start of a process. Run with `make benchmark`.
+"""Braking runs against python-control and C, and the start of a process. Run with `make benchmark`.
 
 Ratios in one run, against a peer; the ordinary tests do not time anything. The run is the published one with the PI
 "bristle", 58 s at 1 ms, unless said otherwise.
@@ -7,7 +7,6 @@ Ratios in one run, against a peer; the ordinary tests do not time anything. The 
 from __future__ import annotations
 
 import ctypes
-import gc
 import math
 import shutil
 import statistics
@@ -34,7 +33,6 @@ from railslip_ctrl.simulation.steps import kernel
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 GAINS = TABLE4_PI["bristle"]
 PEER_SPAN = 1.0  # s of simulated time for python-control, 58 times as much for the run
-DDE_SPAN = 10.0  # s, for jitcdde
 
 
 def published_pi() -> LinearControl:
@@ -149,70 +147,6 @@ def test_what_a_user_s_controller_costs(benchmark):
     print("\na run of 60 s, 6000 samples: " + ", ".join(f"{name} {1e3 * best[name]:.2f} ms" for name in best))
     assert best["object"] - best["gains"] <= 15e-3
     assert max(best["system"], best["Numba"]) <= 1.10 * best["gains"]
-
-
-# --- jitcdde ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.benchmark(group="braking run")
-@pytest.mark.filterwarnings("default")  # the peer leaves its temporary folder to the garbage collector
-def test_a_run_against_jitcdde(benchmark, tmp_path, monkeypatch):
-    """The dynamic bristle law, as published, without noise; dead time exact and steps of 1 ms in both."""
-    jitcdde = pytest.importorskip("jitcdde")
-    import symengine
-
-    base = published_scenario(adhesion="bristle")
-    scenario = base.with_changes(
-        longest_time=DDE_SPAN, disturbances=base.disturbances.model_copy(update={"caliper_fraction": 0.0})
-    )
-    simulator = Simulator(scenario, published_pi())
-    run = simulator.run(None, record_every=1)
-    benchmark(simulator.run, None, record_every=1)
-    vehicle, law = scenario.vehicle, scenario.adhesion
-    r, lag, dead_time = vehicle.wheel.radius, vehicle.actuator.lag, vehicle.actuator.dead_time
-    M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
-    y, t = jitcdde.y, jitcdde.t
-    v, sigma, z, torque = (y(i) for i in range(4))
-    force = law.alpha * z
-    v_rate = -(force + vehicle.resistance.quadratic * v**2) / M
-    viscous = B + 3.6 * scenario.viscous_rate * t
-    wheel = r / J * (torque + viscous * (v - sigma) / r - r * force)
-    g = (law.gamma - symengine.Abs(sigma)) / law.beta
-    late = t - dead_time
-    command = GAINS.kp * (0.132 * y(0, late) - y(1, late)) + y(4, late)
-    equations = [
-        v_rate,
-        v_rate + wheel,
-        sigma - law.alpha * symengine.Abs(sigma) * z / g,
-        (command - torque) / lag,
-        GAINS.ki * (0.132 * v - sigma),
-    ]
-    peer = jitcdde.jitcdde(equations, max_delay=dead_time, verbose=False)
-    # before the start no command acts: the integral makes up for the rolling wheel's error, until just before 0
-    rest, nothing = [scenario.initial_speed, 0.0, 0.0, 0.0], np.zeros(5)
-    for when in (-1.0, -1e-9):
-        peer.add_past_point(when, np.array([*rest, -GAINS.kp * 0.132 * scenario.initial_speed]), nothing)
-    peer.add_past_point(0.0, np.array([*rest, 0.0]), nothing)
-    monkeypatch.chdir(tmp_path)  # its build would read this project's pyproject.toml
-    peer.compile_C(simplify=False, verbose=False)
-    times = np.arange(1, round(DDE_SPAN / 2e-3) + 1) * 1e-3
-    begin = time.perf_counter()
-    states = np.array([peer.integrate_blindly(t, 1e-3) for t in times])
-    theirs = (time.perf_counter() - begin) / times[-1]
-    begin = time.perf_counter()
-    last = peer.integrate_blindly(DDE_SPAN, 1e-3)
-    unrecorded = (time.perf_counter() - begin) / (DDE_SPAN - times[-1])
-    ours, bare = benchmark.stats.stats.min / DDE_SPAN, shortest(lambda: simulator.run(None), 20) / DDE_SPAN
-    print(
-        f"\na simulated second with its time series: {1e6 * ours:.0f} us, jitcdde {1e6 * theirs:.0f} us, ratio "
-        f"{theirs / ours:.1f}; without: {1e6 * bare:.0f} us, {1e6 * unrecorded:.0f} us, ratio {unrecorded / bare:.1f}"
-    )
-    # the same loop but for the held command, late by half a millisecond
-    assert states[-1, 0] == pytest.approx(run.signals.speed[times.size], rel=1e-3)
-    assert last[0] == pytest.approx(run.final_speed, rel=1e-3)
-    del peer
-    gc.collect()
-    assert theirs / ours >= 10
 
 
 # --- C ----------------------------------------------------------------------------------------------------------------

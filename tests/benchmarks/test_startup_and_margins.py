@@ -5,15 +5,11 @@ Ratios in one run, against a peer; the ordinary tests do not time anything.
 
 from __future__ import annotations
 
-import io
-import os
 import statistics
 import subprocess
 import sys
-import tarfile
 import time
 import timeit
-from pathlib import Path
 
 import control as ct
 import pytest
@@ -41,39 +37,7 @@ def test_margins_command_against_import_control(benchmark):
     assert ours / peer <= 1.6
 
 
-AS_IT_WAS = "5de5618"
-"""The last commit before the engine decided by isolated roots: the nodes of a grid separated its crossovers."""
-
 SLIP_LOOP = 1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1)
-ALONE = """
-import time
-import control as ct
-from railslip_ctrl import DeadTimeLoop
-s = ct.tf("s")
-system = 1.2 * (8 * s + 1) / (8 * s) / (s - 0.25) / (0.6 * s + 1)
-times = []
-for _ in range(60):
-    begin = time.perf_counter()
-    DeadTimeLoop(system, 0.15).margins()
-    times.append(time.perf_counter() - begin)
-print(min(times))
-"""
-
-
-def seconds_as_it_was(folder) -> float | None:
-    """Least time of one loop's margins by the engine as it was; None where its commit is not at hand."""
-    root = Path(__file__).parents[2]
-    archive = subprocess.run(
-        ["git", "-C", root, "archive", AS_IT_WAS, "railslip_ctrl"], capture_output=True, check=False
-    )
-    if archive.returncode:
-        return None
-    with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as files:
-        files.extractall(folder, filter="data")
-    run = subprocess.run(
-        [sys.executable, "-c", ALONE], env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True
-    )
-    return float(run.stdout)
 
 
 @pytest.mark.benchmark(group="margins")
@@ -87,19 +51,13 @@ def test_certificate_of_one_loop(benchmark):
 
 
 @pytest.mark.benchmark(group="margins")
-def test_one_loop_margins(benchmark, tmp_path):
+def test_one_loop_margins(benchmark):
     system = SLIP_LOOP
     benchmark(lambda: DeadTimeLoop(system, 0.15).margins())
     num, den = ct.pade(0.15, 5)
     peer = min(timeit.repeat(lambda: ct.stability_margins(system * ct.tf(num, den)), number=1, repeat=60))
     ours = benchmark.stats.stats.min  # the least disturbed round: the bound is on the code, not on its neighbours
-    before = seconds_as_it_was(tmp_path)
-    told = "not at hand" if before is None else f"{1e3 * before:.2f} ms"
-    print(
-        f"\nDeadTimeLoop.margins {1e3 * ours:.2f} ms, python-control with Pade 5 {1e3 * peer:.2f} ms, engine of "
-        f"{AS_IT_WAS} {told}"
-    )
+    print(f"\nDeadTimeLoop.margins {1e3 * ours:.2f} ms, python-control with Pade 5 {1e3 * peer:.2f} ms")
     # the peer's are of an approximation, without Ms and Mt, and no proof that nothing hides; its 1.12 ms on the machine
     # where 2 ms are asked of ours
     assert ours / peer < 1.8
-    assert before is None or ours < 1.25 * before  # level with it; the rest is for what else the machine does

@@ -221,7 +221,7 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
     if "initial_speed" not in slips:
         return slips
     if speed is None:
-        raise InputError(f"{where}: its reference slips are over the initial speed; give --initial-speed (km/h)")
+        raise InputError(f"{where}: its reference slips are over the initial speed; give that of the brake (km/h)")
     over = validated(SlipsOverSpeed, slips, f"{where}: reference_slip")
     return {rail: float(np.interp(speed, over.initial_speed, getattr(over, rail))) for rail in ("dry", "wet")}
 
@@ -229,7 +229,7 @@ def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
 def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     """v0 in km/h, given and in the range that the polynomials hold for."""
     if speed is None:
-        raise InputError(f"{where}: its parameters are polynomials of the initial speed; give --initial-speed (km/h)")
+        raise InputError(f"{where}: its parameters are polynomials of the initial speed; give that of the brake (km/h)")
     low, high = keys.initial_speed_range or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(

@@ -118,7 +118,7 @@ class AdhesionLaw(Record):
             return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
         raise MissingParametersError(
             f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
-            "give them in a TOML file with --adhesion FILE.toml"
+            "give a TOML file with the law and its parameters"
         )
 
     @classmethod
@@ -178,7 +178,7 @@ class AdhesionLaw(Record):
             file = "" if self.file is None else f" of {self.file}"
             raise InputError(
                 f"adhesion {self.name!r}{file}: its parameters are for wet rail, and dry ones do not follow from them; "
-                "ask for wet rail alone (--rail wet, or rail = 'wet' in a scenario's file)"
+                "ask for wet rail alone"
             )
         return self.wet() if rail is Rail.WET else self
 

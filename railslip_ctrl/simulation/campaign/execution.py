@@ -136,9 +136,7 @@ class Part(NamedTuple):
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
     """The rows of a part; what a worker does. InputError where the worker's package has another version."""
     if version != __version__:
-        raise InputError(
-            f"--scheduler: a worker has version {__version__} in place of {version}; install the same there"
-        )
+        raise InputError(f"scheduler: a worker has version {__version__} in place of {version}; install the same there")
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
@@ -162,7 +160,7 @@ class Store:
         if (folder / MANIFEST).exists():
             return cls._resumed(campaign, folder)
         if folder.exists() and (not folder.is_dir() or _foreign(folder)):
-            raise InputError(f"--out: {str(folder)!r} holds something else; choose a new or empty folder")
+            raise InputError(f"out: {str(folder)!r} holds something else; choose a new or empty folder")
         usual = max(_FEWEST_RUNS, min(_MOST_RUNS, campaign.runs // _PARTS))
         size = usual if part_runs is None else part_runs
         if size < 1:
@@ -171,7 +169,7 @@ class Store:
 
     @classmethod
     def _resumed(cls, campaign: Campaign, folder: Path) -> Store:
-        where = f"--out: {str(folder)!r}"
+        where = f"out: {str(folder)!r}"
         try:
             content = json.loads((folder / MANIFEST).read_text("utf-8"))
             known = content["package"], content["format"]
@@ -334,10 +332,10 @@ def execute(
     """
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
-        raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
+        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
     count = cpu_count() if workers is None else workers
     if count < 1:
-        raise InputError(f"--workers: {count} is not allowed; give an integer >= 1")
+        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
@@ -390,7 +388,7 @@ def _processes(campaign: Campaign, count: int) -> Iterator[Workers]:
             yield lambda part: submit(run_part, campaign, part, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
-            "--workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
+            "workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
             "goes on from what is there"
         ) from None
 
@@ -409,7 +407,7 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
         client = Client(scheduler, timeout=_REACH, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or f"no answer within {_REACH:g} s"
-        raise InputError(f"--scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
+        raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
     try:
         with client:
             shared = client.scatter(campaign, broadcast=True, hash=False)
@@ -418,7 +416,7 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
             yield lambda part: submit(run_part, shared, part, __version__), ahead
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
-            f"--scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
+            f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
             "and it goes on from what is there"
         ) from None
 

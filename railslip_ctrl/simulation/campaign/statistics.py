@@ -226,7 +226,7 @@ def check_measure(name: str) -> None:
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
-            f"--worst-by: {name!r} is no measure; {close_match(name, names)}choose one of {', '.join(names)}"
+            f"worst by: {name!r} is no measure; {close_match(name, names)}choose one of {', '.join(names)}"
         )
 
 
@@ -237,7 +237,7 @@ class _Runs:
         self._store, self._parts = store, list(store.finished())
         self.names = store.campaign.controller_names
         if not self._parts:
-            raise InputError(f"--out: {str(store.folder)!r} has no finished part yet; run the campaign")
+            raise InputError(f"out: {str(store.folder)!r} has no finished part yet; run the campaign")
         self.number = np.concatenate([np.arange(*part) for part in self._parts])
         outcomes = self._column("outcome").combine_chunks().dictionary_encode()
         self.outcomes: list[str] = outcomes.dictionary.to_pylist()

@@ -1,0 +1,209 @@
+"""Zeros of quasi-polynomials right of the imaginary axis, and Ms of the loops made of them, many at once.
+
+By the argument principle: F(j omega) is followed over steps that a bound on its slope proves short. Ms is the highest
+|S| at the frequencies of these steps, looked at ever more closely.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.arguments import Complexes, Floats
+
+Rows = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+NEAR_ORIGIN, SERIES = 0.03, 12
+"""|s| delay in which so many terms of the series serve: 0.03^12 = 5e-19."""
+
+# An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
+_NARROWEST = 1e-12
+_MOST_INTERVALS = 2_000_000
+_LOOPS = 64  # at once: their arrays stay in the cache of a processor
+_EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # of the first steps, over the highest frequency
+_CLOSER, _CLOSE_GRID = 4, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
+
+
+@dataclass(frozen=True)
+class QuasiPolynomials:
+    """n functions F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s), of one shape.
+
+    Parameters
+    ----------
+    terms : sequence of arrays (n, m_k)
+        Coefficients of c_k in descending powers of s, real; the highest power comes with c_0.
+    delays : sequence of arrays (n,)
+        s, >= 0, those of c_0 being 0.
+    removed : int
+        As of `QuasiPolynomial`.
+    """
+
+    terms: tuple[Floats, ...]
+    delays: tuple[Floats, ...]
+    removed: int = 0
+
+    def at(self, omega: Floats, row: Rows) -> Complexes:
+        """F(j omega) of the functions number `row`, rad/s, all of one shape."""
+        value, square = np.zeros(omega.size, dtype=complex), -omega * omega
+        for c, delay in zip(self.terms, self.delays, strict=True):
+            term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
+            value += term * np.exp(-1j * delay[row] * omega) if delay.any() else term
+        if not self.removed:
+            return value
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value /= (1j * omega) ** self.removed
+        near = omega * self.longest[row] < NEAR_ORIGIN  # where the sum cancels
+        value[near] = _horner(self._series, 1j * omega[near], row[near])
+        return value
+
+    @cached_property
+    def longest(self) -> Floats:
+        """The longest delay, s, (n,)."""
+        return np.asarray(np.max(self.delays, axis=0))
+
+    @cached_property
+    def _series(self) -> Floats:
+        """Coefficients of F's Taylor series about 0, ascending, (n, SERIES)."""
+        count = self.removed + SERIES
+        series = np.zeros((self.longest.size, count))
+        for c, delay in zip(self.terms, self.delays, strict=True):
+            turn = np.cumprod(np.column_stack([np.ones(delay.size), -delay[:, None] / np.arange(1, count)]), axis=1)
+            for power in range(c.shape[1]):
+                series[:, power:] += c[:, -1 - power, None] * turn[:, : count - power]
+        return series[:, self.removed :]
+
+    @cached_property
+    def _derivative(self) -> QuasiPolynomials:
+        """Of the sum, as often as zeros are removed."""
+        start = QuasiPolynomials(self.terms, self.delays)
+        return reduce(lambda one, _: one.slope(), range(self.removed), start)
+
+    def slope(self) -> QuasiPolynomials:
+        """dF/ds, in the same form with one more zero removed if there are some."""
+        parts = []
+        for c, delay in zip(self.terms, self.delays, strict=True):
+            change = -delay[:, None] * c
+            change[:, 1:] += c[:, :-1] * np.arange(c.shape[1] - 1, 0, -1)
+            if self.removed:
+                change = np.column_stack([change, np.zeros(len(c))])
+                change[:, 1:] -= self.removed * c
+            parts.append(change)
+        return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
+
+    def size(self, radius: Floats, row: Rows) -> Floats:
+        """Bound on |F| where |s| <= radius, 1/s, and Re s >= 0."""
+        if self.removed:  # Taylor's remainder
+            return np.asarray(self._derivative.size(radius, row) / math.factorial(self.removed))
+        return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
+
+    def take(self, row: Rows | slice) -> QuasiPolynomials:
+        """Those number `row`."""
+        return QuasiPolynomials(tuple(c[row] for c in self.terms), tuple(d[row] for d in self.delays), self.removed)
+
+    def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
+        """The sums, term beside term but for the first; both with the same zeros removed."""
+        (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
+        first = sum(np.pad(c, ((0, 0), (more - c.shape[1], 0))) for c in (one, two))
+        terms = (np.asarray(first), *self.terms[1:], *other.terms[1:])
+        return QuasiPolynomials(terms, (*self.delays, *other.delays[1:]), self.removed)
+
+
+def _horner(c: Floats, x: Any, row: Rows) -> Any:
+    """Polynomials number `row` at x, coefficients in ascending powers (n, m)."""
+    value = np.zeros_like(x)
+    for column in c.T[::-1]:
+        value = value * x + column[row]
+    return value
+
+
+def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) -> tuple[Flags, Floats]:
+    """Of the loops N/D under unity negative feedback: whether stable, (n,), and Ms, inf where not, (n,).
+
+    D is of retarded type, N of lower order. A loop with a closed-loop pole on the axis is not stable.
+    """
+    n = numerator.longest.size
+    stable, peak = np.zeros(n, dtype=bool), np.full(n, np.inf)
+    for start in range(0, n, _LOOPS):
+        part = slice(start, start + _LOOPS)
+        den = denominator.take(part)
+        whole = numerator.take(part) + den
+        right, row, omega, value = count_right(whole)
+        held = np.flatnonzero(right == 0)
+        chosen = (right[row] == 0) & (omega > 0)
+        nodes = row[chosen], omega[chosen], value[chosen]
+        stable[start + held], peak[start + held] = True, _highest(whole, den, held, *nodes)
+    return stable, peak
+
+
+def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Complexes]:
+    """Zeros right of the axis, NaN where some are on it; and what shows it: row, frequency, rad/s, and F at nodes.
+
+    No step between nodes is taken on trust: over each, |F| at the middle exceeds its largest possible change, by a
+    bound on dF/ds.
+    """
+    lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
+    sizes = np.zeros((lead.size, order + 1))
+    for c in function.terms:
+        sizes[:, order + 1 - c.shape[1] :] += 2 * np.abs(c / lead[:, None])
+    # beyond, the highest power exceeds twice the sum of all others, and F stays within 90 deg of it
+    top = 2 * np.max(sizes[:, 1:] ** (1 / np.arange(1, order + 1)), axis=1, initial=0.0)
+    top[top == 0] = 1.0
+    row, omega, marginal = _nodes(function, top)
+    value = function.at(omega, row)
+    first, last = np.searchsorted(row, np.arange(lead.size)), np.searchsorted(row, np.arange(lead.size), "right") - 1
+    steps = np.zeros(omega.size)
+    steps[1:] = np.angle(value[1:] / value[:-1])
+    steps[first] = 0.0
+    turned = np.bincount(row, steps, minlength=lead.size)
+    degree = order - function.removed
+    rest = np.angle(value[last] / (lead * (1j * top) ** degree))
+    right = np.round((degree * np.pi / 2 - turned + rest) / np.pi)
+    return np.where(marginal, np.nan, right), row, omega, value
+
+
+def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Flags]:
+    """Row and frequency of nodes from 0 to `top`, rad/s, between which F cannot turn by 90 deg; and of which functions
+    one vanishes on the way."""
+    slope, edges = function.slope(), top[:, None] * _EDGES
+    row = np.repeat(np.arange(top.size), _EDGES.size - 1)
+    low, high = edges[:, :-1].ravel(), edges[:, 1:].ravel()
+    marginal = np.zeros(top.size, dtype=bool)
+    done = [(np.arange(top.size), np.zeros(top.size))]
+    while row.size:
+        half = (high - low) / 2
+        middle = low + half
+        safe = np.abs(function.at(middle, row)) > 1.01 * half * slope.size(high, row)
+        done += [(row[safe], middle[safe]), (row[safe], high[safe])]
+        marginal[row[~safe & ((half <= _NARROWEST * high) | (row.size > _MOST_INTERVALS))]] = True
+        left = ~safe & ~marginal[row]
+        row, low, middle, high = row[left], low[left], middle[left], high[left]
+        row, low, high = np.tile(row, 2), np.concatenate([low, middle]), np.concatenate([middle, high])
+    row, omega = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    order = np.lexsort((omega, row))
+    return row[order], omega[order], marginal
+
+
+def _highest(
+    whole: QuasiPolynomials, den: QuasiPolynomials, held: Rows, row: Rows, omega: Floats, value: Complexes
+) -> Floats:
+    """Highest |S| = |D/(N + D)| of the loops `held`, from their nodes, row by row; looked at ever more closely."""
+    if not held.size:
+        return np.zeros(0)
+    first, last = np.searchsorted(row, held), np.searchsorted(row, held, "right") - 1
+    size = np.abs(den.at(omega, row) / value)
+    top = np.lexsort((size, row))[last]
+    found, low, high = size[top], omega[np.maximum(top - 1, first)], omega[np.minimum(top + 1, last)]
+    every, line = np.repeat(held, _CLOSE_GRID), np.arange(held.size)
+    for _ in range(_CLOSER):
+        grid = np.linspace(low, high, _CLOSE_GRID, axis=1)
+        size = np.abs(den.at(grid.ravel(), every) / whole.at(grid.ravel(), every)).reshape(grid.shape)
+        at = np.argmax(size, axis=1)
+        low, high = grid[line, np.maximum(at - 1, 0)], grid[line, np.minimum(at + 1, _CLOSE_GRID - 1)]
+        found = np.maximum(found, size[line, at])
+    return found
