@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import Complexes, Floats
+from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 
 Rows = NDArray[np.intp]
-Flags = NDArray[np.bool_]
 
 NEAR_ORIGIN, SERIES = 0.03, 12
 """|s| delay in which so many terms of the series serve: 0.03^12 = 5e-19."""
