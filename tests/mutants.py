@@ -150,6 +150,7 @@ EQUIVALENT = {
     r"alone &= \(best <": "nor a margin",
     r"failing - \(2\)|zip\(\(-\(2\), 1\)": "a wider bracket",
     r"last - first - np.pi": "the same but for a whole turn",
+    r"\(speed, \(slip / speed\), 0\.0": "a table is made at 1 m/s",
     r"phase_deg.: \(0\.0, \(359\.8": "one halving of 16 less; no loop has such a margin",
     r"matters = .*=> .*>= np.log|\(gains <= top\)": "nor a gain",
     r"_INTEGRAL_TIMES = \(128|\[0, \(3\), 3, 4": "other times to look at",

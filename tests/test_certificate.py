@@ -18,7 +18,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.certificate import CertificateError, certify
 
 MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")
-PER_KIND = 3
+PER_KIND = 2
 
 
 def made(zeros, poles, gain, dead_time):

@@ -283,11 +283,11 @@ def test_no_loop_of_the_envelope_is_worse_than_the_worst(name, controller):
     axes = [("bristle", "curve"), ("dry", "wet"), envelope.speeds, envelope.loads, *map(tuple, (
         envelope.slip, envelope.dead_time, envelope.lag, envelope.radius))]  # fmt: skip
     ms, usable = {}, judged.usable_from_kmh or 0.0
-    for _ in range(150):
+    for _ in range(75):
         chosen = tuple(axis[rng.integers(len(axis))] for axis in axes)
         loop = own_loop(car, controller, *chosen)
         ms[chosen] = loop.margins().ms if loop.is_stable() else math.inf
-    assert judged.stable.mean() == pytest.approx(np.isfinite([*ms.values()]).mean(), abs=0.1)  # of 150, at least 0.04
+    assert judged.stable.mean() == pytest.approx(np.isfinite([*ms.values()]).mean(), abs=0.15)  # of 75, at most 0.06
     assert max(x for chosen, x in ms.items() if chosen[2] >= usable) <= judged.worst_with_tolerances.ms * (1 + 1e-9)
     for adhesion, rail, speed, load in itertools.product(*axes[:4]):
         loop = own_loop(car, controller, adhesion, rail, speed, load, 1.0, 1.0, 1.0, 1.0)

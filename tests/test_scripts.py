@@ -168,6 +168,7 @@ def test_seeking(tmp_path, capsys, monkeypatch):
     assert "certified: Ms in [1.868" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_pade_order(capsys):
     module = script("analysis/pade_order.py")
     result = module.run()

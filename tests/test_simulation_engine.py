@@ -227,6 +227,13 @@ def test_measurement_noise_and_random_force_have_their_statistics() -> None:
     assert abs(np.corrcoef(held[1:, 0], held[:-1, 0])[0, 1]) < 4 / math.sqrt(held.shape[0])
 
 
+def test_one_sensor_may_be_noisy_alone() -> None:
+    noisy = scenario(bare_vehicle(), measurement=Measurement(speed_noise=0.05), longest_time=0.5)
+    s = simulate(noisy, constant_torque(0.0), seed=1).signals
+    assert np.std(s.measured_speed[:-1] - s.speed[:-1]) == pytest.approx(0.05, rel=0.2)  # 500 samples: 3 %
+    assert np.array_equal(s.measured_wheel_speed[:-1], s.wheel_speed[:-1])
+
+
 def test_quantised_and_filtered_measurements() -> None:
     vehicle = bare_vehicle(resistance=Resistance(constant=3000.0))
     fine = Measurement(speed_quantum=0.1, wheel_quantum=0.25)

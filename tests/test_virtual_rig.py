@@ -235,6 +235,7 @@ def test_a_ramp_is_the_mean_of_the_ways_up_and_scatters_from_run_to_run():
     assert none is None
 
 
+@pytest.mark.long
 def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     """By linear propagation, against peaks of the static curve at other ramps."""
     test = published_tests("bristle")[2]
