@@ -121,7 +121,7 @@ def test_the_map_is_regularised_least_squares(row, state):
 
 @pytest.mark.parametrize(("first_slip", "starts"), [(0.08, step.RISEN), (0.5, 0.0)])
 def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(row, state, first_slip, starts):
-    """Adhesion rises by 60 % in 0.4 s: at a slip below the reference it is the rail's, from past the peak the slip's."""
+    """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's, from past the peak the slip's."""
     state[step.MEAN_TORQUE] = state[step.QUICK_TORQUE] = 1500.0
     for share in np.linspace(0, 1, 41):
         state[step.ADHESION_TORQUE] = 1500.0 + 900.0 * share
