@@ -50,7 +50,7 @@ class Design:
 
 def run() -> Design:
     """From the vehicle to the table."""
-    # 1. The gains: kappa 0.134/theta, torque time 0.58 theta, observer 0.34 theta, deceleration 0.52 theta.
+    # 1. The gains: kappa 0.16/theta, torque time 0.75 theta, observer 0.34 theta, deceleration 0.52 theta.
     control = rs.seeking_control(VEHICLE)
     # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
     judgement = rs.judge(control, ENVELOPE)

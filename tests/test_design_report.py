@@ -313,6 +313,7 @@ def robust():
     """With the seeking controller beside, as if a wheel slid with it: the design taken is a PI-lead."""
     seeking = recommendation._seeking_trial
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recommendation, "cpu_count", lambda: 1)  # all of it here, where the next line holds
         patch.setattr(recommendation, "_seeking_trial", lambda *given: replace(seeking(*given), above_kmh=None))
         return design_report(ENVELOPE.at(lag=1.0), sliding=False)
 

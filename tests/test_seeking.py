@@ -22,7 +22,7 @@ from railslip_ctrl.design import wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop, seeking_margins
+from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
 from railslip_ctrl.loop.quasi import QuasiPolynomial
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
@@ -121,7 +121,7 @@ def test_the_map_is_regularised_least_squares(row, state):
 
 @pytest.mark.parametrize(("first_slip", "starts"), [(0.08, step.RISEN), (0.5, 0.0)])
 def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(row, state, first_slip, starts):
-    """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's doing, from past the peak the slip's."""
+    """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's, from past the peak the slip's."""
     state[step.MEAN_TORQUE] = state[step.QUICK_TORQUE] = 1500.0
     for share in np.linspace(0, 1, 41):
         state[step.ADHESION_TORQUE] = 1500.0 + 900.0 * share
@@ -324,26 +324,6 @@ def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     point = operating_point(published_law("curve", "wet"), PARK2008, 60 / 3.6, 0.092)
     assert table["ms"] == seeking_loop(point, GAINS).margins().ms
     assert table["controller"]["kappa"] == GAINS.kappa
-
-
-def test_a_batch_of_loops_is_each_loop_alone():
-    """Stability and Ms over brakes from believed to three times as slow, some unstable, some points with a state."""
-    points = [
-        operating_point(published_law(law, rail), PARK2008, speed / 3.6, slip)
-        for law, rail, speed, slip in (
-            ("curve", "dry", 20, 0.1),
-            ("bristle", "dry", 90, 0.12),
-            ("curve", "wet", 60, 0.2),
-        )
-    ]
-    brakes = [Actuator(dead_time=a * 0.15, lag=b * 0.6) for a in (0.7, 1.0, 3.0) for b in (0.5, 1.0, 2.0)]
-    of_point, of_brake = (one.ravel() for one in np.indices((len(points), len(brakes))))
-    stable, ms = seeking_margins(points, GAINS, brakes, (of_point, of_brake))
-    loops = [seeking_loop(points[i], GAINS, brakes[k]) for i, k in zip(of_point, of_brake, strict=True)]
-    assert [loop.is_stable() for loop in loops] == stable.tolist()
-    assert 0 < stable.sum() < stable.size
-    exact = [loop.margins().ms if loop.is_stable() else math.inf for loop in loops]
-    np.testing.assert_allclose(ms, exact, rtol=1e-8)  # of the closest grid, where |S| is flat
 
 
 # --- stops ----------------------------------------------------------------------------------------------------------
