@@ -658,7 +658,7 @@ def test_tune_judges_the_envelope_unless_points_are_named(railslip):
         named.split()
     )
     over = ("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--envelope", "default")
-    assert "(Ms 2 sampled every 0.01 s)" in railslip(*over)[1].split("Verdict: robust: Ms 1.")[1]
+    assert "(Ms 2.00 sampled every 0.01 s)" in railslip(*over)[1].split("Verdict: robust: Ms 1.")[1]
     assert "Verdict: robust at the operating points: Ms 1." in railslip(*over, "--nominal")[1]
 
 

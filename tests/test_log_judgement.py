@@ -50,7 +50,7 @@ def dry() -> Identification:
 def both() -> Identification:
     """The better of two models."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job, "CANDIDATES", ("burckhardt", "beam"))
+        patch.setattr(job.models, "CANDIDATES", ("burckhardt", "beam"))
         return found_in("best")
 
 
@@ -187,7 +187,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
 
 
 def test_a_model_of_sliding_alone_begins_where_the_others_peak(rows, monkeypatch):
-    monkeypatch.setattr(job, "CANDIDATES", ("lugre", "burckhardt"))
+    monkeypatch.setattr(job.models, "CANDIDATES", ("lugre", "burckhardt"))
     best = identified(rows, model="best")
     assert best.regimes == Regimes(best.own_peak.slip, "the peak of burckhardt")
     lugre = next(each.fit for each in best.scores if each.fit.model.name == "lugre")

@@ -178,7 +178,7 @@ def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_p
     from railslip_ctrl.cli import reproduce
 
     worth = sensitivity(FEW, alternatives=[alternative("k = 2.1e-8 as printed")])
-    monkeypatch.setattr(reproduce, "table5", lambda seeds, progress: few_seeds)
+    monkeypatch.setattr(reproduce.tables, "table5", lambda seeds, progress: few_seeds)
     monkeypatch.setattr(reproduce, "sensitivity", lambda seeds, progress: worth)
     status, out, err = railslip("reproduce", "--json", "--seeds", FEW, "--sensitivity", "--out", tmp_path / "out")
     assert status == (0 if few_seeds.within else 1)
