@@ -82,9 +82,17 @@ def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_script_that_starts_processes_as_it_is_imported_is_told(tmp_path: Path) -> None:
+LATE = """\
+import concurrent.futures, time
+own = concurrent.futures.ProcessPoolExecutor.submit
+concurrent.futures.ProcessPoolExecutor.submit = lambda *given: (own(*given), time.sleep(2))[0]
+"""
+
+
+@pytest.mark.parametrize("late", ["", LATE], ids=["", "the process has ended by when this one goes on"])
+def test_a_script_that_starts_processes_as_it_is_imported_is_told(tmp_path: Path, late: str) -> None:
     script = tmp_path / "script.py"
-    start = "from railslip_ctrl.core.processes import processes\n"
+    start = f"{late}from railslip_ctrl.core.processes import processes\n"
     script.write_text(f"{start}with processes(1) as submit:\n    print(submit(abs, -3).result())\n")
     out, err = started(str(script)).communicate(timeout=ENDED)
     assert out == ""

@@ -14,6 +14,8 @@ from .errors import InputError
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
+    from multiprocessing.context import BaseContext
+    from multiprocessing.process import BaseProcess
 
 _IMPORTING = 87  # exit status of a process that could not import the script, as that starts processes itself
 _ENDING = 5.0  # s
@@ -35,24 +37,22 @@ def processes(count: int) -> Iterator[Submit]:
     a script calls this as it is imported: each process imports it again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
-    from multiprocessing import active_children, current_process, get_context
+    from multiprocessing import current_process, get_context
 
     if getattr(current_process(), "_inheriting", False):  # one that is yet to import the script may start none
         sys.exit(_IMPORTING)
     # new ones, not copies: a copy of a process with threads may hang
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_follow)
-    started = set()
+    context: Any = _Context(get_context("spawn"))
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_follow)
 
     def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        before = set(active_children())
         with undisturbed():
-            future = pool.submit(function, *arguments)
-            started.update(set(active_children()) - before)
-        return future
+            return pool.submit(function, *arguments)
 
     try:
         yield submit
     except BaseException as error:
+        started = [process for process in context.made if process.pid is not None]
         for process in started:
             if isinstance(error, BrokenExecutor):  # it ends, with a status of its own
                 process.join(_ENDING)
@@ -65,6 +65,21 @@ def processes(count: int) -> Iterator[Submit]:
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+class _Context:
+    """A context of processes that remembers those made of it: one that has ended is no active child any more."""
+
+    def __init__(self, context: BaseContext) -> None:
+        self.context: Any = context
+        self.made: list[BaseProcess] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.context, name)
+
+    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # as the pool calls it
+        self.made.append(self.context.Process(*given, **named))
+        return self.made[-1]
 
 
 def _follow() -> None:
