@@ -70,7 +70,7 @@ ROOMS = {
     "loop/": "loop_bounds loop_oracles certificate loop_properties",
     "loop/batch": "loop_batch",
     "loop/bounded": "sampled_margins sampled limits",
-    "loop/quasi": "limits",
+    "loop/quasi": "limits seeking",
     "loop/responses": "responses",
     "loop/rational": "systems responses loop_oracles loop_properties",
     "loop/stability": "loop_oracles loop_properties",

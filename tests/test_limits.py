@@ -18,6 +18,7 @@ from railslip_ctrl.design.compensators import filtered_smith_predictor, observer
 from railslip_ctrl.design.limits import control_effort, fundamental_limits, least_peak
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, count_right, stable_and_peak
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
@@ -274,6 +275,20 @@ def test_poles_on_the_axis_are_not_stable():
     assert loop.stabilizing_gain_range == pytest.approx((0.0, 1.0))
     with pytest.raises(UnstableLoopError, match="imaginary axis"):
         loop.margins()
+
+
+def test_loops_in_a_batch_are_those_of_their_transfer_functions():
+    """k exp(-tau s)/(s - 1): one pole right of the axis with too little gain, two with too much, else none."""
+    cases = [(0.5, 0.3, 1), (1.5, 0.3, 0), (5.0, 0.5, 2), (3.0, 0.01, 0), (0.9, 0.0, 1), (2.0, 0.0, 0), (9.0, 0.4, 2)]
+    gain, tau = (np.array(column, dtype=float) for column in list(zip(*cases, strict=True))[:2])
+    none = np.zeros(gain.size)
+    num = QuasiPolynomials((none[:, None], gain[:, None]), (none, tau))
+    den = QuasiPolynomials((np.column_stack([none + 1, none - 1]),), (none,))
+    assert count_right(num + den)[0].tolist() == [right for *_, right in cases]
+    stable, ms = stable_and_peak(num, den)
+    alone = [DeadTimeLoop(Rational(np.array([]), np.array([1.0]), k), late) for k, late, _ in cases]
+    assert stable.tolist() == [loop.is_stable() for loop in alone]
+    np.testing.assert_allclose(ms, [loop.margins().ms if loop.is_stable() else np.inf for loop in alone], rtol=1e-8)
 
 
 @pytest.mark.parametrize("delays", [(0.8, 0.8, 0.8), (0.8, 0.8 * math.sqrt(0.5), 0.3 * math.pi)])

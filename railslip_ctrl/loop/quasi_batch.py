@@ -26,6 +26,7 @@ _NARROWEST = 1e-12
 _MOST_INTERVALS = 2_000_000
 _LOOPS = 64  # at once: their arrays stay in the cache of a processor
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # of the first steps, over the highest frequency
+_SMALL, _FURTHER = 1e-3, 4.0  # Ms - 1 that is not looked for at ever higher frequencies, and their ratio
 _CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
 
 
@@ -137,14 +138,34 @@ def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) 
     stable, peak = np.zeros(n, dtype=bool), np.full(n, np.inf)
     for start in range(0, n, _LOOPS):
         part = slice(start, start + _LOOPS)
-        den = denominator.take(part)
-        whole = numerator.take(part) + den
-        right, row, omega, value = count_right(whole)
+        num, den = numerator.take(part), denominator.take(part)
+        right, row, omega, value = count_right(num + den)
         held = np.flatnonzero(right == 0)
-        chosen = (right[row] == 0) & (omega > 0)
-        nodes = row[chosen], omega[chosen], value[chosen]
-        stable[start + held], peak[start + held] = True, _highest(whole, den, held, *nodes)
+        top = np.maximum.reduceat(omega, np.searchsorted(row, held)) if held.size else np.zeros(0)
+        num, den = num.take(held), den.take(held)
+        found = _highest(num + den, den, *_of_rows(held, row, omega, value))
+        while (left := np.flatnonzero(_highest_beyond(num, den, top) > np.maximum(found, 1 + _SMALL))).size:
+            top[left] *= _FURTHER
+            some, rest = num.take(left), den.take(left)
+            found[left] = _highest(some + rest, rest, *_nodes(some + rest, top[left])[:3])
+        stable[start + held], peak[start + held] = True, found
     return stable, peak
+
+
+def _of_rows(held: Rows, row: Rows, omega: Floats, value: Complexes) -> tuple[Rows, Floats, Complexes]:
+    """The nodes of the rows `held`, which are counted anew."""
+    at = np.minimum(np.searchsorted(held, row), max(held.size - 1, 0))
+    kept = held[at] == row if held.size else np.zeros(row.size, dtype=bool)
+    return at[kept], omega[kept], value[kept]
+
+
+def _highest_beyond(num: QuasiPolynomials, den: QuasiPolynomials, top: Floats) -> Floats:
+    """Bound on |S| at all frequencies above `top`, rad/s: there the bound on |L| falls."""
+    every, lead = np.arange(top.size), np.abs(den.terms[0][:, 0])
+    above, below = (QuasiPolynomials(one.terms, one.delays).size(top, every) for one in (num, den))
+    least = 2 * lead * top ** (den.terms[0].shape[1] - 1) - below
+    small = above < least
+    return np.where(small, 1 / np.where(small, 1 - above / np.where(small, least, 1.0), 1.0), np.inf)
 
 
 def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Complexes]:
@@ -196,21 +217,21 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
     return row[order], omega[order], value[order], marginal
 
 
-def _highest(
-    whole: QuasiPolynomials, den: QuasiPolynomials, held: Rows, row: Rows, omega: Floats, value: Complexes
-) -> Floats:
-    """Highest |S| = |D/(N + D)| of the loops `held`, from their nodes, row by row; looked at ever more closely."""
-    if not held.size:
+def _highest(whole: QuasiPolynomials, den: QuasiPolynomials, row: Rows, omega: Floats, value: Complexes) -> Floats:
+    """Highest |S| = |D/(N + D)| of each loop, from its nodes, row by row; looked at ever more closely."""
+    row, omega, value = row[omega > 0], omega[omega > 0], value[omega > 0]
+    every = np.arange(den.longest.size)
+    if not every.size:
         return np.zeros(0)
-    first, last = np.searchsorted(row, held), np.searchsorted(row, held, "right") - 1
+    first, last = np.searchsorted(row, every), np.searchsorted(row, every, "right") - 1
     size = np.abs(den.at(omega, row) / value)
     top = np.lexsort((size, row))[last]
     found, low, high = size[top], omega[np.maximum(top - 1, first)], omega[np.minimum(top + 1, last)]
-    every, line = np.repeat(held, _CLOSE_GRID), np.arange(held.size)
     for _ in range(_CLOSER):
         grid = np.linspace(low, high, _CLOSE_GRID, axis=1)
-        size = np.abs(den.at(grid.ravel(), every) / whole.at(grid.ravel(), every)).reshape(grid.shape)
+        of = np.repeat(every, _CLOSE_GRID)
+        size = np.abs(den.at(grid.ravel(), of) / whole.at(grid.ravel(), of)).reshape(grid.shape)
         at = np.argmax(size, axis=1)
-        low, high = grid[line, np.maximum(at - 1, 0)], grid[line, np.minimum(at + 1, _CLOSE_GRID - 1)]
-        found = np.maximum(found, size[line, at])
+        low, high = grid[every, np.maximum(at - 1, 0)], grid[every, np.minimum(at + 1, _CLOSE_GRID - 1)]
+        found = np.maximum(found, size[every, at])
     return found
