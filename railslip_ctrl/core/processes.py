@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
 _IMPORTING = 87  # exit status of a process that could not import the script, as that starts processes itself
-_ENDING = 5.0  # s
 
 Submit: TypeAlias = "Callable[..., Future[Any]]"  #: takes a function and its arguments
 
@@ -52,16 +51,16 @@ def processes(count: int) -> Iterator[Submit]:
     try:
         yield submit
     except BaseException as error:
+        if isinstance(error, BrokenExecutor):  # ends the others; who waits beside it may miss the status of one
+            pool.shutdown()
         started = [process for process in context.made if process.pid is not None]
-        for process in started:
-            if isinstance(error, BrokenExecutor):  # it ends, with a status of its own
-                process.join(_ENDING)
-            process.terminate()
         if any(process.exitcode == _IMPORTING for process in started):
             raise InputError(
                 "the script starts processes, which run it again as they import it; put the call under if __name__ == "
                 '"__main__":'
             ) from None
+        for process in started:
+            process.terminate()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
