@@ -14,7 +14,7 @@ from click.shell_completion import CompletionItem
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError, RailslipError
 
-from .settings import HELP
+from .settings import HELP, options_named
 
 PROGRAM = "railslip"
 
@@ -129,7 +129,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(status if isinstance(status, int) else 0)
 
 
-# What the package calls a quantity, where an option gives it.
+# What the package calls a quantity that an option gives, where a message begins with it.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
     r"|(?:structure|controller|out|workers|scheduler|worst by)(?=:))"
@@ -137,6 +137,7 @@ _OPTION_NAMED = re.compile(
 
 
 def _fail(message: str) -> NoReturn:
-    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), " ".join(message.split()))
+    line = options_named(" ".join(message.split()))
+    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), line)
     click.echo(f"{PROGRAM}: error: {line}", err=True)
     sys.exit(2)
