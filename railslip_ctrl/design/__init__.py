@@ -1,9 +1,9 @@
-"""Design and judgement of linear slip controllers.
+"""Design and judgement of slip controllers: linear ones, and the seeking controller's inner loop.
 
-May import `loop`, `model` and `core`. Begin with `controllers` (a controller as a system, and the loop it closes), then
+Imports `loop`, `model` and `core`. Begin with `controllers` (linear controllers, and the loop they close), then
 `envelope` and `judging` (the operating points a design must hold, and one verdict over them).
 
-controllers     controllers as systems, continuous or sampled, and the wheel-slip loop; `difference` is one sample
+controllers     linear controllers, continuous or sampled, and the wheel-slip loop; `difference` steps a sampled one
 assessment      one loop at one operating point: margins, limits, verdict
 envelope        the operating points and tolerances that a design must hold
 judging         margins of every case of an envelope, and one verdict
