@@ -270,13 +270,8 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
     speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
     envelope = judgement.envelope.at(speeds=speeds)
-    return Judgement(
-        judgement.controller,
-        envelope,
-        judgement.nominal,
-        judgement.points.take(kept),
-        replace(judgement.margins, **columns),
-    )
+    margins = replace(judgement.margins, **columns)
+    return replace(judgement, envelope=envelope, points=judgement.points.take(kept), margins=margins)
 
 
 def laws_of(judgement: Judgement) -> Iterator[OperatingPoint]:
