@@ -70,21 +70,17 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 class IdealDisturbances:
     """What acts on a run.
 
-    random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
-    lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
-    of the measured slip velocity, m/s, white over the steps.
+    published: the random adhesion force, cut at three standard deviations, a value lasting 0.02 s; Td = 0.05 Tb
+    exp(-4t) sin(10 pi t); the vehicle's resistance. slip_noise: standard deviation of the measured slip velocity, m/s,
+    white over the steps.
     """
 
-    random_share: float = 0.0
-    torque: bool = False
-    resistance: bool = False
+    published: bool = False
     slip_noise: float = 0.0
 
 
 UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(
-    random_share=reaching.ADHESION_NOISE, torque=True, resistance=True
-)  #: the published run's
+PUBLISHED = IdealDisturbances(published=True)
 
 
 @dataclass(frozen=True)
@@ -129,7 +125,7 @@ def simulate_ideal(
     slip = reaching.reference_slip()
     steps = round(duration / STEP)
     vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
-    if not disturbances.resistance:
+    if not disturbances.published:
         vehicles = tuple(one.model_copy(update={"resistance": Resistance()}) for one in vehicles)
     plants = np.array([plant_parameters(law, one) for one in vehicles])
     changed = steps if change is None else round(change[0] / STEP)
@@ -144,7 +140,7 @@ def simulate_ideal(
     rows = np.full((len(seeds), steps, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).IdealSettings(
         *(STEP, slip, held_speed is not None, END_SPEED, limit),
-        *(reaching.TORQUE_FRACTION if disturbances.torque else 0.0, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
+        *(reaching.TORQUE_FRACTION * disturbances.published, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
     )
@@ -176,8 +172,8 @@ def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = disturbances.random_share * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
-        force[row] = np.repeat(held, each)[:steps]
+        held = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(held, each)[:steps] * disturbances.published
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
 
@@ -195,8 +191,7 @@ def _run(
     length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, layout.SPEED]), axis=1)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length].transpose(2, 1, 0)
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
-    fading = reaching.TORQUE_FRACTION * np.exp(-reaching.TORQUE_DECAY * time) * np.sin(reaching.TORQUE_FREQUENCY * time)
-    Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
+    Td = (reaching.torque_share(time) if disturbances.published else 0.0 * time)[:, None] * torque
     d, V = np.empty((2, length, len(rows)))
     adapts = gains.k1 > 0 and gains.k2 > 0
     parts = (slice(0, min(changed, length)), slice(min(changed, length), length))

@@ -45,6 +45,12 @@ TORQUE_FRACTION = 0.05
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
 """Its decay, 1/s, and frequency, rad/s."""
 
+
+def torque_share(time: Floats) -> Floats:
+    """Td over the acting brake torque at times, s, of any shape."""
+    return np.asarray(TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time))
+
+
 LOWEST_SPEED_KMH = 5.0  #: the published stop ends here ([Park2008] p. 56)
 _VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
 
