@@ -16,7 +16,6 @@ from functools import cache
 from inspect import signature
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
 
 import numpy as np
 
@@ -198,10 +197,11 @@ def _run(
     for part, vehicle in zip(parts, vehicles, strict=True):
         M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
         acting = (r * force[:, :length].T[part], vehicle.resistance.force(speed[part]), Td[part])
-        d[part] = reaching.disturbance_function()(*acting, M, J, r) * J / r
+        d[part] = reaching.derived("Tr Fr Td M J r", "disturbance")(*acting, M, J, r) * J / r
         theta = reaching.true_theta(vehicle, nominal)
         errors = (theta[0] - theta1[part], theta[1] - theta2[part])
-        V[part] = reaching.lyapunov_function()(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
+        lyapunov = reaching.derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
+        V[part] = lyapunov(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
     theta = reaching.true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
     return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), d, torque, theta)
 
@@ -209,12 +209,8 @@ def _run(
 # --- behind the actuator ----------------------------------------------------------------------------------------------
 
 
-class SteppedLaw(Protocol):
-    """What the simulation asks for a command."""
-
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """Torque commanded now, N*m, and s, m/s, from speed (m/s), slip velocity (m/s), v' (m/s^2); advances by
-        `step`, s."""
+SteppedLaw = Callable[[float, float, float, float], tuple[float, float]]
+"""Torque commanded now, N*m, and s, m/s, of speed, slip velocity (m/s), v' (m/s^2) and the step (s) to advance by."""
 
 
 @dataclass(frozen=True)
@@ -287,7 +283,7 @@ def simulate_fine(
                 f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
                 f"outside +-{limit:.4g} m/s"
             )
-        command, surface = controller.command(v, sigma, v_rate, h)
+        command, surface = controller(v, sigma, v_rate, h)
         commands.append(command)
         acting = torque if actuator.lag > 0 else commands[n]
         log[n] = (t, v, sigma, surface, command, acting)
@@ -337,7 +333,7 @@ class PublishedLaw:
             **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
         )
 
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+    def __call__(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
         """See `SteppedLaw`."""
         r = self._p[3]
         e, omega = self.point.slip * v - sigma, (v - sigma) / r

@@ -154,8 +154,8 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 
 @cache
-def _derived(arguments: str, which: str) -> Callable[..., Any]:
-    """A derived expression as a function for arrays, of symbols of the plant or of the law by name."""
+def derived(arguments: str, which: str) -> Callable[..., Any]:
+    """A derived expression, SI, as a function for arrays, of symbols of the plant or of the law by name."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -165,19 +165,9 @@ def _derived(arguments: str, which: str) -> Callable[..., Any]:
     return made
 
 
-def disturbance_function() -> Callable[..., Any]:
-    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
-    return _derived("Tr Fr Td M J r", "disturbance")
-
-
-def lyapunov_function() -> Callable[..., Any]:
-    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
-    return _derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
-
-
 def theta_function() -> Callable[..., Any]:
     """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
-    return _derived("r J Mn Mp Bp", "theta")
+    return derived("r J Mn Mp Bp", "theta")
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
@@ -341,7 +331,7 @@ def surface_rate(
     p = (vehicle.inertia_scale * mass, *parameters[1:])
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
-    control = _derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
+    control = derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
     measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
     Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
