@@ -85,8 +85,7 @@ def samples(slip, speed, mu, *, interval=0.01) -> Observed:
     """Samples seen without a filter: the moments are the powers."""
     slip, speed, mu = np.broadcast_arrays(np.asarray(slip, float), np.asarray(speed, float), np.asarray(mu, float))
     time = interval * np.arange(slip.size)
-    none = np.zeros(slip.size)
-    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, np.full_like(mu, LOAD), none, none)
+    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, np.full_like(mu, LOAD))
 
 
 def gathered(observed: Observed, tau: float = TAU) -> Accumulator:
