@@ -18,6 +18,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -128,6 +129,15 @@ class Envelope(Record):
     def _laws_are_had_and_slips_below_1(self) -> Self:
         """Of laws in files not until they are read."""
         self._check([law for law in self.laws if not _is_file(law)])
+        return self
+
+    @model_validator(mode="after")
+    def _cases_are_not_too_many(self) -> Self:
+        counts = {name: len(getattr(self, name)) for name in ("rails", "laws", "loads", "speeds")}
+        counts |= {name: len({1.0, *getattr(self, name)}) for name in ("slip", "dead_time", "lag", "radius")}
+        if (cases := math.prod(counts.values())) > _MOST_CASES:
+            told = " x ".join(f"{name} {count}" for name, count in counts.items())
+            raise InputError(f"{told} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
         return self
 
     def check_files(self) -> None:
@@ -357,10 +367,6 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         if a in envelope.dead_time and b in envelope.lag and actuators[i] not in actuators[:i]
     ]
     members = list(product(_laws(envelope), envelope.speeds, radii, slips))
-    if len(members) * len(factors) > _MOST_CASES:
-        raise InputError(
-            f"envelope: {len(members) * len(factors)} cases are more than {_MOST_CASES}; give fewer values"
-        )
     found: list[tuple[LinearPlant, str, float]] = []
     cases: list[tuple[int, int, bool]] = []
     skipped = []

@@ -420,7 +420,7 @@ class _Gathered:
             if survey.used < _LEAST_SAMPLES:
                 raise InputError(
                     f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
-                    "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
+                    "give a log with braking, and check columns, units, `vehicle` and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)

@@ -282,13 +282,13 @@ def check_model(name: str) -> None:
     """InputError, listing the names, unless a model is called so or it is "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
-        raise InputError(f"--model: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
+        raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
     """InputError where a fixed or bounded parameter belongs to none of the models, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
-    for option, given in (("--fix", fixed), ("--bound", bounds)):
+    for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:
             if parameter not in known:
                 raise InputError(
@@ -298,7 +298,7 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
         low, high = bounds[name]
         if not low <= fixed[name] <= high:
             raise InputError(
-                f"--fix {name}: {fixed[name]:g} is outside --bound {name}, {low:g} to {high:g}; give one of the two"
+                f"`fixed` {name}: {fixed[name]:g} is outside `bounds` {name}, {low:g} to {high:g}; give one of the two"
             )
 
 
@@ -311,12 +311,12 @@ def _restricted(model: FitModel, setting: Setting) -> FitModel:
     for i, name in enumerate(names):
         low, high = setting.bounds.get(name, (-math.inf, math.inf))
         if not low < high:
-            raise InputError(f"--bound {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
+            raise InputError(f"`bounds` {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
         lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         if not lower[i] < upper[i]:
-            raise InputError(f"--bound {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
+            raise InputError(f"`bounds` {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
     if not names:
-        raise InputError(f"--fix: every parameter of {model.name!r} is fixed; leave one to be fitted")
+        raise InputError(f"`fixed`: every parameter of {model.name!r} is fixed; leave one to be fitted")
     starts = np.clip(model.starts[:, keep], lower, upper)
     known = {**model.known, **fixed}
     return replace(model, names=names, starts=starts, lower=lower, upper=upper, known=known)
@@ -385,8 +385,8 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = setting.given_acceleration or setting.slip_acceleration
     if R is None:
         raise InputError(
-            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give --slip-acceleration "
-            "(m/s^2), or --model bristle_rest"
+            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give `slip_acceleration` "
+            "(m/s^2), or `model` bristle_rest"
         )
     built = _built_up(cells, shape, setting, R)
     note = (
@@ -403,7 +403,7 @@ def _stiffness(setting: Setting) -> float:
 
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
-    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (--fix changes it)"
+    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (`fixed` changes it)"
     return replace(model, name=name, notes=("fitted to the sliding regime", note))
 
 

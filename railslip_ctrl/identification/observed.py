@@ -331,7 +331,7 @@ class AdhesionStream:
             )
         if survey.used < _TOLERATED_SHARE * survey.lost:
             gaps = f" and each of {survey.gap_count} gaps" if survey.gap_count else ""
-            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller --tau, or a longer log"
+            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller `time_constant`, or a longer log"
             raise InputError(
                 f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start"
                 f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"

@@ -398,7 +398,7 @@ def prediction_error_fit(
         raise
     except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
         raise InputError(
-            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (--vehicle)"
+            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (`vehicle`)"
         ) from error
 
 
@@ -481,7 +481,7 @@ def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitMo
         counted = f"and its standard error counts the ramp's scatter from run to run, {spread:.2g} m/s^2"
     note = (
         "fitted, and compared, along the slip as it went; the peak depends on how fast the slip rises, and is that of "
-        f"a ramp of {R:.4g} m/s^2 ({source}; --slip-acceleration changes it): slip {slip:.4g}, {low:.4g} at half and "
+        f"a ramp of {R:.4g} m/s^2 ({source}; `slip_acceleration` changes it): slip {slip:.4g}, {low:.4g} at half and "
         f"{high:.4g} at twice that ramp, {counted}"
     )
     return replace(chosen, notes=(note,)), spread

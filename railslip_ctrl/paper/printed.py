@@ -6,6 +6,7 @@ sigma_d_rate, its Tm (never defined) is read as Ta, theta_tilde as theta - theta
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +14,7 @@ import sympy as sp
 
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE as RANDOM_FORCE
 from railslip_ctrl.sliding.proof import sliding_symbol as _own
 
 _s, _e, _rho, _sigma_d_rate = _own("s"), _own("e"), _own("rho"), _own("sigma_d_rate")
@@ -90,7 +92,6 @@ adaptation = (_k * _s * _Ta, _k * _s * _omega)  #: (49).
 
 # --- printed numbers -----------------------------------------------------------------------------------------------
 
-RANDOM_FORCE = 431.0  #: Standard deviation of the random adhesion force, N (p. 55).
 VISCOUS = (0.25, -0.01)  #: B = 0.25 - 0.01 t, N*m*s, t in s (p. 55).
 MASS_STEP_TIME = 25.0  #: s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55).
 SPEEDS_KMH = (100.0, 5.0)  #: Speeds between which the stop is timed (p. 55, 56).
@@ -105,4 +106,18 @@ TABLE3_IMPROVEMENT = 24.5  # per cent
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
 """kN*m as the table has it; p. 56 has the same digits times 10^7 N*m."""
 
-TABLE5_TIMES = (59.5, 58.9, 55.3, 50.7)  #: Braking times, s: PI beam, PI bristle, ASMC beam, ASMC bristle.
+TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
+    {
+        "PI beam": (59.5, 700.0, 1.77e7, 0.0378),
+        "PI bristle": (58.9, 682.0, 1.77e7, 0.0351),
+        "ASMC beam": (55.3, 607.0, 1.71e7, 0.0354),
+        "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
+    }
+)
+"""[Park2008] Table 5 by column: braking time, s, distance, m, energy, J in the published reading, mean |slip error|.
+
+The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
+"""
+
+TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())
+"""Braking times, s."""

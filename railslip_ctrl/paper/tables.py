@@ -5,10 +5,9 @@ as far as its own printed numbers can be checked; and the adhesion curves of Fig
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from railslip_ctrl.verification.actuator_effects import largest_adaptation, publ
 from railslip_ctrl.verification.lyapunov_runs import judge_run
 
 from . import printed
+from .printed import TABLE5
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
 """What Table 5 gives of each column, by the names of the comparison."""
@@ -151,19 +151,6 @@ TOLERANCE_PERCENT = 4.0
 """Largest deviation allowed of a number, %: single runs scatter by up to 5 % in slip error, and the paper shows one."""
 
 DEFAULT_SEEDS = 256
-
-TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
-    {
-        "PI beam": (59.5, 700.0, 1.77e7, 0.0378),
-        "PI bristle": (58.9, 682.0, 1.77e7, 0.0351),
-        "ASMC beam": (55.3, 607.0, 1.71e7, 0.0354),
-        "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
-    }
-)
-"""[Park2008] Table 5 by column, in the order of `QUANTITIES`.
-
-The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
-"""
 
 
 @dataclass(frozen=True)

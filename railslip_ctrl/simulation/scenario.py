@@ -14,10 +14,12 @@ from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, published_law
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
+from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
-PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
+PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: REFERENCE.dry, Rail.WET: REFERENCE.wet})
 """The one reference line of [Park2008] Fig. 21, by rail."""
 
 LEAST_STEP = 1e-5
@@ -184,7 +186,7 @@ class Scenario(Record):
         return {name: value for name, value in self if value is not None}
 
 
-PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)
+PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
 """[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
 
 

@@ -92,7 +92,7 @@ class RailAdhesion:
         """Slip ratio held on a rail; InputError where there is none."""
         slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
         if slip is None:
-            remedy = "--slip X" if isinstance(self.law, str) else "[reference_slip] in its file, or --slip X"
+            remedy = "`slip` X" if isinstance(self.law, str) else "[reference_slip] in its file, or `slip` X"
             raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
         return slip
 
