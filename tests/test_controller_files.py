@@ -186,21 +186,6 @@ def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_
     assert found["sampled"]["ms"] == pytest.approx(found["ms"], rel=5e-3)
 
 
-def test_margins_takes_what_simulate_takes(railslip, tmp_path):
-    own = tmp_path / "own.py"
-    own.write_text("import control as ct\ns = ct.tf('s')\nCONTROLLER = 190 + 5 / s\n")
-    by_gains = json.loads(railslip("margins", *CASE, "--kp", "190", "--ki", "5", "--json")[1])["cases"][0]
-    by_file = json.loads(railslip("margins", *CASE, "--controller", own, "--json")[1])["cases"][0]
-    by_name = json.loads(railslip("margins", *CASE, "--controller", "pi", "--kp", "190", "--ki", "5", "--json")[1])[
-        "cases"
-    ][0]
-    assert by_file["ms"] == pytest.approx(by_gains["ms"], rel=1e-9)
-    assert by_name == by_gains
-    status, out, _ = railslip("margins", *CASE, "--controller", "scheduled")
-    assert status == 0
-    assert "PI-lead" in out
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -138,13 +138,6 @@ def test_no_field_of_a_record_takes_text_or_a_flag_for_a_number_or_a_number_for_
                 assert complaint(record, name, value), f"{name} takes {value!r}"
 
 
-def test_a_copy_takes_a_value_as_it_is() -> None:
-    """The verification of the sliding laws wants a viscous coefficient below 0, which the printed one becomes."""
-    worn = PARK2008.wheel.model_copy(update={"viscous_friction": -0.25})
-    assert worn.viscous_friction == -0.25
-    assert PARK2008.model_copy() == PARK2008
-
-
 ROOMS = ("model.adhesion", "design", "loop", "simulation")
 
 VALID: dict[str, object] = {
@@ -272,15 +265,6 @@ def test_a_value_is_taken_if_of_its_kind(name: str) -> None:
         assert taker(**{name: value})
     for value in REFUSED.get(name, ()):
         assert refusal(lambda: taker(**{name: value})).startswith(f"{name}: ")  # noqa: B023
-
-
-def test_names_of_an_enumeration_and_a_wrong_number_of_arguments() -> None:
-    assert taker(side="right")[4] is Side.RIGHT
-    assert taker(pair=[1.5, 2])[6] == (1.5, 2)
-    with pytest.raises(TypeError, match="positional argument"):
-        taker(*[0.0, 0, False, "", Side.LEFT, "slow", (0.0, 0), (), 0.0, None, math.sin, None, 1])
-    with pytest.raises(TypeError, match="unexpected keyword"):
-        taker(unknown=1)
 
 
 def test_a_number_out_of_its_bounds_is_refused() -> None:

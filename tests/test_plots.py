@@ -32,9 +32,7 @@ from railslip_ctrl.report.plots import (
     sweep_figure,
 )
 from railslip_ctrl.report.plots.style import (
-    PAGE_WIDTH,
     figure_bytes,
-    folded,
     new_figure,
     panels,
     plain_log_ticks,
@@ -105,19 +103,6 @@ def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
     closed = np.concatenate([np.conj(w[::-1]), arc.get_xdata() + 1j * arc.get_ydata(), w])
     turns = np.angle((closed[1:] + 0.5) / (closed[:-1] + 0.5)).sum() / (2 * np.pi)
     assert round(-turns) == 1
-
-
-def test_a_region_that_goes_on_leaves_the_picture():
-    plant = Rational(np.array([]), np.array([1.0, -2.0]), 2.0)
-    region = stabilizing_pi(plant)  # without dead time: 1 < kp, 0 < ki < kp - 1
-    strips = outline(region, kp_limit=12.0, ki_limit=4.0)
-    grid = margin_grid(region, np.linspace(1, 12, 25), np.linspace(0, 4, 25))
-    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="goes on")
-    for ax in figure.axes:
-        assert (ax.get_xlim()[1], ax.get_ylim()[1]) == pytest.approx((12.0, 4.0), rel=1e-3)
-        assert "no bound" in ax.get_xlabel()
-    assert "no bound" in figure.axes[0].get_ylabel()
-    assert defects_of(figure) == []
 
 
 def test_contours_run_from_edge_to_edge_where_the_margins_have_their_level(region, strips):
@@ -221,14 +206,6 @@ def test_ticks_of_a_short_logarithmic_axis_are_plain_numbers(span, shown):
     plain_log_ticks(ax.yaxis)
     ax.figure.draw_without_rendering()
     assert shown <= {label.get_text() for label in ax.get_yticklabels()}
-
-
-def test_titles_are_folded_where_the_page_ends():
-    title = "Siemens Desiro Classic, quarter car: adhesion bristle, slip dry 0.132, wet 0.092; " * 3
-    assert len(folded(title, PAGE_WIDTH, 8.5).split("\n")) == 3
-    assert folded("a\nb", PAGE_WIDTH) == "a\nb"
-    assert folded("1\u00a0kg " * 4, 0.65) == "\n".join(["1\u00a0kg 1\u00a0kg"] * 2)  # a number keeps its unit
-    assert defects_of(new_figure(2.0, title)) == []
 
 
 @pytest.mark.parametrize("form", ["png", "svg"])

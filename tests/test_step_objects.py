@@ -79,13 +79,6 @@ def test_one_law_in_every_form_makes_one_run(controller):
     assert again.braking_distance == found.braking_distance  # each run begins anew
 
 
-def test_the_interpreted_kernel_calls_steps_too():
-    short = SCENARIO.with_changes(longest_time=0.3, events=())
-    runs = [simulate(short, c, compiled=how).signals.command for c in (PI(), NUMBA_PI) for how in (True, False)]
-    for run in runs[1:]:
-        assert run == pytest.approx(runs[0], rel=1e-12, abs=1e-9)
-
-
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
     assert as_run(PI()).reference == REFERENCE  # its own

@@ -158,12 +158,6 @@ def test_an_ms_has_two_decimals_on_the_safe_side() -> None:
     assert [ms_down(x) for x in (1.9379, 1.9, 1.0)] == ["1.93", "1.90", "1.00"]
 
 
-def test_rounding_of_bounds_is_to_three_digits() -> None:
-    assert (rounded_up(1.2341), rounded_down(1.2349), rounded(1.2351, 3)) == (1.24, 1.23, 1.24)
-    assert (rounded_up(-1.2349), rounded_up(0.0), rounded_down(math.inf)) == (-1.23, 0.0, math.inf)
-    assert rounded_up(1.1, 2) == 1.1 == rounded_down(1.1, 2)  # 1.1 * 10 is 11.000000000000002
-
-
 def test_a_citation_is_of_a_source_that_there_is() -> None:
     assert cite("Park2008", "(45)") == "[Park2008] (45)"
     with pytest.raises(KeyError):

@@ -137,15 +137,6 @@ def test_as_published_the_verdicts_are_the_same(as_published):
     assert "25.62 km/h" in evidence(as_published["theta constant"])
 
 
-def test_without_a_bound_the_runs_do_not_keep_it():
-    """K = 0: (J/r) d_max/D is 178 m/s, six times the train's speed, and every run stays below that."""
-    gains = robust.dead_zone_design(PARK2008, K=0.0)
-    found = robust.boundary_layer_runs(PARK2008, gains, robust.effective_torque(PARK2008), (1,))
-    assert not found.holds
-    assert "no bound within the layer" in evidence(found)
-    assert "K + D Phi is less" in evidence(robust.boundary_layer_bound(gains, robust.effective_torque(PARK2008)))
-
-
 # --- robust variants ------------------------------------------------------------------------------------------------
 
 
@@ -328,18 +319,6 @@ def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated)
 
 
 # --- simulation of the ideal loop -----------------------------------------------------------------------------------
-
-
-def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
-    gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
-    errors = []
-    for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
-        monkeypatch.setattr("railslip_ctrl.verification.fixed_step.STEP", step)
-        run = simulate_ideal(PARK2008, gains, duration=3.0)
-        rate = np.gradient(run.V[:, 0], run.time)
-        expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
-        errors.append(np.max(np.abs(rate - expected)[5:-5]))
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
 
 def test_drift_is_the_predicted_one_and_needs_noise():
