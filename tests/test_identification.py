@@ -16,7 +16,6 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Accumulator, peak_slip
 from railslip_ctrl.identification.fits import (
-    LEAST_TESTS,
     NORMAL_QUANTILE,
     Fit,
     Parameter,
@@ -434,20 +433,6 @@ def test_the_covariance_is_that_of_refits_without_each_test():
     scatter = without - without.mean(axis=0)
     assert known.covariance == pytest.approx(6.0 / 7.0 * scatter.T @ scatter, rel=1e-9)  # rounding of a linear problem
     assert known.freedom == 6
-
-
-def test_tests_are_taken_to_differ_by_chance_in_one_log_of_a_hundred_at_most():
-    """And always where they do: a line's slope that one test alone shows, and few tests, tell nothing."""
-    for scatter, expected in ((1.0, 200), (0.0, 2)):
-        logs = (straight_line(seed, 6, scatter) for seed in range(200))
-        told = sum(clustered_covariance(design, residuals, test) is not None for design, residuals, _, test in logs)
-        assert abs(told - expected) <= 3.0 * math.sqrt(2) * (scatter == 0.0)
-    design, residuals, _, test = straight_line(0, LEAST_TESTS - 1, 2.0)
-    assert clustered_covariance(design, residuals, test) is None
-    assert clustered_covariance(design[:0], residuals[:0], test[:0]) is None
-    design, residuals, _, test = straight_line(0, 6, 2.0)
-    design[test > 0, 1] = 0.0
-    assert clustered_covariance(design, residuals, test) is None
 
 
 def test_pieces_of_a_test_are_one():

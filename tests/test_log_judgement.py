@@ -24,11 +24,7 @@ from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import (
-    identification_json,
-    identification_text,
-    model_toml,
-)
+from railslip_ctrl.report.identification import identification_json, identification_text, model_toml
 
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 pytestmark = pytest.mark.usefixtures("without_lag_search")

@@ -144,8 +144,7 @@ def test_result_of_a_loop_does_not_depend_on_its_company(arguments):
 
 
 @pytest.mark.parametrize(
-    ("left_out", "names"),
-    [("gain_margins", ("gain_increase", "gain_decrease")), ("peaks", ("ms", "mt", "disk"))],
+    ("left_out", "names"), [("gain_margins", ("gain_increase", "gain_decrease")), ("peaks", ("ms", "mt", "disk"))]
 )
 def test_margins_that_are_not_asked_for_are_nan_and_change_no_other(left_out, names):
     delicate = stack([Rational([-1.0], [-1e-9 + 1j, -1e-9 - 1j], 0.01)], 0.0)  # left to the scalar engine

@@ -9,10 +9,7 @@ import pytest
 from scipy.optimize.elementwise import find_root
 
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.crossings import (
-    bracketed_roots,
-    monotone_root,
-)
+from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 
 
 @pytest.mark.parametrize(

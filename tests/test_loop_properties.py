@@ -11,14 +11,13 @@ import os
 import control as ct
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response
 
 S = ct.tf("s")
 MORE = 5 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 1
@@ -47,58 +46,6 @@ def random_loops(draw, *, max_factors=3):
     return DeadTimeLoop(Rational(np.array(zeros), np.array(poles), gain), draw(rounded(0.0, 2.0)))
 
 
-def delay_operator_eigenvalues(loop: DeadTimeLoop, points: int) -> np.ndarray:
-    """Spectrum of the whole delayed state's generator on Chebyshev points, x' = A x(t) - B C x(t - tau).
-
-    Realised by python-control and discretised here: another realisation and another operator than the package's.
-    """
-    system = ct.ss(ct.zpk(loop.system.zeros, loop.system.poles, loop.system.gain))
-    a, bc = system.A, system.B @ system.C
-    if loop.dead_time == 0:
-        return np.linalg.eigvals(a - bc)
-    x = np.cos(np.pi * np.arange(points + 1) / points)
-    c = np.r_[2, np.ones(points - 1), 2] * (-1.0) ** np.arange(points + 1)
-    d = np.outer(c, 1 / c) / (x[:, None] - x + np.eye(points + 1))
-    d = (d - np.diag(d.sum(axis=1))) * 2 / loop.dead_time
-    generator = np.kron(d, np.eye(len(a)))
-    generator[: len(a)] = 0
-    generator[: len(a), : len(a)] = a
-    generator[: len(a), -len(a) :] -= bc
-    return np.linalg.eigvals(generator)
-
-
-@settings(max_examples=100 * MORE, suppress_health_check=[HealthCheck.filter_too_much])
-@given(random_loops())
-def test_exact_root_count_equals_the_discretised_delay_operator(loop):
-    fine, finer = (delay_operator_eigenvalues(loop, n) for n in (16, 22))
-    rightmost = finer[np.argmax(finer.real)]
-    # away from the boundary, and where the independent decision has itself converged
-    assume(np.min(np.abs(finer.real)) > 1e-4)
-    assume(np.count_nonzero(fine.real > 0) == np.count_nonzero(finer.real > 0))
-    assume(abs(rightmost) * loop.dead_time < 12)
-    assert loop.unstable_closed_loop_poles == np.count_nonzero(finer.real > 0)
-    assert loop.is_stable() == bool(rightmost.real < 0)
-
-
-@settings(max_examples=40 * MORE)
-@given(random_loops())
-def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
-    system = loop.system
-    num, den = system.gain * np.atleast_1d(np.poly(system.zeros)).real, np.poly(system.poles).real
-    power = np.polysub(
-        np.polymul(den, den * (-1.0) ** np.arange(den.size)[::-1]),
-        np.polymul(num, num * (-1.0) ** np.arange(num.size)[::-1]),
-    )
-    candidates = np.roots(power)
-    on_axis = candidates[(np.abs(candidates.real) < 1e-7 * np.abs(candidates)) & (candidates.imag > 1e-4)].imag
-    double = np.abs(on_axis[:, None] - on_axis) + 10 * np.eye(on_axis.size)
-    assume(on_axis.size == 0 or double.min() > 1e-3)  # a double root is a touch, which rounding decides
-    near = (np.abs(candidates.real) < 1e-4 * np.abs(candidates)) & (np.abs(candidates.imag) > 1e-5)
-    assume(np.count_nonzero(near & (candidates.imag > 0)) == on_axis.size)
-    found = Response(system, 0.0).gain_crossovers
-    assert np.sort(found[found > 1e-4]) == pytest.approx(np.sort(on_axis), rel=1e-6)
-
-
 @settings(max_examples=32 * MORE)
 @given(random_loops())
 def test_each_margin_is_where_stability_is_lost(loop):
@@ -117,24 +64,6 @@ def test_each_margin_is_where_stability_is_lost(loop):
         assert loop.delayed(m.delay_s * inside).is_stable()
         assert not loop.delayed(m.delay_s * outside).is_stable()
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
-
-
-@settings(max_examples=32 * MORE)
-@given(random_loops())
-def test_peaks_are_suprema_and_attained(loop):
-    assume(loop.is_stable())
-    m = loop.margins()
-    low, high = loop.feature_band()
-    omega = np.geomspace(low / 100, high * 10, 20_001)
-    s, t = loop.sensitivity(omega), loop.complementary_sensitivity(omega)
-    for peak, frequency, sampled, response in (
-        (m.ms, m.ms_frequency, s, loop.sensitivity),
-        (m.mt, m.mt_frequency, t, loop.complementary_sensitivity),
-        (1 / m.disk, m.disk_frequency, s - 0.5, lambda w: loop.sensitivity(w) - 0.5),
-    ):
-        assert np.abs(sampled).max() <= peak * (1 + 1e-9)
-        if 0 < frequency < np.inf:
-            assert abs(response(np.array([frequency]))[0]) == pytest.approx(peak, rel=1e-9)
 
 
 @settings(max_examples=16 * MORE)

@@ -181,15 +181,6 @@ def test_sampled_gain_is_an_independent_riccati_solution():
         assert k.sampled_gain == pytest.approx(covariance[:, 0] / (covariance[0, 0] + R), rel=1e-9)
 
 
-def test_choice_of_noises():
-    sensor = TorqueSensor(noise=50.0, resolution=12.0)
-    k = KalmanObserver.of(PARK2008, ENCODER, sensor, interval=INTERVAL, change=4000.0, within=0.5)
-    assert k.speed_variance == pytest.approx((2 * math.pi / 4096 / INTERVAL) ** 2 / 6)
-    assert k.torque_variance == pytest.approx(50.0**2 + 12.0**2 / 12)
-    assert k.walk == pytest.approx(4000.0**2 / 0.5)
-    assert k.driving_noise[0, 0] == pytest.approx(k.torque_variance * INTERVAL / 60.35**2)
-
-
 @pytest.mark.parametrize(
     "change",
     [{"walk": 1e300}, {"walk": 1e-300}, {"speed_variance": 1e-30}, {"torque_variance": 1e30}, {"interval": 1e-300}],

@@ -130,19 +130,6 @@ def test_without_dead_time_it_is_the_response_of_scipy():
 # --- what a response must do -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("factor", "dead_time"), [(1.0, 0.15), (1.0, 0.6), (8.0, 0.15), (0.3, 0.15)])
-def test_late_response_grows_or_decays_as_the_rightmost_closed_loop_poles(factor, dead_time):
-    controller = PI_LEAD * factor
-    loop = DeadTimeLoop(controller * LAG * WHEEL, dead_time)
-    poles = loop.closed_loop_poles(count=6)
-    # fit the modes to the late response: nothing must be left over
-    t = np.linspace(25.0, 30.0, 400)
-    y = step_response(controller, WHEEL, dead_time, actuator=LAG, time=t).output - 1.0
-    modes = np.exp(np.outer(t - t[0], poles))
-    left = modes @ np.linalg.lstsq(modes, y.astype(complex), rcond=None)[0] - y
-    assert np.max(np.abs(left)) < 1e-8 * np.max(np.abs(y))
-
-
 def test_superposition_and_the_impulse_as_an_initial_state():
     t = np.linspace(0, 6, 200)
     options = {"actuator": LAG, "time": t}

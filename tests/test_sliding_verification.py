@@ -41,13 +41,7 @@ from railslip_ctrl.verification.layered import (
     random_torque,
     torque_impulse,
 )
-from railslip_ctrl.verification.layered_conditions import (
-    bounds_kept,
-    hold_known,
-    layered_stability,
-    stop,
-    tolerated,
-)
+from railslip_ctrl.verification.layered_conditions import bounds_kept, hold_known, layered_stability, stop, tolerated
 from railslip_ctrl.verification.verdict import Verification
 
 SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
@@ -316,11 +310,7 @@ def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch
     [
         (BURCKHARDT, ("--law", "layered"), ("--slip", "no reference slip", "[reference_slip] in its file")),
         (BURCKHARDT + SLIPS, ("--law", "paper"), ("--adhesion: burckhardt", "'paper'", "the law 'layered'")),
-        (
-            'condition = "wet"\n' + BURCKHARDT + SLIPS,
-            ("--law", "layered"),
-            ("wet rail", "ask for wet rail alone"),
-        ),
+        ('condition = "wet"\n' + BURCKHARDT + SLIPS, ("--law", "layered"), ("wet rail", "ask for wet rail alone")),
         (None, ("--law", "layered", "--adhesion", "polach"), ("--slip", "'polach' has no reference slip")),
         (None, ("--law", "paper", "--slip", "0.1"), ("--slip: 0.1 does not go with", "leave it out")),
         (None, ("--law", "robust", "--ki-min", "60"), ("--ki-min: 60 is not allowed", "leave it out")),

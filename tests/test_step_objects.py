@@ -192,30 +192,14 @@ COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = 
     ("text", "body", "told"),
     [
         (PLAIN, "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)", "line 7: step at t = 0.5 s fails with ZeroD"),
-        (
-            PLAIN,
-            "return float('nan') if t > 0.3 else 0.0",
-            "line 6: step gives nan at t = 0.31 s; give a",
-        ),
+        (PLAIN, "return float('nan') if t > 0.3 else 0.0", "line 6: step gives nan at t = 0.31 s; give a"),
         (PLAIN, "return 'brake'", "line 6: step gives 'brake' at t = 0 s"),
         (PLAIN, "return helped(t)", "line 3: step at t = 0 s fails with KeyError"),
-        (
-            PLAIN,
-            "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing",
-            "line 9: reset at t = 0 s",
-        ),
-        (
-            COMPILED,
-            "x = 1.0\n    return v if t < 1 else x * gain",
-            "line 7: Numba cannot compile step: NameError",
-        ),
+        (PLAIN, "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing", "line 9: reset at t = 0 s"),
+        (COMPILED, "x = 1.0\n    return v if t < 1 else x * gain", "line 7: Numba cannot compile step: NameError"),
         (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
         (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
-        (
-            COMPILED,
-            "if t > 0.3:\n        raise ValueError('no')\n    return 0.0",
-            "line 7: step at t = 0.31 s ",
-        ),
+        (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
     ],
 )
 def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
@@ -335,11 +319,7 @@ ALONE = "is known by its step alone and has no margins"
         ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
-        (
-            "Stepped(lambda s, p: None)",
-            "mine.py, line 12: what linear gives is refused: controller: None",
-            None,
-        ),
+        ("Stepped(lambda s, p: None)", "mine.py, line 12: what linear gives is refused: controller: None", None),
         ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
         ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
         ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
