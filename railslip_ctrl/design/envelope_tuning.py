@@ -390,6 +390,7 @@ _JOINING = 8  # plants at once, of those that miss what was tuned at others
 _REMEDIES = (0.5, 0.25)  # of the reference slip, and of dead time and lag: what is tried where no gains do
 _MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
+_WORSE = 2  # integral times in a row at which less is had than at longer ones, which end the search of shorter ones
 _TIME_STEP = 0.95  # ratio of integral times that are told apart
 _KI_STEP, _KI_STEPS = 2e-4, 10  # of ki, doubled each time, where sampling does more than its delay
 _NEAR = 0.99  # of the largest sampled Ms: loops that may become the worst while ki is taken down
@@ -615,8 +616,14 @@ class _Search:
         slowest, few = self.held(times[0], hardest)
         if slowest is None:
             raise InfeasibleDesignError("no gains found that hold every loop, with tolerances, at the highest speed")
-        looks = [self.held(time, few)[0] for time in times[1:]]
-        found = sorted((one for one in (slowest, *looks) if one is not None), key=lambda one: one.rank)
+        looks, worse = [slowest], 0
+        for time in times[1:]:
+            look, _ = self.held(time, few)
+            worse = worse + 1 if look is None or look.rank[:2] > min(one.rank[:2] for one in looks) else 0
+            looks += [] if look is None else [look]
+            if worse == _WORSE:
+                break
+        found = sorted(looks, key=lambda one: one.rank)
         if not is_robust(found[0].ms):
             # the least Ms is had by next to no integral: a little more buys much of it
             limit = _NEARLY * min(one.ms for one in found if one.speed <= slowest.speed)
@@ -636,17 +643,19 @@ class _Search:
     ) -> tuple[PIController, float | None]:
         """`best` from gains that hold, or of a shorter integral time, before the next that was tried, that does as
         well: looked for by halves at a few of the points, asked of all."""
-        best, end = held, max((time for time in times if time < held.integral_time), default=held.integral_time)
-        if not is_robust(held.ms):
-            end = held.integral_time
-        ratio = (end / held.integral_time) ** 0.5
+        end = max((time for time in times if time < held.integral_time), default=held.integral_time)
+        found, ratio = [held], (end / held.integral_time) ** 0.5 if is_robust(held.ms) else 1.0
         while ratio < _TIME_STEP:
-            found, _ = self.held(best.integral_time * ratio, few)
-            if found is not None and found.rank <= best.rank:
-                found, _ = self.held(found.integral_time, points)
-            if found is not None and found.rank <= best.rank:
-                best = found
+            look, _ = self.held(found[-1].integral_time * ratio, few)
+            if look is not None and look.rank <= found[-1].rank:
+                found.append(look)
             ratio **= 0.5
+        best = held
+        for look in found[:0:-1]:
+            checked, _ = self.held(look.integral_time, points)
+            if checked is not None and checked.rank <= held.rank:
+                best = checked
+                break
         return self.controller(best.kp, best.integral_time), best.speed if is_robust(best.ms) else None
 
     def held(self, integral_time: float, points: EnvelopePoints) -> tuple[_Held | None, EnvelopePoints]:
