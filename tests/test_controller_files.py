@@ -239,6 +239,7 @@ def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_
     assert tuned_runs == file_runs
 
 
+@pytest.mark.long
 def test_a_campaign_takes_the_same_words(railslip, tmp_path):
     CONTROLS["transfer function"].save(tmp_path / "mine.toml")
     (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")

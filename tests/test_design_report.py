@@ -502,6 +502,7 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
             assert f"dry up to {worst['dry']:.4g} m, wet up to {worst['wet']:.4g} m" in told
 
 
+@pytest.mark.long
 def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     """On a static law, where no stop of it slides: the file is it, and the page and the JSON have what a PI's have."""
     only = {"laws": "curve", "speeds": 60, "loads": "empty", "slip": 1.0, "radius": 1.0, "dead_time": 1.0, "lag": 1.0}

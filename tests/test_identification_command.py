@@ -76,6 +76,7 @@ def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(fitted):
         assert bin_["regime"] == ("adhesion" if bin_["slip"] < found["log"]["sliding_from_slip"] else "sliding")
 
 
+@pytest.mark.long
 def test_the_best_is_the_model_of_the_rig_and_all_are_compared(railslip, log):
     status, out, _ = railslip("identify", log)
     assert status == 0

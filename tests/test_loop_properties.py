@@ -66,6 +66,24 @@ def test_each_margin_is_where_stability_is_lost(loop):
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
 
 
+@settings(max_examples=32 * MORE)
+@given(random_loops())
+def test_peaks_are_suprema_and_attained(loop):
+    assume(loop.is_stable())
+    m = loop.margins()
+    low, high = loop.feature_band()
+    omega = np.geomspace(low / 100, high * 10, 20_001)
+    s, t = loop.sensitivity(omega), loop.complementary_sensitivity(omega)
+    for peak, frequency, sampled, response in (
+        (m.ms, m.ms_frequency, s, loop.sensitivity),
+        (m.mt, m.mt_frequency, t, loop.complementary_sensitivity),
+        (1 / m.disk, m.disk_frequency, s - 0.5, lambda w: loop.sensitivity(w) - 0.5),
+    ):
+        assert np.abs(sampled).max() <= peak * (1 + 1e-9)
+        if 0 < frequency < np.inf:
+            assert abs(response(np.array([frequency]))[0]) == pytest.approx(peak, rel=1e-9)
+
+
 @settings(max_examples=16 * MORE)
 @given(random_loops(max_factors=2))
 def test_closed_loop_poles_solve_the_quasi_polynomial_and_are_rightmost(loop):

@@ -222,6 +222,7 @@ def test_designs_stop_without_locking_in_both_readings(name, controller):
     assert run.locked_fraction == 0.0
 
 
+@pytest.mark.long
 def test_designs_follow_another_vehicle():
     slow = PARK2008.actuator.model_copy(update={"dead_time": 1.5})
     heavy = PARK2008.model_copy(

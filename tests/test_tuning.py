@@ -66,6 +66,7 @@ def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
         assert worst is None or worst.ms >= design.worst.ms * (1 - 1e-9)
 
 
+@pytest.mark.long
 def test_phase_and_delay_margins_can_bind():
     plant = twelve_points()[4]
     by_phase = tune_pi(plant, 0.15, ms_max=8.0, phase_min_deg=9.0)
