@@ -43,7 +43,7 @@ from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.adhesion import law_names
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
@@ -172,6 +172,16 @@ class FasterBrake:
 
 
 @dataclass(frozen=True)
+class HeldElsewhere:
+    """Slip ratios that stops on a law and rail hold beside those judged, and the worst Ms there, inf where unstable."""
+
+    law: str
+    rail: Rail
+    slips: tuple[float, ...]
+    ms: float
+
+
+@dataclass(frozen=True)
 class Rival:
     """A controller of the user's, run beside the recommended one; judged, or the `reason` why not."""
 
@@ -207,6 +217,7 @@ class DesignReport:
     worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # of the recommended design
     tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
+    held_elsewhere: tuple[HeldElsewhere, ...] = ()  # of the seeking controller
     rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # what the user gave
     limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # what no controller beats, hardest of each rail and load
@@ -454,8 +465,8 @@ def _designed(
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    used = max(trials[0].lowest_kmh, (1 - 1e-9) * judgement.hand_over_kmh)
-    in_use = restricted(judgement, min(used, max(envelope.speeds)))
+    ends = [v for v in envelope.speeds if (1 - 1e-9) * v <= judgement.hand_over_kmh]  # the last one below is in use too
+    in_use = restricted(judgement, max([trials[0].lowest_kmh, *ends]))
     had = submit(attainable_stops, _braked(trials))
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
@@ -469,6 +480,7 @@ def _designed(
         in_use=in_use,
         worst_loops=_worst_loops(in_use),
         stops=trials[0].stops,
+        held_elsewhere=tuple(_held_elsewhere(trials[0].stops, in_use)) if plain is None else (),
         rolling=() if plain is None else rolling_loops(trials[0].stops, plain, judgement),
         limits=_limits(judgement),
         curves=tuple(map(_curve, laws_of(judgement))),
@@ -565,6 +577,23 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return tuple(ShownLoop(case.loop_words, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
+
+
+def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldElsewhere]:
+    """Where a controller that finds its slip holds another than it is judged at."""
+    for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
+        points = [plant.point for plant in judged.points.plants]
+        known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
+        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail)}
+        slips = tuple(sorted(slip for slip in here if not min(known) <= slip <= max(known)))
+        most = 0.0
+        for slip in slips:
+            envelope = judged.envelope.at(rails=(rail,), reference=ReferenceSlip(dry=slip, wet=slip))
+            found = judge(judged.controller, envelope, nominal=True)
+            mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
+            most = max(most, float(found.ms[mine].max()))
+        if slips:
+            yield HeldElsewhere(law, rail, slips, most)
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
