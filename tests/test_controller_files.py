@@ -210,6 +210,7 @@ def test_margins_refuses_in_one_line(railslip, tmp_path, monkeypatch, words, tol
 # --- the other commands ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_path):
     """Judged, run and counted alike; it starts and hands over as the report's design does."""
     file = tmp_path / "best.toml"

@@ -46,7 +46,7 @@ from railslip_ctrl.simulation.catalogue import published_controller, seeking_con
 from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
-ENVELOPE = Envelope(PARK2008, speeds=(10, 100), loads="loaded")
+ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")
 """Of `SMALL`."""
 SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
@@ -300,7 +300,7 @@ def robust():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recommendation, "cpu_count", lambda: 1)  # all of it here, where the next line holds
         patch.setattr(recommendation, "_seeking_trial", lambda *given: replace(seeking(*given), above_kmh=None))
-        return design_report(ENVELOPE.at(lag=1.0, loads="empty"), sliding=False)
+        return design_report(Envelope(PARK2008, speeds=(10, 100), loads="empty", lag=1.0), sliding=False)
 
 
 @pytest.fixture(scope="module")

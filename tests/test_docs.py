@@ -307,6 +307,7 @@ def test_the_beam_stated_here_integrates_to_the_package_s():
     assert sp.simplify(equations.beam_force_in_u().subs(sp.Symbol("u", positive=True), u) - integrated_force()) == 0
 
 
+@pytest.mark.long
 def test_formulas_become_mathml(tmp_path, monkeypatch):
     """No command of LaTeX is left over: the converter shows one that it does not know as text."""
     from latex2mathml.converter import convert

@@ -516,6 +516,7 @@ def test_what_no_envelope_has_is_refused(railslip, arguments, message):
 # --- tune -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
     envelope = Envelope(load_vehicle(coach), rails="dry", laws="bristle", speeds=(60, 100))
     best = tune(envelope, "pi-lead", 2.5)
