@@ -19,10 +19,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
 LONGEST = (
-    *("test_virtual_rig.py", "test_scripts.py", "test_envelope.py", "html report", "test_tuning.py"),
-    *("test_sliding_verification.py", "test_limit_cycles.py", "test_docs.py", "test_log_checks.py"),
-    *("test_sampled.py", "test_identification_command.py", "test_derivation.py", "test_sliding_code.py"),
-    *("test_certificate.py", "test_verification.py", "test_campaign.py", "test_numeric.py", "test_loop_batch.py"),
+    *("test_virtual_rig.py", "test_scripts.py", "html report", "test_seeking.py", "test_sliding_verification.py"),
+    *("test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py", "test_limit_cycles.py"),
+    *("test_identification_command.py", "test_docs.py", "test_log_checks.py", "test_log_judgement.py"),
+    *("test_controller_files.py", "test_readme.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
 )
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 

@@ -37,5 +37,5 @@ def refused(result: tuple[int, str, str]) -> str:
     return err
 
 
-SMALL = ["--speed", "10", "--speed", "100", "--kp", "190", "--ki", "5"]
-"""Options of a report that is sooner there: two speeds, and gains given."""
+SMALL = ["--speed", "10", "--speed", "100", "--kp", "190", "--ki", "5", "--loaded", "--adhesion", "curve"]
+"""Options of a report that is sooner there: two speeds, one load and law, and gains given."""

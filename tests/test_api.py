@@ -25,10 +25,7 @@ from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent
-ROOMS = (
-    *("model.adhesion", "design", "loop", "simulation", "simulation.campaign"),
-    "identification.observer",
-)
+ROOMS = (*("model.adhesion", "design", "loop", "simulation", "simulation.campaign"), "identification.observer")
 
 ENTRIES = {
     "identification.identify": ("Identification", "Options", "identify", "identify_several"),

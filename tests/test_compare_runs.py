@@ -113,6 +113,7 @@ def test_runs_that_do_not_stop_are_told_not_averaged() -> None:
     assert math.isinf(found.bound.braking_distance)
 
 
+@pytest.mark.long
 def test_report_and_figure(tmp_path: Path, comparison: script.Comparison) -> None:
     text = run_comparison_text(comparison.runs[0])
     assert "PI-lead scheduled" in text

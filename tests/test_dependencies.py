@@ -52,7 +52,10 @@ def test_the_extras_that_are_looked_for_are_those_of_the_project():
         ("margins --rail dry", set()),
         pytest.param("linearize --rail dry --speed 60", set(), marks=pytest.mark.long),
         pytest.param("tune --rail dry --ms-max 2", {"scipy"}, marks=pytest.mark.long),
-        ("simulate --scenario stop --controller asmc", {"scipy", "numba", "platformdirs", "PyYAML"}),
+        pytest.param(
+            *("simulate --scenario stop --controller asmc", {"scipy", "numba", "platformdirs", "PyYAML"}),
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_command_loads_what_it_needs_alone(words, more):

@@ -17,7 +17,6 @@ from project import refused, script
 import railslip_ctrl
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names
-from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
@@ -179,7 +178,9 @@ def railslip(railslip):
     return partial(railslip, "derive")
 
 
-@pytest.mark.parametrize("arguments", [(), ("--reference", "constant", "--adhesion", "bristle")])
+@pytest.mark.parametrize(
+    "arguments", [(), pytest.param(("--reference", "constant", "--adhesion", "bristle"), marks=pytest.mark.long)]
+)
 def test_json_has_the_contract_s_keys(railslip, arguments) -> None:
     status, out, err = railslip(*arguments, "--json")
     assert (status, err) == (0, "")
@@ -193,7 +194,7 @@ def test_json_has_the_contract_s_keys(railslip, arguments) -> None:
         assert {"where", "printed_latex", "derived_latex", "agrees"} <= set(row)
 
 
-@pytest.mark.parametrize("law", [None, "beam"])
+@pytest.mark.parametrize("law", [pytest.param(None, marks=pytest.mark.long), "beam"])
 def test_latex_is_a_document(railslip, tmp_path, law) -> None:
     file = tmp_path / "derivation.tex"
     status, out, err = railslip("--format", "latex", "--out", file, *(() if law is None else ("--adhesion", law)))
@@ -291,9 +292,3 @@ def test_every_row_is_decided_as_expected(rows) -> None:
 def test_size_in_the_paper_s_numbers(rows, where) -> None:
     for text in SIZES[where]:
         assert text in rows[where].sign_and_size
-
-
-def test_pressure_carries_the_load() -> None:
-    """(5) integrated over the footprint is N."""
-    total = sp.integrate(printed.pressure * printed.width, (printed.xc, 0, printed.length))
-    assert sp.simplify(total - printed.wheel_load) == 0

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 
@@ -24,13 +22,12 @@ from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import select
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.adhesion import ReferenceSlip, law_in, published_law
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import recommendation
 from railslip_ctrl.report.design_report import (
-    _envelope,
     _rivals,
     _stops,
     design_report_json,
@@ -38,7 +35,7 @@ from railslip_ctrl.report.design_report import (
     design_sections,
     first_page,
 )
-from railslip_ctrl.report.document import Paragraph, Table
+from railslip_ctrl.report.document import Paragraph
 from railslip_ctrl.report.export import Provenance
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.plots.designs import report_drawings
@@ -49,7 +46,8 @@ from railslip_ctrl.simulation.catalogue import published_controller, seeking_con
 from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
-ENVELOPE = Envelope(PARK2008, speeds=(10, 100))
+ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")
+"""Of `SMALL`."""
 SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
@@ -113,7 +111,17 @@ def test_the_stops_are_those_of_the_file_digit_for_digit(full_report, content, r
     file = full_report[0] / "recommended.toml"
     for said in content["stops"][:2]:
         assert said["braking_distance_m"] == max(said["distances_m"]) == said["distances_m"][said["seed"]]
-        words = ("--scenario", "stop", "--controller", file, "--adhesion", said["adhesion"], "--rail", said["rail"])
+        words = (
+            "--scenario",
+            "stop",
+            "--controller",
+            file,
+            "--adhesion",
+            said["adhesion"],
+            "--rail",
+            said["rail"],
+            "--loaded",
+        )
         run = json.loads(railslip("simulate", *words, "--seed", said["seed"], "--json")[1])
         for name in ("braking_distance_m", "braking_time_s", "max_slip"):
             assert run[name] == said[name]
@@ -129,22 +137,6 @@ def test_the_command_that_is_printed_gives_the_distance_that_is_printed(full_rep
         x for one in content["stops"] if one["rail"] == "dry" for x in one["distances_m"]
     )
     assert f"{run['braking_distance_m']:.4g} m " in out.partition("Stop, dry")[2].partition("Stop, wet")[0]
-
-
-def test_a_speed_from_which_up_one_may_be_used_is_the_same_thing_everywhere(content, robust):
-    first, said = content["candidates"][0], content["recommended"]
-    names = ("verdict", "usable_from_kmh", "stable_from_kmh", "robust_from_kmh")
-    assert [first[name] for name in names] == [said[name] for name in names]
-    slid = robust.trials[1]
-    later = replace(robust, trials=(robust.trials[0], replace(slid, above_kmh=None), *robust.trials[2:]))
-    assert [one["usable_from_kmh"] for one in design_report_json(later)["candidates"][:2]] == [robust.above_kmh, None]
-
-
-def test_the_worst_cases_are_those_of_the_speeds_in_use(robust):
-    fast = replace(robust, in_use=restricted(robust.judgement, 100.0), above_kmh=100.0)
-    worst = next(block for block in _envelope(fast).blocks if isinstance(block, Table))
-    assert all(" 100 km/h" in cell for row in worst.rows for cell in (row[4], row[6]))
-    assert worst.rows[0][5] == first_page(fast).rows[0][1]  # the sampled Ms
 
 
 def test_given_gains_are_judged_and_run_beside(full_report, content):
@@ -256,16 +248,6 @@ def test_an_object_whose_linear_is_no_system_is_refused_before_the_work(railslip
     assert "linear gives is refused" in told
 
 
-def test_a_law_of_one_s_own_stands_in_the_envelope_of_a_vehicle_s_file(tmp_path):
-    (tmp_path / "mine.py").write_text(LAW)
-    (tmp_path / "car.toml").write_text('mass = 3517\n[envelope]\nlaws = ["mine.py"]\nspeeds = [60, 100]\n')
-    car = load_vehicle(tmp_path / "car.toml")
-    judged = judge(GIVEN, Envelope(car))
-    assert judged.ms == pytest.approx(judge(GIVEN, Envelope(car, laws=law_in(tmp_path / "mine.py"))).ms, rel=1e-12)
-    assert judged.worst.point.adhesion == "coulomb_smoothed"
-    assert judged.worst.point.slip in (0.02, 0.01)
-
-
 VEHICLES = {
     "published": PARK2008,
     "coach of the project": load_vehicle(ROOT / "designs" / "vehicles" / "coach.toml"),
@@ -318,37 +300,37 @@ def robust():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recommendation, "cpu_count", lambda: 1)  # all of it here, where the next line holds
         patch.setattr(recommendation, "_seeking_trial", lambda *given: replace(seeking(*given), above_kmh=None))
-        return design_report(ENVELOPE.at(lag=1.0), sliding=False)
+        return design_report(Envelope(PARK2008, speeds=(10, 100), loads="empty", lag=1.0), sliding=False)
 
 
 @pytest.fixture(scope="module")
 def hopeless():
     slow = PARK2008.model_copy(update={"name": "Slow brake", "actuator": Actuator(dead_time=1.5, lag=2.0)})
-    return design_report(Envelope(slow, laws="bristle", slip=1.0), sliding=False)
+    only = {"laws": "bristle", "rails": "dry", "loads": "empty", "speeds": (60, 100)}
+    return design_report(Envelope(slow, **only, slip=1.0, dead_time=1.0, lag=1.0, radius=1.0), sliding=False)
 
 
 def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robust):
     first = first_page(robust)
     assert robust.in_use.verdict == "robust"
     assert first.headline == "USE ABOVE 10 km/h"  # below the lowest speed judged the file holds a torque
-    assert "Below 10 km/h brake without slip control" in dict(first.lines)["To do"]
+    assert "brakes without slip control" in dict(first.lines)["Below 10 km/h"]
     assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
     assert words(first) <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
     worst = {name: value for name, value, _ in first.rows}
-    ms = float(worst["Ms, sampled"])
+    ms = float(worst["Worst Ms, sampled"])
     assert ms == pytest.approx(robust.in_use.worst.run_ms, abs=0.01)  # two decimals, rounded up
     assert ms >= robust.in_use.worst.run_ms * (1 - 1e-6) > robust.in_use.worst.ms
-    assert f"(Ms {worst['Ms, sampled']} sampled" in robust.in_use.verdict_line
+    assert f"(Ms {worst['Worst Ms, sampled']} sampled" in robust.in_use.verdict_line
     least = float(robust.in_use.margins.phase_deg[robust.in_use.points.operating].min())
-    assert float(worst["Phase margin, continuous"].split()[0]) == pytest.approx(least, rel=5e-3)
+    assert float(worst["Least phase margin, continuous"].split()[0]) == pytest.approx(least, rel=5e-3)
 
 
 def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):
     assert robust.trials[0].choice is robust.best
     assert len(robust.trials) > 1
-    cars, laws, rails = (robust.vehicle, robust.vehicle.loaded()), ("curve", "bristle"), ("dry", "wet")
-    plain = [stop(car, rail, adhesion=law) for car, law, rail in product(cars, laws, rails)]
+    plain = [stop(robust.vehicle, rail, adhesion=law) for law, rail in product(("curve", "bristle"), ("dry", "wet"))]
     runs = [simulate(scenario, robust.control, seed=seed) for scenario in plain for seed in range(4)]
     mean = np.mean([run.braking_distance for run in runs])
     assert robust.trials[0].distance() == pytest.approx(mean, rel=1e-12)
@@ -360,13 +342,6 @@ def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken
     assert ("Shortest mean" in said) == (shortest < robust.trials[0].distance())
     if "Shortest mean" in said:
         assert float(said["Shortest mean"].split()[0]) == pytest.approx(shortest, rel=5e-4)
-
-
-def test_a_load_that_leaves_the_wheel_load_is_told(robust):
-    told = "the wheel load stays 34500 N"
-    assert told in Page.parsed(rendered(robust)).text
-    own = PARK2008.model_copy(update={"wheel_load_loaded": 50e3})
-    assert told not in Page.parsed(rendered(replace(robust, envelope=robust.envelope.at(vehicle=own)))).text
 
 
 def test_no_design_is_told_as_such_everywhere(hopeless):
@@ -396,7 +371,7 @@ def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust,
     assert (said["verdict"], said["usable_from_kmh"], said["stable_from_kmh"]) == (verdict, None, weak.usable_from_kmh)
     assert said["worst"] == weak.worst.table()
     why, (name, worst, _) = dict(told.lines)["Why"], told.rows[0]
-    assert name.startswith("Ms, ")
+    assert name.startswith("Worst Ms, ")
     if verdict == "fragile":
         assert float(worst) == pytest.approx(weak.worst.ms, rel=1e-2)  # three digits, rounded up
         assert f"The best is stable at every operating point, Ms {worst} at worst." in why
@@ -453,13 +428,6 @@ def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
     assert all(
         np.all(figure.axes[0].bbox.min < box.min) and np.all(box.max < figure.axes[0].bbox.max) for box in numbers
     )
-
-
-def test_a_report_loads_no_sympy_where_nothing_is_derived():
-    """It takes as long as a tenth of a report of which the cache has the sliding-mode law."""
-    code = "import sys, railslip_ctrl.cli.report, railslip_ctrl.report.plots.designs; print('sympy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
@@ -534,9 +502,11 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
             assert f"dry up to {worst['dry']:.4g} m, wet up to {worst['wet']:.4g} m" in told
 
 
+@pytest.mark.long
 def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     """On a static law, where no stop of it slides: the file is it, and the page and the JSON have what a PI's have."""
-    found = design_report(Envelope(PARK2008, laws="curve", speeds=(60,), slip=1.0, radius=1.0), sliding=False)
+    only = {"laws": "curve", "speeds": 60, "loads": "empty", "slip": 1.0, "radius": 1.0, "dead_time": 1.0, "lag": 1.0}
+    found = design_report(Envelope(PARK2008, **only), sliding=False)
     assert (found.best.structure, found.above_kmh, found.in_use.verdict) == ("seeking", 60.0, "robust")
     others = [trial for trial in found.trials if trial is not found.seeking]
     assert others
@@ -548,14 +518,18 @@ def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     assert "seeking" in page.subject
     assert content["recommended"]["controller"]["kind"] == "seeking"
     assert content["recommended"]["worst"]["ms"] == found.judgement.worst.ms
-    assert rendered(found)
-
-
-def test_of_designs_of_no_use_the_one_that_is_judged_best_goes_first(robust):
-    worse = next(choice for choice in robust.selection.choices if choice.tier > robust.best.tier)
-    first = replace(robust.trials[0], above_kmh=None)
-    stops = tuple(replace(one, run=replace(one.run, braking_distance=1.0)) for one in first.stops)
-    assert first.rank < replace(first, choice=worse, stops=stops).rank
+    points, slips = [plant.point for plant in found.in_use.points.plants], {}
+    for one in found.stops:
+        known = [point.slip for point in points if point.rail is one.rail]
+        if not min(known) <= one.held <= max(known):
+            slips.setdefault(one.rail, set()).add(one.held)
+    assert {one.rail: set(one.slips) for one in found.held_elsewhere} == slips != {}
+    for one in found.held_elsewhere:  # by the scalar engine
+        cases = product([point for point in points if point.rail is one.rail], one.slips)
+        loops = [operating_point(p.law, p.vehicle, p.speed, slip, rail=p.rail) for p, slip in cases]
+        ms = max(wheel_slip_loop(linearize(point), found.in_use.controller).margins().ms for point in loops)
+        assert one.ms == pytest.approx(ms, rel=1e-6)  # as the two engines agree
+    assert "was not judged" in rendered(found)
 
 
 def test_of_designs_level_in_speed_one_without_oscillation_goes_first(robust):
@@ -588,7 +562,3 @@ def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     text = [block.text for block in _stops(replace(robust, rolling=(found,))).blocks if isinstance(block, Paragraph)]
     assert len(text) == 2
     assert f"{found.frequency / (2 * math.pi):.2g} Hz" in text[1]
-
-
-def test_nominal_says_so(robust):
-    assert first_page(replace(robust, nominal=True)).headline.endswith("at the operating points")

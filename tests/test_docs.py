@@ -31,7 +31,6 @@ from railslip_ctrl.model.adhesion.beam import integrated_force
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.code import python_law
@@ -229,11 +228,6 @@ def numbered() -> dict:
 
 
 @cache
-def wrong_in_print():
-    return errata(derive())
-
-
-@cache
 def generated() -> set[str]:
     """The generated pages that the written ones may name; in a function, as collecting tests need not derive."""
     names = (*stated(), "derivation", "errata", "nomenclature", "laws", "sources", "commands")
@@ -302,15 +296,6 @@ def test_every_equation_of_the_source_stands_once():
         assert theory.count(f"_generated/equations/{name}.md") == 1
 
 
-def test_errata_are_with_their_equations():
-    rows = wrong_in_print()
-    assert equations.numbers_in("(22)-(24)") == {22, 23, 24}
-    assert equations.numbers_in("F_r in (4) and (35)") == {4, 35}
-    wrong = {one.number for one in numbered().values() if any(not row.agrees for row in one.errata(rows))}
-    # the table of errata of the project's specification, section 9
-    assert {6, 10, 22, 23, 24, 27, 44, 47, 48, 49, 38, 39, 4, 35, 40} <= wrong
-
-
 def test_the_beam_stated_here_integrates_to_the_package_s():
     """(5)-(9) over the footprint, as (10) says: the closed form in u, and `beam.integrated_force`."""
     parts = equations.beam_parts()
@@ -328,6 +313,7 @@ def test_the_beam_stated_here_integrates_to_the_package_s():
     assert sp.simplify(equations.beam_force_in_u().subs(sp.Symbol("u", positive=True), u) - integrated_force()) == 0
 
 
+@pytest.mark.long
 def test_formulas_become_mathml(tmp_path, monkeypatch):
     """No command of LaTeX is left over: the converter shows one that it does not know as text."""
     from latex2mathml.converter import convert

@@ -72,10 +72,7 @@ def prepare(name: str, folder: Path) -> list[str]:
     return []
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in EXAMPLES],
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in EXAMPLES])
 @pytest.mark.usefixtures("without_lag_search")
 def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
     words = shlex.split(EXAMPLES[name])[1:] + prepare(name, tmp_path)

@@ -76,6 +76,7 @@ def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(fitted):
         assert bin_["regime"] == ("adhesion" if bin_["slip"] < found["log"]["sliding_from_slip"] else "sliding")
 
 
+@pytest.mark.long
 def test_the_best_is_the_model_of_the_rig_and_all_are_compared(railslip, log):
     status, out, _ = railslip("identify", log)
     assert status == 0
@@ -271,18 +272,7 @@ def fast_rows():
     return rig_rows(BEAM, runs=2, interval=0.0025, seed=5)[0]
 
 
-def test_irregular_sampling_below_the_time_constant_is_no_gap(found_in, fast_rows, tmp_path):
-    whole, _ = found_in(write_log(tmp_path / "a.csv", fast_rows))
-    kept = np.random.default_rng(1).random(len(fast_rows)) < 0.5
-    kept[2000:2010] = False  # 27.5 ms, half of tau
-    found, err = found_in(write_log(tmp_path / "b.csv", fast_rows.where(kept)))
-    assert found["log"]["gaps"] == 0
-    assert "long intervals" in err
-    assert found["points"] == pytest.approx(kept.mean() * whole["points"], rel=0.05)  # 0.03 is chance
-    for name, parameter in found["parameters"].items():  # the same runs: they differ by less than either from the truth
-        assert abs(parameter["value"] - whole["parameters"][name]["value"]) < whole["parameters"][name]["stderr"]
-
-
+@pytest.mark.long
 def test_what_gaps_cost_is_told(railslip, fast_rows, tmp_path):
     """0.06 s of every 0.8 s are missing: of 0.74 s under brake the observer settles for 0.25 s."""
     time = fast_rows.columns["time"]

@@ -14,7 +14,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
-from pydantic import ValidationError
 
 import railslip_ctrl
 from railslip_ctrl import (
@@ -38,7 +37,7 @@ from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import law_class
-from railslip_ctrl.model.vehicle import Record, Wheel
+from railslip_ctrl.model.vehicle import Wheel
 from railslip_ctrl.simulation.catalogue import published_controller
 
 LAW = published_law("bristle", Rail.DRY)
@@ -103,46 +102,6 @@ def test_a_record_refuses_in_one_line_of_the_package(
     record: Callable[..., object], keys: dict[str, object], line: str
 ) -> None:
     assert refusal(lambda: record(**keys)) == line
-
-
-def records() -> list[type[Record]]:
-    """Every record of the package, those of its files too."""
-    found, left = [], [Record]
-    while left:
-        found += (own := left.pop().__subclasses__())
-        left += own
-    return [record for record in found if record.__module__.startswith("railslip_ctrl.")]
-
-
-def complaint(record: type[Record], name: str, value: object) -> str:
-    """What a record says of the value of one field, the others being missing; empty if it takes it."""
-    try:
-        record.__pydantic_validator__.validate_python({name: value})  # below what tells the first complaint alone
-    except ValidationError as error:
-        told = [one for one in error.errors() if one["loc"][:1] == (name,)]
-        return told[0]["msg"] if told else ""
-    return ""
-
-
-@pytest.mark.parametrize("record", records(), ids=lambda record: record.__name__)
-def test_no_field_of_a_record_takes_text_or_a_flag_for_a_number_or_a_number_for_a_flag(record: type[Record]) -> None:
-    for name, info in record.model_fields.items():
-        words = str(info.annotation)
-        if "float" in words:
-            for value in ("0.5", True) if record.text_needs_unit else (True,):
-                given = (value, value) if "tuple" in words else value
-                given = (given,) if "tuple[tuple" in words else given
-                assert "text" in complaint(record, name, given) or "not a number" in complaint(record, name, given)
-        elif info.annotation is bool:
-            for value in ("true", 1):
-                assert complaint(record, name, value), f"{name} takes {value!r}"
-
-
-def test_a_copy_takes_a_value_as_it_is() -> None:
-    """The verification of the sliding laws wants a viscous coefficient below 0, which the printed one becomes."""
-    worn = PARK2008.wheel.model_copy(update={"viscous_friction": -0.25})
-    assert worn.viscous_friction == -0.25
-    assert PARK2008.model_copy() == PARK2008
 
 
 ROOMS = ("model.adhesion", "design", "loop", "simulation")
@@ -272,15 +231,6 @@ def test_a_value_is_taken_if_of_its_kind(name: str) -> None:
         assert taker(**{name: value})
     for value in REFUSED.get(name, ()):
         assert refusal(lambda: taker(**{name: value})).startswith(f"{name}: ")  # noqa: B023
-
-
-def test_names_of_an_enumeration_and_a_wrong_number_of_arguments() -> None:
-    assert taker(side="right")[4] is Side.RIGHT
-    assert taker(pair=[1.5, 2])[6] == (1.5, 2)
-    with pytest.raises(TypeError, match="positional argument"):
-        taker(*[0.0, 0, False, "", Side.LEFT, "slow", (0.0, 0), (), 0.0, None, math.sin, None, 1])
-    with pytest.raises(TypeError, match="unexpected keyword"):
-        taker(unknown=1)
 
 
 def test_a_number_out_of_its_bounds_is_refused() -> None:

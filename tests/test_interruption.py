@@ -68,7 +68,9 @@ def test_processes_end_with_the_one_that_started_them() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="as above")
-@pytest.mark.parametrize(("send", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("send", "number"), [(os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(
     tmp_path: Path, send: Callable[[int, int], None], number: int
 ) -> None:

@@ -297,15 +297,6 @@ def test_a_wet_rail_scales_some_parameters(name: str, factors: dict[str, float])
         assert getattr(twice, each) * getattr(law, each) == pytest.approx(getattr(once, each) ** 2)
 
 
-@pytest.mark.parametrize("name", ["polach", "burckhardt"])
-def test_a_published_dry_set_becomes_the_published_wet_one_at_any_v0(name: str) -> None:
-    dry, wet = published_law(name, DRY), published_law(name, WET)
-    assert dry.wet() == wet == dry.on(WET)
-    assert published_law(name, DRY, 250.0) == dry
-    assert dry.reference_slip(DRY) is None
-    assert dry.parameters() != wet.parameters()
-
-
 @pytest.mark.parametrize("name", ["bristle", "curve", "beam"])
 def test_another_wheel_load_keeps_mu(name: str) -> None:
     """This project's assumption for loads the rig did not run."""

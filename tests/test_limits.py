@@ -63,11 +63,6 @@ def test_longest_dead_time_is_where_the_least_peak_passes_an_ms():
         one.longest_dead_time(1.0)
 
 
-def test_pole_on_a_zero_or_far_too_fast_cannot_be_stabilised():
-    assert least_peak(np.array([1.0]), np.array([1.0]), 0.0) == math.inf
-    assert least_peak(np.array([200.0]), np.array([]), 2.0) == math.inf
-
-
 @pytest.mark.parametrize("p", [[0.8], [0.5, 1.5], [0.4 + 2j, 0.4 - 2j], [0.6, 0.4 + 2j, 0.4 - 2j]])
 def test_least_ms_is_the_norm_of_the_inverse_all_pass_on_the_dead_time_interval(p):
     # An independent route to Ms: min ||S|| = norm on L2[0, tau] of the causal inverse of B_p (commutant lifting). The
@@ -198,16 +193,7 @@ def delayed(loop):
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
-@given(random_loops())
-def test_root_count_equals_that_of_the_dead_time_loop(loop):
-    assume(not loop.root_count.marginal)
-    m = loop.stabilizing_gain_range
-    assume(m is None or (abs(m[0] - 1) > 1e-6 and abs(m[1] - 1) > 1e-6))
-    assert delayed(loop).root_count.right == loop.root_count.right
-
-
-@settings(max_examples=20, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
 @example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
@@ -236,7 +222,7 @@ def assert_same_enclosures(one, other):
         assert least <= high + room
 
 
-@settings(max_examples=15, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.1))
 @example(DeadTimeLoop(Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6), 0.15))
@@ -251,30 +237,6 @@ def test_certificates_by_parts_of_the_axis_meet_those_by_polynomials(loop):
         m = loop.margins()
         assume(m.gain_decrease < 0.999 and 1.001 < m.gain_increase < 1e6)
     assert_same_enclosures(loop.certificate(), delayed(loop).certificate())
-
-
-def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
-    # oracles: 1.2 (8 s + 1)/(8 s) 1/(s - 0.25) exp(-0.15 s)/(0.6 s + 1)
-    system = Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6)
-    loop = delayed(DeadTimeLoop(system, 0.15))
-    m = loop.margins()
-    assert (m.gain_decrease, m.gain_increase) == pytest.approx((0.234619891262, 4.39578339078), rel=1e-11)
-    assert (m.phase_deg, m.delay_s) == pytest.approx((29.2144640746, 0.507384161643), rel=1e-11)
-    assert (m.ms, m.mt, m.disk) == pytest.approx((2.21149397822, 1.98840564198, 0.507978316), rel=1e-9)
-    with pytest.raises(UnstableLoopError, match="2 unstable") as raised:
-        loop.scaled(20 / 1.2).margins()
-    assert raised.value.stabilizing_gain_range == pytest.approx((0.234619891262 * 0.06, 4.39578339078 * 0.06))
-    assert loop.sensitivity(0.7) + loop.complementary_sensitivity(0.7) == pytest.approx(1.0)
-
-
-def test_poles_on_the_axis_are_not_stable():
-    # s + pi/2 exp(-s) has the pair +-j pi/2
-    loop = delayed(DeadTimeLoop(Rational(np.array([]), np.array([0.0]), np.pi / 2), 1.0))
-    assert loop.root_count.marginal
-    assert not loop.is_stable()
-    assert loop.stabilizing_gain_range == pytest.approx((0.0, 1.0))
-    with pytest.raises(UnstableLoopError, match="imaginary axis"):
-        loop.margins()
 
 
 def test_loops_in_a_batch_are_those_of_their_transfer_functions():
@@ -306,18 +268,6 @@ def test_delays_commensurate_or_not_count_as_the_product_of_their_factors(delays
 
 
 # -- Smith predictors ---------------------------------------------------------------------------------------------
-
-
-def test_certificate_of_a_smith_predictor_has_the_mt_of_its_loop_without_dead_time():
-    """With a stable plant T = T0 exp(-tau s), T0 that of C0 G, whose certificate is by roots of polynomials."""
-    plant, controller = real([-3.0], [-0.4, -1.1, -6.0], 5.0), real([-0.7], [0.0], 1.6)
-    loop = smith_predictor(plant, 0.35, controller).loop
-    found, nominal = loop.certificate(), DeadTimeLoop(plant * controller, 0.0).certificate()
-    assert found.stable
-    assert found.mt[0] <= nominal.mt[1] * (1 + 1e-12)  # of the coefficients
-    assert nominal.mt[0] <= found.mt[1] * (1 + 1e-12)
-    for factor in (found.gain_increase[0] * (1 - 1e-9), found.gain_increase[1] * (1 + 1e-9)):
-        assert loop.scaled(factor).is_stable() == (factor < found.gain_increase[0])
 
 
 @pytest.mark.parametrize("rail", list(Rail))
@@ -421,16 +371,6 @@ def test_effort_without_dead_time_equals_state_space():
     nyquist = np.pi / 0.005
     tail = kp**2 / filtered**2 / nyquist  # |C S|^2 ~ (kp/(filtered omega))^2
     assert effort.noise_gain == pytest.approx(math.sqrt((np.pi * variance - tail) / nyquist), rel=1e-4)
-
-
-def test_a_proportional_jump_sets_the_rate_of_a_pi():
-    plant, gains = actuated(), PIGains(kp=190.0, ki=5.0)
-    effort = control_effort(PIController(gains).transfer_function, plant, TAU, lag=LAG)
-    assert effort.high_frequency_gain == pytest.approx(190.0, rel=1e-9)
-    assert effort.reference_rate == pytest.approx(190 / 0.6 / 3.6, rel=1e-4)  # the frequency cut
-    assert effort.noise_gain == pytest.approx(190, rel=0.05)
-    without_lag = Rational(plant.zeros, wheel().poles, wheel().gain)
-    assert control_effort(PIController(gains).transfer_function, without_lag, TAU, lag=0.0).reference_rate == math.inf
 
 
 # -- refusals -----------------------------------------------------------------------------------------------------

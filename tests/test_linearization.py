@@ -75,15 +75,6 @@ def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> Non
     assert operating_point(published_law("burckhardt", Rail.DRY), coach, V100, 0.132).adhesion_coefficient > 0.2
 
 
-def test_inertia_scale_and_mass_enter() -> None:
-    scaled = operating_point(BRISTLE, PARK2008.model_copy(update={"inertia_scale": 3.6}), V100, 0.132)
-    # trim torque: r Fa - B omega + (J/M)(...): the ratio J/M stays, B omega grows 3.6 times
-    omega = (1 - 0.132) * V100 / 0.43
-    assert scaled.brake_torque - bristle_point().brake_torque == pytest.approx(-2.6 * 0.25 * omega, rel=1e-10)
-    loaded = linearize(operating_point(BRISTLE, PARK2008.loaded(), V100, 0.132))
-    assert loaded.poles[0].real < linearize(bristle_point()).poles[0].real
-
-
 # --- derivatives ---------------------------------------------------------------------------------------------------
 
 

@@ -199,6 +199,7 @@ def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     assert "seems to be early by 0.08 s" in told
 
 
+@pytest.mark.long
 def test_an_encoder_s_speed_is_half_an_interval_late_and_corrected():
     """Without a word it would cost a quarter of the falling branch. An encoder of 1024 lines; its speed is a mean."""
     test = dataclasses.replace(published_tests("beam")[2], encoder=Encoder(4096))
@@ -297,12 +298,6 @@ def test_wheel_loads_that_differ_are_told(three):
     assert "between 3e+04 N (a.csv) and 4e+04 N (c.csv)" in text
     assert "their mean, 3.367e+04 N" in text
     assert job._different_loads(logs[:2]) == ()
-
-
-def test_rows_whose_wheel_does_not_press_on_the_rail_are_left_out(rows):
-    load = np.full(len(rows), LOAD)
-    load[300:305] *= -1.0
-    assert told(changed(rows, wheel_load=load), "5 impossible rows left out; line 302: wheel load -")
 
 
 def test_adhesion_that_steel_does_not_have_is_told(rows):

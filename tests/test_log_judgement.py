@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import tomllib
 
@@ -15,22 +14,17 @@ from rig_logs import BEAM, changed, found_in, identified, two_runs, write_log
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE, fit
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification
 from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
 from railslip_ctrl.identification.results import Regimes, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import (
-    identification_json,
-    identification_text,
-    model_toml,
-)
+from railslip_ctrl.report.identification import identification_json, identification_text, model_toml
 
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 pytestmark = pytest.mark.usefixtures("without_lag_search")
@@ -132,13 +126,6 @@ def test_a_log_of_wet_rail_has_its_own_wet_peak_and_no_slip_for_dry_rail(tmp_pat
     assert load_law(tmp_path / "model.toml").reference_slip(Rail.WET) == found.reference.wet
 
 
-def test_a_model_without_a_slip_to_hold_says_why(dry):
-    found = identification_json(found_in("lugre"))
-    assert found["reference_slip"] is None
-    assert found["reference_slip_reason"].startswith("this model falls from the start")
-    assert identification_json(dry)["reference_slip_reason"] is None
-
-
 def test_the_peak_of_a_table_is_known_to_its_knots_at_best():
     """Its peak rests on a knot whatever the values are: the derivative by them is nought, the uncertainty is not."""
     found = found_in("table")
@@ -184,17 +171,6 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     assert found.regimes.boundary != found.curve.peak_slip
     assert sum(found.curve.parted_at(found.regimes.boundary)) == found.curve.survey.used
     assert found.train_lag.peak_slip == found.regimes.boundary
-
-
-def test_a_model_of_sliding_alone_begins_where_the_others_peak(rows, monkeypatch):
-    monkeypatch.setattr(job.models, "CANDIDATES", ("lugre", "burckhardt"))
-    best = identified(rows, model="best")
-    assert best.regimes == Regimes(best.own_peak.slip, "the peak of burckhardt")
-    lugre = next(each.fit for each in best.scores if each.fit.model.name == "lugre")
-    cells, setting = best.curve.cells, best.setting
-    model = fit_model("lugre", cells, shape_of(cells, best.curve.peak_slip), setting)
-    again = fit(model, cells, best.curve.stretches, setting, best.regimes.boundary, best.curve.time_constant)
-    assert [p.value for p in lugre.parameters] == [p.value for p in again.parameters]
 
 
 def test_the_chosen_model_has_the_intervals_that_it_has_alone(both):
@@ -250,14 +226,3 @@ def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(rig_log, 
     words = f"slows down {curve.deceleration_ratio:.3g} times as much as the adhesion of this wheel makes"
     assert [words in text for text in told] == ([] if factor == 1.0 else [True])
     assert factor != 1.0 or curve.deceleration_ratio == pytest.approx(1.0, abs=2e-3)
-
-
-def test_a_rig_that_keeps_its_speed_has_no_deceleration_to_compare(rows):
-    v = np.full(len(rows), 100.0 / 3.6)
-    omega = rows.columns["wheel_angular_speed"] * v / rows.columns["train_speed"]
-    kept = curve_of(changed(rows, train_speed=v, wheel_angular_speed=omega), PARK2008, Options())
-    assert math.isnan(kept.deceleration_ratio)
-    assert kept.warnings == ()
-
-
-# --- several logs --------------------------------------------------------------------------------------------------

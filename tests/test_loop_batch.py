@@ -79,10 +79,10 @@ def scalar_engine_used(monkeypatch):
 @pytest.mark.parametrize("dead_time", [False, True])
 def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_time, monkeypatch):
     used = scalar_engine_used(monkeypatch)
-    arguments = slip_loops(600, lead=lead, dead_time=dead_time)  # more than are worked on together
+    arguments = slip_loops(300, lead=lead, dead_time=dead_time)  # more than are worked on together
     found = batch_margins(*arguments)
     assert not used
-    assert len(found) == 600
+    assert len(found) == 300
     assert 0.2 < found.stable.mean() < 0.9
     assert found.unstable_poles.max() >= 2
     # without dead time some peaks tie with the end of the axis, where rounding decides which frequency is named
@@ -108,7 +108,7 @@ STRUCTURES = [
 
 @pytest.mark.parametrize(("zero_shape", "pole_shape"), STRUCTURES)
 def test_resonances_integrators_and_non_minimum_phase_equal_the_scalar_engine(zero_shape, pole_shape):
-    arguments = random_loops(150, zero_shape, pole_shape, seed=sum(zero_shape) + 10 * sum(pole_shape))
+    arguments = random_loops(60, zero_shape, pole_shape, seed=sum(zero_shape) + 10 * sum(pole_shape))
     assert_equals_scalar(arguments, batch_margins(*arguments))
 
 
@@ -144,8 +144,7 @@ def test_result_of_a_loop_does_not_depend_on_its_company(arguments):
 
 
 @pytest.mark.parametrize(
-    ("left_out", "names"),
-    [("gain_margins", ("gain_increase", "gain_decrease")), ("peaks", ("ms", "mt", "disk"))],
+    ("left_out", "names"), [("gain_margins", ("gain_increase", "gain_decrease")), ("peaks", ("ms", "mt", "disk"))]
 )
 def test_margins_that_are_not_asked_for_are_nan_and_change_no_other(left_out, names):
     delicate = stack([Rational([-1.0], [-1e-9 + 1j, -1e-9 - 1j], 0.01)], 0.0)  # left to the scalar engine
@@ -193,13 +192,6 @@ def test_delicate_loops_are_left_to_the_scalar_engine(case, monkeypatch):
     assert used[0].gain == gain
 
 
-def test_dead_time_that_turns_a_piece_very_often_is_left_to_the_scalar_engine(monkeypatch):
-    used = scalar_engine_used(monkeypatch)
-    arguments = stack([Rational([], [-1.0], 0.9)], 1e6)  # |L| stays near 0.9 over 1e5 turns
-    assert_equals_scalar(arguments, batch_margins(*arguments))
-    assert len(used) == 1
-
-
 @pytest.mark.parametrize(("damping", "level", "tau"), [(0.05, 9e-4, 10.0), (0.02, 3.9e-4, 3.0)])
 def test_gain_margin_of_a_weak_resonance_far_up_is_where_stability_is_lost(damping, level, tau):
     # more than 20 phase crossovers lie before the resonance, and |L| < 1/100 throughout: the limit is at its peak
@@ -217,15 +209,6 @@ def test_empty_batch():
     assert found.stable.dtype == bool
     assert all(getattr(found, name).shape == (0,) for name in NAMES)
     assert len(batch_margins(*stack([], 0.1))) == 0
-
-
-def test_stack_broadcasts_one_dead_time():
-    loops = [Rational([-1.0], [-2.0, 0.5], 3.0), Rational([-1.5], [-2.0 + 1j, -2.0 - 1j], 4.0)]
-    zeros, poles, gain, tau = stack(loops, 0.2)
-    assert zeros.shape == (2, 1)
-    assert poles.shape == (2, 2)
-    assert gain == pytest.approx([3.0, 4.0])
-    assert tau == pytest.approx([0.2, 0.2])
 
 
 def test_loops_of_different_structure_are_not_stacked():

@@ -6,15 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from flint import arb
 from scipy.optimize.elementwise import find_root
 
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.certificate import _least_square
-from railslip_ctrl.loop.crossings import (
-    bracketed_roots,
-    monotone_root,
-)
+from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 
 
 @pytest.mark.parametrize(
@@ -29,15 +24,6 @@ from railslip_ctrl.loop.crossings import (
 )
 def test_the_gain_at_zero(zeros, poles, gain, value):
     assert Rational(zeros, poles, gain).dc_gain == pytest.approx(value, nan_ok=True)
-
-
-@pytest.mark.parametrize("sizes", [(0.2, 0.7), (0.7, 0.2), (1.2, 3.0), (0.5, np.inf), (np.inf, 0.5)])
-@pytest.mark.parametrize("c", [-1.0, 0.3, 0.6, 1.0])
-def test_the_least_distance_from_minus_one_over_an_interval_of_sizes(sizes, c):
-    # of m exp(j phi) with -cos(phi) <= c
-    m = np.linspace(min(sizes), min(max(sizes), 50.0), 100_001)
-    least = np.min(1 + m * (m - 2 * c))
-    assert float(_least_square([arb(one) for one in sizes], arb(c)).mid()) == pytest.approx(least, abs=1e-8)
 
 
 def test_a_positive_gain_at_infinity_limits_no_gain_without_dead_time():

@@ -40,6 +40,7 @@ def test_the_proof_is_borne_out_without_actuator_and_noise(si_runs: dict[tuple[s
     assert not adaptive.condition("Lyapunov").holds  # B(t) drifts: nothing in the proof covers it
 
 
+@pytest.mark.long
 def test_as_published_the_caliper_breaks_the_bound_for_a_moment(
     published_runs: dict[tuple[str, bool, bool], LyapunovRun],
 ) -> None:
@@ -49,7 +50,7 @@ def test_as_published_the_caliper_breaks_the_bound_for_a_moment(
     assert reaching.share > 0.99
 
 
-@pytest.mark.parametrize("reading", ["si_runs", "published_runs"])
+@pytest.mark.parametrize("reading", ["si_runs", pytest.param("published_runs", marks=pytest.mark.long)])
 def test_with_the_actuator_there_is_no_sliding(reading: str, request: pytest.FixtureRequest) -> None:
     """published.md: s s' < 0 about three quarters of the time without noise, as published; in SI far less."""
     runs = request.getfixturevalue(reading)
@@ -61,6 +62,7 @@ def test_with_the_actuator_there_is_no_sliding(reading: str, request: pytest.Fix
     assert runs["k = 0", True, True].condition("reaching (40)").share < 0.5
 
 
+@pytest.mark.long
 def test_the_printed_adaptation_keeps_the_train_from_stopping(
     published_runs: dict[tuple[str, bool, bool], LyapunovRun],
 ) -> None:

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from figure_checks import defects
-from matplotlib.path import Path as Outline
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
+from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import assess, controller_group, published_groups
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
@@ -26,19 +25,11 @@ from railslip_ctrl.report.plots import (
     gang_of_four_figure,
     nichols_figure,
     nyquist_figure,
-    region_figure,
     response_figure,
     save_figure,
     sweep_figure,
 )
-from railslip_ctrl.report.plots.style import (
-    PAGE_WIDTH,
-    figure_bytes,
-    folded,
-    new_figure,
-    panels,
-    plain_log_ticks,
-)
+from railslip_ctrl.report.plots.style import figure_bytes, new_figure
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 PI = PIController(PIGains(kp=190.0, ki=5.0))
@@ -47,17 +38,6 @@ PI = PIController(PIGains(kp=190.0, ki=5.0))
 @pytest.fixture(scope="module")
 def groups():
     return published_groups([plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail])
-
-
-@pytest.fixture(scope="module")
-def region():
-    plant = Rational(np.array([]), np.array([0.25, -1 / 0.6]), 1 / (4 * 0.6))
-    return stabilizing_pi(plant, dead_time=0.15)
-
-
-@pytest.fixture(scope="module")
-def strips(region):
-    return outline(region)
 
 
 def defects_of(figure):
@@ -105,45 +85,6 @@ def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
     closed = np.concatenate([np.conj(w[::-1]), arc.get_xdata() + 1j * arc.get_ydata(), w])
     turns = np.angle((closed[1:] + 0.5) / (closed[:-1] + 0.5)).sum() / (2 * np.pi)
     assert round(-turns) == 1
-
-
-def test_a_region_that_goes_on_leaves_the_picture():
-    plant = Rational(np.array([]), np.array([1.0, -2.0]), 2.0)
-    region = stabilizing_pi(plant)  # without dead time: 1 < kp, 0 < ki < kp - 1
-    strips = outline(region, kp_limit=12.0, ki_limit=4.0)
-    grid = margin_grid(region, np.linspace(1, 12, 25), np.linspace(0, 4, 25))
-    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="goes on")
-    for ax in figure.axes:
-        assert (ax.get_xlim()[1], ax.get_ylim()[1]) == pytest.approx((12.0, 4.0), rel=1e-3)
-        assert "no bound" in ax.get_xlabel()
-    assert "no bound" in figure.axes[0].get_ylabel()
-    assert defects_of(figure) == []
-
-
-def test_contours_run_from_edge_to_edge_where_the_margins_have_their_level(region, strips):
-    low, high = region.kp_range
-    top = max(strip.ki_high.max() for strip in strips)
-    grid = margin_grid(region, np.linspace(low, high, 60), np.linspace(0, top, 40))
-    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="a region")
-
-    def field(index, kp, ki):
-        if not region.contains(kp, max(ki, 0.0)):
-            return 0.0
-        margins = region.loops(kp, max(ki, 0.0))[0].margins()
-        return (1 / margins.ms, margins.phase_deg, margins.delay_s)[index]
-
-    shift = 0.012  # of the picture: half the grid's distance
-    for i, ax in enumerate(figure.axes):
-        (contours,) = [one for one in ax.collections if hasattr(one, "levels")]
-        assert contours.levels.size >= 4
-        for level, path in list(zip(contours.levels, contours.get_paths(), strict=True))[::3]:
-            assert 1 <= np.count_nonzero(path.codes == Outline.MOVETO) <= 2  # one line, open where its number stands
-            assert path.vertices[[0, -1], 1] == pytest.approx(0.0, abs=0.01 * top)
-            for kp, ki in path.vertices[5 :: max(len(path) // 2, 6)]:
-                around = [field(i, kp + a * shift * (high - low), ki + b * shift * top)
-                          for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]  # fmt: skip
-                assert min(around) <= level <= max(around)
-    assert defects_of(figure) == []
 
 
 def test_sweep_figure_leaves_gaps_where_unstable():
@@ -205,30 +146,6 @@ def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
     alone = response_figure({"PI": steps["PI"]}, {"PI": steps["PI"]}, title="r", reference_label="a", load_label="b")
     assert not alone.axes[2].texts
     assert alone.axes[2].get_ylim()[1] > steps["PI"].control.max()
-
-
-@pytest.mark.parametrize(
-    ("span", "shown"),
-    [
-        ((0.25, 0.95), {"0.4", "0.6", "0.8"}),
-        ((0.01, 6.0), {"0.01", "0.2", "5"}),
-        ((1e-6, 1.0), {"$\\mathdefault{10^{-4}}$"}),
-    ],
-)
-def test_ticks_of_a_short_logarithmic_axis_are_plain_numbers(span, shown):
-    ax = panels(new_figure(3.0, "t"))[0, 0]
-    ax.semilogy([0, 1], span)
-    plain_log_ticks(ax.yaxis)
-    ax.figure.draw_without_rendering()
-    assert shown <= {label.get_text() for label in ax.get_yticklabels()}
-
-
-def test_titles_are_folded_where_the_page_ends():
-    title = "Siemens Desiro Classic, quarter car: adhesion bristle, slip dry 0.132, wet 0.092; " * 3
-    assert len(folded(title, PAGE_WIDTH, 8.5).split("\n")) == 3
-    assert folded("a\nb", PAGE_WIDTH) == "a\nb"
-    assert folded("1\u00a0kg " * 4, 0.65) == "\n".join(["1\u00a0kg 1\u00a0kg"] * 2)  # a number keeps its unit
-    assert defects_of(new_figure(2.0, title)) == []
 
 
 @pytest.mark.parametrize("form", ["png", "svg"])

@@ -135,22 +135,3 @@ def test_print_is_not_made_smaller_and_keeps_together_what_belongs_together(brow
         assert browser.execute_script(_TORN) == []
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-
-
-def test_checks_see_what_is_wrong(browser, tmp_path):
-    file = tmp_path / "broken.html"
-    file.write_text(
-        "<!DOCTYPE html><meta name='viewport' content='width=device-width'>"
-        "<div class='scroll' style='overflow-x: auto; width: 300px'><p style='width: 900px'>table</p></div>"
-        "<p style='width: 5000px'>wide</p><a href='#gone'>link</a><img alt='gone' src='data:image/png;base64,AA'>"
-        "<script>console.error('it went wrong')</script>"
-    )
-    console = shown(browser, file.as_uri(), WIDTHS["A4"])
-    assert any("it went wrong" in entry["message"] for entry in console)
-    assert browser.execute_script(_WIDER)
-    assert browser.execute_script(_CUT) == ["table"]
-    assert browser.execute_script(_UNSEEN) == ["gone"]
-    assert len(browser.execute_script(_DEAD)) == 1
-    assert browser.execute_script(_TORN) == []
-    browser.execute_script("document.body.append(document.createElement('figure'))")
-    assert browser.execute_script(_TORN) == ["auto", "none"]

@@ -17,14 +17,7 @@ from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity
-from railslip_ctrl.paper.tables import (
-    CASES,
-    published_facts,
-    published_setup,
-    run_setups,
-    table3,
-    table5,
-)
+from railslip_ctrl.paper.tables import CASES, published_facts, published_setup, run_setups, table3, table5
 from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged
@@ -190,7 +183,7 @@ def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_p
     assert {one["basis"] for one in content["reading"]} == {"printed", "inferred", "fitted"}
     assert "railslip: facts" in err
     files = {path.name for path in (tmp_path / "out").iterdir()}
-    pictures = {f"{name}.png" for name in reproduce.PICTURES}
+    pictures = {f"{name}.png" for name in reproduce.FIGURES}
     assert files == {"reproduction.txt", "reproduction.json", "reproduce.html", *pictures}
     page = Page.parsed((tmp_path / "out" / "reproduce.html").read_text("utf-8"))
     assert page.problems() == []

@@ -102,38 +102,6 @@ def test_delayed_integrator_equals_the_method_of_steps(gain, dead_time, segments
     assert np.max(np.abs(found.control - gain * (1 - found.output)) / size) < 1e-11
 
 
-@pytest.mark.parametrize("pole", [-1.0, 0.4, -30.0])
-def test_first_order_plant_equals_the_closed_form_of_its_first_two_segments(pole):
-    # y' = p y + K (1 - y(t - tau)) for t > tau, y = 0 before; on [tau, 2 tau] y = K/p (exp(p s) - 1), s = t - tau,
-    # and on [2 tau, 3 tau] the feedback of that, through 1/(s - p) again, is taken off
-    gain, tau = 1.3, 0.7
-    t = np.linspace(0, 3 * tau, 301)
-    s1, s2 = np.maximum(t - tau, 0), np.maximum(t - 2 * tau, 0)
-    expected = gain / pole * np.expm1(pole * s1)
-    expected -= gain**2 / pole * (s2 * np.exp(pole * s2) - np.expm1(pole * s2) / pole)
-    found = step_response(
-        Rational(np.array([]), np.array([]), gain), Rational(np.array([]), np.array([pole]), 1.0), tau, time=t
-    )
-    assert found.output == pytest.approx(expected, abs=1e-12)
-
-
-def test_load_step_on_a_delayed_integrator_is_the_integral_of_an_impulse_response():
-    # y' = 1 - K y(t - tau), y(0) = 0: y = t, then t - K (t - tau)^2/2, then + K^2 (t - 2 tau)^3/6
-    gain, tau = 0.8, 1.5
-    t = np.linspace(0, 3 * tau, 200)
-    lag = [np.maximum(t - k * tau, 0) for k in range(3)]
-    expected = lag[0] - gain * lag[1] ** 2 / 2 + gain**2 * lag[2] ** 3 / 6
-    found = disturbance_response(Rational(np.array([]), np.array([]), gain), INTEGRATOR, tau, time=t)
-    assert found.output == pytest.approx(expected, abs=1e-12)
-    assert found.plant_input[0] == 1.0  # the load acts at once, the command not yet
-
-
-def test_neutral_loop_of_a_pure_gain_is_a_geometric_series():
-    # y(t) = K (1 - y(t - tau)): constant on each segment, right-hand values at the jumps
-    found = step_response(Rational(np.array([]), np.array([]), 0.5), ONE, 0.1, time=np.arange(8) * 0.1)
-    assert found.output == pytest.approx([(1 - (-0.5) ** k) / 3 for k in range(8)], abs=1e-15)
-
-
 def test_a_biproper_loop_jumps_at_multiples_of_the_dead_time():
     # first segments of L = K (s + z)/(s + p) exp(-tau s) with K = 0.6: jump of K at tau, of -K^2 at 2 tau
     tau = 0.3
@@ -159,27 +127,7 @@ def test_without_dead_time_it_is_the_response_of_scipy():
     assert found.output == pytest.approx(expected, abs=1e-9)  # lsim's expanded polynomials lose digits
 
 
-def test_biproper_loop_without_dead_time():
-    # L = 3 (s + 2)/(s + 5): T = 3 (s + 2)/(4 s + 11), y = T(0) + (T(inf) - T(0)) exp(-11 t/4)
-    t = np.linspace(0, 3, 50)
-    y = step_response(Rational(np.array([]), np.array([]), 3.0), rational([1, 2], [1, 5]), 0.0, time=t).output
-    assert y == pytest.approx(6 / 11 + (3 / 4 - 6 / 11) * np.exp(-11 / 4 * t), abs=1e-14)
-
-
 # --- what a response must do -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("factor", "dead_time"), [(1.0, 0.15), (1.0, 0.6), (8.0, 0.15), (0.3, 0.15)])
-def test_late_response_grows_or_decays_as_the_rightmost_closed_loop_poles(factor, dead_time):
-    controller = PI_LEAD * factor
-    loop = DeadTimeLoop(controller * LAG * WHEEL, dead_time)
-    poles = loop.closed_loop_poles(count=6)
-    # fit the modes to the late response: nothing must be left over
-    t = np.linspace(25.0, 30.0, 400)
-    y = step_response(controller, WHEEL, dead_time, actuator=LAG, time=t).output - 1.0
-    modes = np.exp(np.outer(t - t[0], poles))
-    left = modes @ np.linalg.lstsq(modes, y.astype(complex), rcond=None)[0] - y
-    assert np.max(np.abs(left)) < 1e-8 * np.max(np.abs(y))
 
 
 def test_superposition_and_the_impulse_as_an_initial_state():
@@ -203,14 +151,6 @@ def test_superposition_and_the_impulse_as_an_initial_state():
     # central difference: h^2 of the third derivative and rounding over h
     assert (ahead.output - behind.output) / (2 * h) == pytest.approx(kick_later.output, abs=1e-8)
     assert kick.output[0] == pytest.approx(0.43 / 60.35, rel=1e-14)
-
-
-def test_control_rate_is_the_derivative_of_control():
-    t, h = np.linspace(0.5, 4, 100), 1e-5
-    signal = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t)
-    ahead, behind = (disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t + s) for s in (h, -h))
-    assert (ahead.control - behind.control) / (2 * h) == pytest.approx(signal.control_rate, abs=1e-6)
-    assert signal.largest_control_rate == np.max(np.abs(signal.control_rate))
 
 
 @pytest.mark.parametrize("dead_time", [1e-3, 0.15, 3.0, 50.0, 1e9])
@@ -239,11 +179,6 @@ def test_overshoot_and_settling_time():
     assert response.largest_output == 2.6
     none = TimeResponse(t, y, y, y, y, y, 0.1, reference=0.0, disturbance=1.0, noise=0.0)
     assert math.isnan(none.overshoot)
-
-
-def test_a_final_time_alone_asks_for_1001_times():
-    found = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, final_time=30.0)
-    assert (found.time.size, found.time[0], found.time[-1]) == (1001, 0.0, 30.0)
 
 
 # --- refusals --------------------------------------------------------------------------------------------------------

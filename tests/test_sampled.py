@@ -256,29 +256,7 @@ def test_a_pole_too_fast_for_the_rule_is_refused():
         SampledController(1 / (S - 100), 0.01, rule=Rule.BACKWARD)
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
-def test_set_up_gives_the_asked_torque_at_once_and_holds_it_without_error(name):
-    controller = dataclasses.replace(CONTROLLERS[name], torque_low=0.0, torque_high=10_000.0)
-    assert run(controller, np.zeros(50), torque=4787.0) == pytest.approx(4787.0, rel=1e-14)
-
-
 # --- limits and anti-windup ------------------------------------------------------------------------------------------
-
-
-FAST_PI = PIController(PIGains(kp=3.0, ki=1.0))
-
-
-def test_limits_outside_the_controller_count_through_the_torque_applied():
-    inside = SampledController(FAST_PI, 0.05, torque_low=-1.0, torque_high=1.0)
-    outside = SampledController(FAST_PI, 0.05)
-    errors = np.random.default_rng(5).normal(size=300) + 0.3
-    x, other, accepted = np.array(inside.start()), np.array(outside.start()), None
-    for error in errors:
-        torque = inside.step(x, error)
-        command = outside.step(other, error, accepted)
-        accepted = float(np.clip(command, -1.0, 1.0))
-        assert accepted == torque
-    assert np.array_equal(other, x)
 
 
 def random_loops(seed: int, count: int) -> list[tuple[Rational, Rational]]:
@@ -312,7 +290,7 @@ def test_a_saturated_controller_of_any_order_comes_back_as_the_unlimited_one_doe
     Times are those of a crossover at 1 rad/s. Of 1000 loops like these, none was above 0 and 5.3 s, and 0.03 and 0.7 s.
     """
     h, wound = 0.05, []
-    for c, plant in random_loops(5, 12):
+    for c, plant in random_loops(5, 6):
         made = realise(plant)
         n = made.b.size
         block = expm(np.block([[made.a, made.b[:, None]], [np.zeros((1, n + 1))]]) * h)
@@ -352,31 +330,6 @@ def test_the_tracking_time_left_out_is_that_of_the_slowest_zero():
     assert SampledController(ct.tf([1.0, -0.99], [1.0, -1.0], 0.02), 0.02).effective_tracking_time == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "tracking_time", "poles"),
-    [
-        ("double integrator", 0.5, [0.09 / 0.11, 1 - 0.02 / 3**0.5, 0.96]),  # zeros at 1/sqrt(3) 1/s
-        ("PID with filter and notch", None, [2 / 3, 2 / 3, 2 / 3, 0.9996]),  # zeros at 0.02, 1.67, 20 and 20 1/s
-        ("no direct path", None, [0.6, 0.6, 2 / 3]),
-    ],
-)
-def test_slow_poles_alone_go_to_the_speed_of_their_zeros_while_a_limit_acts(name, tracking_time, poles):
-    """The state then follows phi - back C: slow poles are at 1 - h/T, fast ones where Tustin's rule puts them."""
-    controller = SampledController(ANY[name], 0.02, tracking_time=tracking_time)
-    n = int(controller.numbers[0])
-    c, back, phi = (np.array(controller.numbers[4 + a * n :][: b * n]) for a, b in ((0, 1), (3, 1), (4, n)))
-    found = np.sort(np.linalg.eigvals(phi.reshape(n, n)[1:, 1:] - np.outer(back[1:], c[1:])).real)
-    # a triple eigenvalue is good to the third root of rounding
-    assert found == pytest.approx(sorted(poles), abs=1e-4)
-    assert back[0] == 0.0
-
-
-def test_proportional_control_has_nothing_to_wind_up():
-    controller = dataclasses.replace(CONTROLLERS["P"], torque_low=-1.0, torque_high=1.0)
-    assert controller.effective_tracking_time == math.inf
-    assert run(controller, [5.0, 5.0, 0.0, -1e-3]) == pytest.approx([1.0, 1.0, 0.0, -0.19])
-
-
 # --- the exact sampled loop ------------------------------------------------------------------------------------------
 
 
@@ -403,18 +356,6 @@ def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
     assert loop.delayed(m.delay_s * (1 - 1e-8)).is_stable()
     assert not loop.delayed(m.delay_s * (1 + 1e-8)).is_stable()
-
-
-def test_peaks_and_phase_margin_against_a_fine_grid(plant):
-    loop = sampled_loop(SampledController(LEAD, 0.05), plant, ACTUATOR)
-    m = loop.margins()
-    response = loop.response(np.geomspace(1e-3, loop.nyquist_frequency, 200_000))
-    assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-7)
-    assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-7)
-    assert 1 / m.disk == pytest.approx(np.max(np.abs(1 / (1 + response) - 0.5)), rel=1e-7)
-    at = loop.response(m.gain_crossovers)
-    assert np.abs(at) == pytest.approx(1.0, abs=1e-12)
-    assert np.angle(-at, deg=True) == pytest.approx(m.phase_margins_deg, abs=1e-10)
 
 
 FIELDS = ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -285,19 +284,6 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
                     record(**{**given, name: value})
 
 
-def test_events_hold_in_the_order_of_time_not_of_the_file():
-    """A factor of one half from 20 s on wet rail from 10 s: by hand, the wet rail is in force when the factor comes."""
-    events = [Event(time=20.0, adhesion_factor=0.5), Event(time=10.0, rail=Rail.WET)]
-    control = published_controller("pi")
-    runs = [
-        simulate(built_in_scenario("park2008").with_changes(events=order), control, seed=None)
-        for order in (events, events[::-1])
-    ]
-    assert runs[0].braking_distance == runs[1].braking_distance
-    wet = built_in_scenario("park2008").with_changes(events=[events[1]])
-    assert runs[0].braking_distance > simulate(wet, control, seed=None).braking_distance
-
-
 NO_LAG = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"lag": 0.0})})
 BOTH_KINDS = [Event(time=20.0, adhesion_factor=0.5), Event(distance=100.0, rail=Rail.WET)]
 
@@ -313,10 +299,3 @@ BOTH_KINDS = [Event(time=20.0, adhesion_factor=0.5), Event(distance=100.0, rail=
 def test_what_does_not_go_together_is_refused(changes, words):
     with pytest.raises(InputError, match=words):
         built_in_scenario("park2008-si").with_changes(**changes)
-
-
-def test_a_run_ends_at_its_longest_time_between_samples_too():
-    """60.1 s are over before the sample at 61 s: the run is given up there, whatever the period."""
-    slow = replace(published_controller("pi"), period=1.0)
-    run = simulate(built_in_scenario("park2008").with_changes(longest_time=57.3), slow, seed=None)
-    assert (run.stopped, run.braking_time) == (False, pytest.approx(57.3, abs=1e-9))

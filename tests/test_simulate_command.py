@@ -192,19 +192,6 @@ def test_a_folder_takes_report_series_and_pictures(railslip, tmp_path):
     assert names == {f"simulation.{suffix}" for suffix in ("txt", "json", "csv", "png", "svg")}
 
 
-def test_the_picture_shows_the_signals():
-    from railslip_ctrl.report.plots.runs import simulation_figure
-
-    run = simulate(built_in_scenario("park2008"), published_controller("pi"), seed=1, record_every=10)
-    speeds, slip, torque, adhesion = simulation_figure(run).axes
-    assert speeds.lines[0].get_ydata() == pytest.approx(3.6 * run.signals.speed)
-    assert slip.lines[1].get_ydata() == pytest.approx(run.signals.reference)
-    assert torque.lines[1].get_ydata() == pytest.approx(run.signals.torque / 1000)
-    assert adhesion.lines[0].get_ydata() == pytest.approx(run.signals.adhesion_force / 34_500)
-    styles = [line.get_linestyle() for line in speeds.lines[:2]]
-    assert styles[0] != styles[1]  # a grey print tells them apart
-
-
 FILES = {
     "own.toml": 'kind = "pi"\nkp = 100\nki = 10\n',
     "law.toml": 'law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n',

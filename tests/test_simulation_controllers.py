@@ -11,13 +11,12 @@ from generated_code import begun
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.controllers import Rule, actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.controllers import Rule, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
-from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.stops import braked
 from railslip_ctrl.simulation import (
     LinearControl,
@@ -33,7 +32,6 @@ from railslip_ctrl.simulation.catalogue import (
     MS_MAX,
     NAMES,
     controller_named,
-    design_points,
     full_brake_torque,
     margins_over_points,
     published_controller,
@@ -197,29 +195,6 @@ def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
     assert 0.99 * MS_MAX < margins.ms.max() <= MS_MAX
 
 
-@pytest.mark.long
-def test_the_lead_of_a_vehicle_is_for_its_own_brake():
-    """Lag 0.4 s in place of 0.6 s; and more integral action than behind the published brake's lead."""
-    vehicle = PARK2008.model_copy(
-        update={"mass": 5500.0, "mass_loaded": 7500.0, "actuator": Actuator(dead_time=0.08, lag=0.4)}
-    )
-    control = recommended_pi_lead(vehicle)
-    assert (control.design.lead, control.design.lead_filter) == pytest.approx((0.4, 0.04), rel=1e-12)
-    margins = margins_over_points(control, vehicle)
-    assert 0.999 * MS_MAX < margins.ms.max() <= 1.001 * MS_MAX  # as found, not rounded
-
-
-def test_no_pi_lead_of_ms_2_has_more_ki():
-    """One point binds; its own optimum bounds that of all, and the gains are it, rounded down to three digits."""
-    control, vehicle = recommended_pi_lead(), published_vehicle()
-    binding = design_points(vehicle)[int(margins_over_points(control).ms.argmax())]
-    compensator = PIController(PIGains(kp=1.0, ki=0.0), 0.6, 0.06).transfer_function
-    plant = actuated_plant(binding, vehicle.actuator)
-    best = tune_pi([plant], vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator)
-    assert control.design.gains.ki == pytest.approx(best.ki, rel=0.01)
-    assert control.design.gains.kp == pytest.approx(best.kp, rel=0.01)
-
-
 @pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
 def test_the_recommended_schedule_keeps_what_it_says(vehicle):
     schedule = recommended_schedule(vehicle).schedule
@@ -247,6 +222,7 @@ def test_designs_stop_without_locking_in_both_readings(name, controller):
     assert run.locked_fraction == 0.0
 
 
+@pytest.mark.long
 def test_designs_follow_another_vehicle():
     slow = PARK2008.actuator.model_copy(update={"dead_time": 1.5})
     heavy = PARK2008.model_copy(
@@ -275,14 +251,6 @@ def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_loa
 
 
 # --- by name -------------------------------------------------------------------------------------------------------
-
-
-def test_gains_of_one_s_own():
-    own = PIGains(kp=190.0, ki=5.0)
-    assert controller_named("pi", PARK2008, gains=own).design == PIController(own)
-    assert controller_named("pi-lead", PARK2008, gains=own).design == PIController(own, 0.6, 0.06)
-    plain = controller_named("pi", PARK2008, column="beam")
-    assert plain == replace(plain, design=PIController(TABLE4_PI["beam"]))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -320,12 +288,6 @@ def test_an_initial_torque_is_commanded_at_once():
     assert run.signals.command[0] == pytest.approx(1500.0 + 100.0 * 0.132 * 100 / 3.6, rel=1e-12)
     with pytest.raises(InputError, match="initial torque"):
         replace(control, initial_torque=math.nan)
-
-
-def test_the_initial_torque_starts_no_slide_on_wet_rail():
-    """0.12 of the wheel load is below the wet rail's peak of 0.153: the slip stays at most twice its reference."""
-    wet = SCENARIO.with_changes(rail=Rail.WET, events=(), longest_time=10.0)
-    assert simulate(wet, recommended_pi_lead(), seed=0).max_slip < 2 * 0.092
 
 
 def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:

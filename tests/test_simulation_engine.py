@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from braking_runs import NO_ADHESION, NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
+from braking_runs import NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
 from railslip_ctrl.core.errors import InputError
@@ -120,17 +120,6 @@ def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> Non
     expected = staircase_behind_actuator(time, command, dead_time, 0.6)
     # Runge-Kutta's own error over the run, (h/T)^4/120 of the torque: 2e-12 at the largest step
     np.testing.assert_allclose(run.signals.torque[:-1], expected, rtol=0, atol=3000.0 * (step / 0.6) ** 4 / 50 + 1e-9)
-
-
-def test_without_a_lag_the_delayed_command_acts_at_once() -> None:
-    """The wheel without adhesion integrates it: r omega falls by (r/J) times the torque's integral."""
-    dead_time, torque = 0.0537, 300.0
-    run = simulate(
-        scenario(bare_vehicle(dead_time=dead_time), longest_time=2.0), constant_torque(torque, period=0.01), seed=None
-    )
-    wheel = PARK2008.wheel
-    expected = 30.0 / wheel.radius - torque / wheel.inertia * np.maximum(run.signals.time - dead_time, 0.0)
-    np.testing.assert_allclose(run.signals.wheel_speed, expected, rtol=1e-12)
 
 
 def test_fill_dump_and_rate_limit() -> None:
@@ -268,19 +257,6 @@ def test_runs_repeat_with_their_seed() -> None:
     assert numbers(unrecorded) == numbers(first)
     child = simulate(built_in_scenario("park2008"), published_pi(), seed=np.random.SeedSequence(5), record_every=None)
     assert numbers(child) == numbers(first)
-
-
-@pytest.mark.parametrize("period", [None, 0.7])
-def test_noise_reaches_to_the_end_of_a_run_that_does_not_stop(period: float | None) -> None:
-    """A last sample may begin before and end after the longest time: there is a random force for all of it."""
-    run = simulate(
-        scenario(bare_vehicle(), disturbances=Disturbances(random_force=431.0), longest_time=1.0, adhesion=NO_ADHESION),
-        constant_torque(0.0, period=period),
-        seed=1,
-        record_every=None,
-        compiled=False,  # where an index out of range raises
-    )
-    assert run.outcome is Outcome.OUT_OF_TIME
 
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])

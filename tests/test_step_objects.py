@@ -79,13 +79,6 @@ def test_one_law_in_every_form_makes_one_run(controller):
     assert again.braking_distance == found.braking_distance  # each run begins anew
 
 
-def test_the_interpreted_kernel_calls_steps_too():
-    short = SCENARIO.with_changes(longest_time=0.3, events=())
-    runs = [simulate(short, c, compiled=how).signals.command for c in (PI(), NUMBA_PI) for how in (True, False)]
-    for run in runs[1:]:
-        assert run == pytest.approx(runs[0], rel=1e-12, abs=1e-9)
-
-
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
     assert as_run(PI()).reference == REFERENCE  # its own
@@ -199,30 +192,14 @@ COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = 
     ("text", "body", "told"),
     [
         (PLAIN, "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)", "line 7: step at t = 0.5 s fails with ZeroD"),
-        (
-            PLAIN,
-            "return float('nan') if t > 0.3 else 0.0",
-            "line 6: step gives nan at t = 0.31 s; give a",
-        ),
+        (PLAIN, "return float('nan') if t > 0.3 else 0.0", "line 6: step gives nan at t = 0.31 s; give a"),
         (PLAIN, "return 'brake'", "line 6: step gives 'brake' at t = 0 s"),
         (PLAIN, "return helped(t)", "line 3: step at t = 0 s fails with KeyError"),
-        (
-            PLAIN,
-            "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing",
-            "line 9: reset at t = 0 s",
-        ),
-        (
-            COMPILED,
-            "x = 1.0\n    return v if t < 1 else x * gain",
-            "line 7: Numba cannot compile step: NameError",
-        ),
+        (PLAIN, "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing", "line 9: reset at t = 0 s"),
+        (COMPILED, "x = 1.0\n    return v if t < 1 else x * gain", "line 7: Numba cannot compile step: NameError"),
         (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
         (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
-        (
-            COMPILED,
-            "if t > 0.3:\n        raise ValueError('no')\n    return 0.0",
-            "line 7: step at t = 0.31 s ",
-        ),
+        (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
     ],
 )
 def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
@@ -342,11 +319,7 @@ ALONE = "is known by its step alone and has no margins"
         ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
-        (
-            "Stepped(lambda s, p: None)",
-            "mine.py, line 12: what linear gives is refused: controller: None",
-            None,
-        ),
+        ("Stepped(lambda s, p: None)", "mine.py, line 12: what linear gives is refused: controller: None", None),
         ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
         ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
         ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),

@@ -86,22 +86,11 @@ FACTORS: dict[str, Callable[[DeadTimeLoop], DeadTimeLoop]] = {
 }
 
 
-@pytest.mark.parametrize("name", FACTORS)
-def test_a_loop_is_multiplied_by_numbers(name):
-    assert FACTORS[name](LOOP)(S) == pytest.approx(2 * PLANT(S) * np.exp(-DELAY * S), rel=1e-12)
-
-
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_loop_is_multiplied_by_systems_from_either_side(name):
     expected = PLANT(S) * SYSTEMS["control.tf"]()(S) * np.exp(-DELAY * S)
     for found in (SYSTEMS[name]() * LOOP, LOOP * SYSTEMS[name](), SAME * LOOP, LOOP * DeadTimeLoop(SAME)):
         assert found(S) == pytest.approx(expected, rel=1e-10)
-
-
-@pytest.mark.parametrize("other", [LOOP, ct.tf([1], [1, 2], 0.1), ct.ss(ct.tf([1], [1, 2], True)), "C", True])
-def test_a_loop_is_not_multiplied_by_what_has_its_own_time(other):
-    with pytest.raises(InputError, match="factor: "):
-        LOOP * other
 
 
 def test_a_loop_has_what_python_control_asks_of_it():
@@ -122,14 +111,6 @@ def test_python_control_s_plots_of_a_loop_itself_say_what_they_take(plot):
     with pytest.raises(AttributeError, match=r"give control.bode_plot and its like loop\.frequency_response\(omega\)"):
         plot(LOOP)
     assert not hasattr(LOOP, "dt")  # by which a system is known
-
-
-def test_the_step_response_of_a_loop_is_the_closed_loop_s():
-    approximate = ct.feedback(PLANT * ct.tf(*ct.pade(DELAY, 12)))
-    time = np.linspace(0, 4, 81)
-    expected = ct.step_response(approximate, time).outputs
-    assert LOOP.step_response(time).output == pytest.approx(expected, abs=1e-4)  # what Pade of order 12 leaves
-    assert LOOP.step_response(4).output[::50] == pytest.approx(LOOP.step_response(time[::4]).output, abs=1e-9)
 
 
 H, FINE = 0.2, 20

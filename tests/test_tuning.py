@@ -24,9 +24,9 @@ from railslip_ctrl.design.tuning import (
     simc_pi,
     tune_cases,
 )
-from railslip_ctrl.design.tuning_search import Family, Forbidden, _bracket, _tightest
+from railslip_ctrl.design.tuning_search import Family, Forbidden, _tightest
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=1.0, ki=0.0), lead=0.6, lead_filter=0.06).transfer_function
@@ -45,7 +45,11 @@ def twelve_points():
 
 @pytest.mark.parametrize(
     ("ki_min", "compensator", "ms", "kp"),
-    [(5.0, None, 5.42, 211), pytest.param(1e-6, None, 4.69, 192, marks=pytest.mark.long), (5.0, LEAD, 1.4291, 229)],
+    [
+        (5.0, None, 5.42, 211),
+        pytest.param(1e-6, None, 4.69, 192, marks=pytest.mark.long),
+        pytest.param(5.0, LEAD, 1.4291, 229, marks=pytest.mark.long),
+    ],
     ids=["PI", "PI, ki to 0", "PI-lead"],
 )
 def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
@@ -62,6 +66,7 @@ def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
         assert worst is None or worst.ms >= design.worst.ms * (1 - 1e-9)
 
 
+@pytest.mark.long
 def test_phase_and_delay_margins_can_bind():
     plant = twelve_points()[4]
     by_phase = tune_pi(plant, 0.15, ms_max=8.0, phase_min_deg=9.0)
@@ -119,18 +124,16 @@ def test_several_bounds_together_are_searched_to_their_corners(plants, dead_time
     assert tune_pi(plants, dead_times, **asked).ki >= found_by_brute_force
 
 
-@pytest.mark.parametrize("ms_max", [1.015, 1.001])
-def test_a_stable_plant_meets_every_ms_above_1(ms_max):
-    assert tune_pi(1 / (S + 1), 1.0, ms_max=ms_max).worst.ms == pytest.approx(ms_max, rel=1e-9)
-
-
 @pytest.mark.parametrize(
     ("plants", "dead_time", "asked", "match"),
     [
         (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"),
         (1 / (S - 5), 2.4, {"ms_max": 3.0}, "no PI stabilises"),
         (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 holds all plants; the largest"),
-        (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
+        pytest.param(
+            *(FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
+            marks=pytest.mark.long,
+        ),
         (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
         # 1/(s - 1) with 0.95 s under P control: atan(w) - 0.95 w, at most at w^2 = 1/0.95 - 1
         (1 / (S - 1), 0.95, {"phase_min_deg": 20}, r"largest phase margin 0\.4336 deg"),
@@ -169,8 +172,6 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
         (lambda: tune_pi([], 0.1, ms_max=2.0), "none is given"),
         (lambda: tune_pi(SLOW_AND_FAST, [0.1, 0.2, 0.3], ms_max=2.0), "3 values for 2 plants"),
         (lambda: pi_for_crossover(1 / S, 0.1, 0.0, 30.0), "crossover"),
-        (lambda: pi_for_crossover(1 / S, 0.1, float("nan"), 30.0), "crossover"),
-        (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 0.0), "phase margin"),
         (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 180.0), "phase margin"),
         (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.7, 60.0), "needs ki"),
         (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.05, 5.0), "does not stabilise|needs ki"),
@@ -179,7 +180,6 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
         (lambda: tuned_at_100("pi", lead=0.6), "does not go with"),
         (lambda: tuned_at_100("pid", lead=0.6), "searches"),
         (lambda: simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
-        (lambda: simc_pi(lags(1.0), 0.1, closed_loop_time=-0.1), "closed-loop time"),
         (lambda: simc_pi(lags(1.0), -0.1), "dead time"),
         (lambda: simc_pi(Rational(np.array([]), np.array([]), 1.0), 0.1), "must have poles"),
         (lambda: simc_pi(Rational(np.array([]), np.array([-1 + 2j, -1 - 2j]), 1.0), 0.1), "roots real"),
@@ -189,7 +189,6 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
         (lambda: rotstein_lewin(lags(1.0), 0.1, closed_loop_time=1.0), "the plant is stable"),
         (lambda: rotstein_lewin(lags(-1.0), 0.1, closed_loop_time=0.0), "closed-loop time"),
         (lambda: rotstein_lewin(lags(-1.0), 1.0, closed_loop_time=1.0), "that a PI can stabilise"),
-        (lambda: rotstein_lewin(lags(-1.0), 2.0, closed_loop_time=1.0, derivative=True), "that a PID can stabilise"),
         (
             lambda: rotstein_lewin(lags(-1.0), 0.2, closed_loop_time=1.0, derivative=True).transfer_function(),
             "derivative filter",
@@ -213,17 +212,7 @@ def rescaled(plant, gain, time):
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
 
 
-def test_tuning_is_continuous_as_the_dead_time_vanishes():
-    three_lags, lag = Rational([], [-1.0, -5.0, -20.0], 100.0), Rational([], [-1.0], 1.0)
-    without = tune_pi(three_lags, ms_max=1.8).ki
-    # 13 per s of dead time, of the size of the lags
-    assert tune_pi(three_lags, 1e-6, ms_max=1.8).ki == pytest.approx(without, rel=3.1e-5)
-    # a lag far slower than the dead time is an integrator, whose time is the dead time's alone
-    integrator = tune_pi(Rational([], [0.0], 1.0), 1.0, ms_max=2.0).ki
-    for dead_time in (1e-6, 1e-10):
-        assert tune_pi(lag, dead_time, ms_max=2.0).ki * dead_time**2 == pytest.approx(integrator, rel=10 * dead_time)
-
-
+@pytest.mark.long
 def test_a_plant_that_needs_integral_action_is_tuned():
     island = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
     # no ki below 3 stabilises it; the island ends in a tip, which ever finer grids of gains come up to: 5.08, 5.0801
@@ -247,7 +236,7 @@ def brute_force(plants, dead_times, ms_max, kp, ki):
     return 0.0
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, 3, 4))])
 def test_brute_force_finds_nothing_better(seed):
     rng = np.random.default_rng(seed)
     pole, rest = rng.uniform(-1, 0.5), -(10 ** rng.uniform(-0.5, 1, int(rng.integers(0, 3))))
@@ -268,36 +257,6 @@ def test_brute_force_finds_nothing_better(seed):
 
 
 AT_100 = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
-
-
-def test_a_lead_meets_what_a_pi_cannot():
-    lead, pi = tuned_at_100("pi-lead"), tuned_at_100("pi")
-    assert lead.controller(lead.design).lead == PARK2008.actuator.lag
-    assert pi.design is None
-    assert "Ms <= 1.8" in pi.reason
-    assert pi.asked == "maximise ki, Ms <= 1.8"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("actuator", "wanted", "ki_min"),
-    [
-        (Actuator(dead_time=0.05, lag=0.2), Specification(ms_max=1.8), None),
-        (Actuator(dead_time=0.1, lag=0.0), Specification(), 50.0),
-    ],
-)
-def test_a_pid_has_the_derivative_time_that_serves_best(actuator, wanted, ki_min):
-    def tuned(structure, **given):
-        return tune_cases(AT_100, actuator, structure=structure, specification=wanted, ki_min=ki_min, **given)
-
-    def worth(cases):
-        return cases.design.ki if ki_min is None else -cases.design.worst.ms
-
-    pid = tuned("pid")
-    for factor in (0.9, 1.1):
-        assert worth(tuned("pi-lead", lead=factor * pid.lead)) < worth(pid)
-    if ki_min:
-        assert pid.asked == "minimise Ms with ki >= 50 N*m/m"
 
 
 # --- the parts of tuning, each against what it is defined by ---------------------------------------------------------
@@ -341,15 +300,6 @@ def test_a_family_of_any_structures_has_the_margins_of_its_loops():
     worst = worst_of(family_margins(loops[:3]))
     assert (worst.ms, worst.phase_deg, worst.delay_s) == (found.ms[2], found.phase_deg[2], found.delay_s[2])
     assert (worst.ms_member, worst.phase_member, worst.delay_member) == (2, 2, 2)
-
-
-@pytest.mark.parametrize("limit", [-9.5, -4.0, -0.5, -0.05, -1e-3, 0.0, 5e-4, 0.01, 0.3, 1.9])
-def test_a_bracket_holds_the_limit(limit):
-    lower, upper = _bracket(lambda x: x <= limit, 0.0)
-    assert lower <= limit < upper
-    lower, upper = _bracket(lambda _: True, 0.0)
-    assert lower == upper > 0
-    assert _bracket(lambda _: False, 0.0) is None
 
 
 @pytest.mark.parametrize(("margin", "best"), [("ms", 1.1070848), ("phase_deg", -64.591644), ("delay_s", -1.8992699)])

@@ -114,7 +114,7 @@ _UNIT_TEXT = st.lists(
 
 @given(text=st.text(max_size=80) | _UNIT_TEXT, unit=st.sampled_from(["m", "1", "N/(m/s)^2"]))
 @example(text="1 m**999999999", unit="m")
-@settings(max_examples=100, deadline=5000)  # ms; the first call builds Pint's registry, a hang takes for ever
+@settings(max_examples=40, deadline=5000)  # ms; the first call builds Pint's registry, a hang takes for ever
 def test_any_text_is_a_finite_number_or_an_input_error_of_one_line(text: str, unit: str) -> None:
     refusal, number = "", math.nan
     try:
@@ -156,12 +156,6 @@ def test_an_ms_has_two_decimals_on_the_safe_side() -> None:
         "inf",
     ]
     assert [ms_down(x) for x in (1.9379, 1.9, 1.0)] == ["1.93", "1.90", "1.00"]
-
-
-def test_rounding_of_bounds_is_to_three_digits() -> None:
-    assert (rounded_up(1.2341), rounded_down(1.2349), rounded(1.2351, 3)) == (1.24, 1.23, 1.24)
-    assert (rounded_up(-1.2349), rounded_up(0.0), rounded_down(math.inf)) == (-1.23, 0.0, math.inf)
-    assert rounded_up(1.1, 2) == 1.1 == rounded_down(1.1, 2)  # 1.1 * 10 is 11.000000000000002
 
 
 def test_a_citation_is_of_a_source_that_there_is() -> None:

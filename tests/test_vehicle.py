@@ -195,16 +195,6 @@ def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_bra
         assert force == approx((3.0 + 1.4 * share + 3.9 * share**2) * per_mille)
 
 
-def test_absent_load_limit_and_resistance_coefficient_are_told() -> None:
-    vehicle = load_vehicle(TRAXX)
-    assert vehicle.mass_loaded == vehicle.mass == 21_250.0
-    assert vehicle.resistance.linear == 0.0
-    notes = " ".join(vehicle.notes)
-    assert "No load is given" in notes
-    assert "rolling_resistance of the running resistance not given" in notes
-    assert "load" not in " ".join(load_vehicle(FACS).notes).replace("when loaded", "")
-
-
 def test_toml_wins_over_the_railtoolkit_file_key_by_key(file: Any, tmp_path: Path, monkeypatch: Any) -> None:
     shutil.copy(DESIRO, tmp_path)
     text = f'name = "mine"\nrolling_stock = "{DESIRO.name}"\naxles = 6\nmass = "12 t"\nresistance.constant = 1.0\n'

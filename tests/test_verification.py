@@ -14,7 +14,6 @@ from sliding_cases import AS_PUBLISHED
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008
-from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.verification import evidence, verification_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
@@ -104,10 +103,8 @@ def test_report_has_every_condition_with_its_numbers(paper):
     told = evidence(paper["reaching condition (40)"])
     for number in ("484.5 N m, 6.92 times K", "221.9 N m", "910.6 N m", "627.0 N m", "550.5 N m", "656.7 N m"):
         assert number in told
-    row = next(row for row in errata(derive()) if row.where == "(40) with Table 4")
-    for words in (told, row.sign_and_size):  # one statement in both places
-        assert "75.2 m/s" in words
-        assert "27.6 m/s" in words
+    assert "75.2 m/s" in told
+    assert "27.6 m/s" in told
     constant = evidence(paper["theta constant"])
     assert "V jumps by 1.157 m^2/s^2" in constant  # SI
     assert "V jumps by 0.08929 m^2/s^2" in constant  # as published
@@ -135,15 +132,6 @@ def test_as_published_the_verdicts_are_the_same(as_published):
     assert {one.name: one.holds for one in as_published.conditions} == VERDICTS
     assert as_published.inertia_scale == 3.6
     assert "25.62 km/h" in evidence(as_published["theta constant"])
-
-
-def test_without_a_bound_the_runs_do_not_keep_it():
-    """K = 0: (J/r) d_max/D is 178 m/s, six times the train's speed, and every run stays below that."""
-    gains = robust.dead_zone_design(PARK2008, K=0.0)
-    found = robust.boundary_layer_runs(PARK2008, gains, robust.effective_torque(PARK2008), (1,))
-    assert not found.holds
-    assert "no bound within the layer" in evidence(found)
-    assert "K + D Phi is less" in evidence(robust.boundary_layer_bound(gains, robust.effective_torque(PARK2008)))
 
 
 # --- robust variants ------------------------------------------------------------------------------------------------
@@ -328,18 +316,6 @@ def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated)
 
 
 # --- simulation of the ideal loop -----------------------------------------------------------------------------------
-
-
-def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
-    gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
-    errors = []
-    for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
-        monkeypatch.setattr("railslip_ctrl.verification.fixed_step.STEP", step)
-        run = simulate_ideal(PARK2008, gains, duration=3.0)
-        rate = np.gradient(run.V[:, 0], run.time)
-        expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
-        errors.append(np.max(np.abs(rate - expected)[5:-5]))
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 
 
 def test_drift_is_the_predicted_one_and_needs_noise():

@@ -87,13 +87,6 @@ def test_scatter_is_what_was_asked_for():
     assert 0.02 < highest.std() < 0.06  # of 40: 11 %; the torque at half slip follows the level, less the ramp's part
 
 
-def test_a_log_repeats_with_its_seed():
-    test = RigTest(PARK2008, BEAM, V100, spread=0.03, torque_noise=50.0)
-    first, again, other = (run_tests(test, tests=2, seed=seed) for seed in (7, 7, 8))
-    assert all(np.array_equal(column, again.columns[name]) for name, column in first.columns.items())
-    assert not np.array_equal(first.columns["brake_torque"], other.columns["brake_torque"])
-
-
 def test_a_written_log_is_the_log_that_is_read(tmp_path):
     log = run_tests(RigTest(PARK2008, BEAM, V100, torque_noise=50.0), tests=2)
     path = tmp_path / "rig.csv"

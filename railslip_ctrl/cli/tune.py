@@ -165,7 +165,7 @@ def _saved(controller: PIController, points: list[OperatingPoint], out: Path, pe
     """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
     control = braking_control(controller, points, _held(points), name=out.stem, period=period)
     control.save(out)
-    runs = [loop_as_run(control, linearize(point), point.vehicle.actuator) for point in points]
+    runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
     told = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"
     progress(f"sampled every {control.period:g} s: {told}")

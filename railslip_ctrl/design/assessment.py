@@ -162,7 +162,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     design = seeking_of(controller) or linear_controller(controller, plant.point)
     loop = wheel_slip_loop(plant, design, actuator)
     margins = loop.margins() if loop.is_stable() else None
-    run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
+    run = None if isinstance(loop, SampledLoop) else loop_as_run(plant, controller, actuator)
     return Assessment(
         label=label or design.structure,
         plant=plant,

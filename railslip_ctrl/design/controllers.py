@@ -648,7 +648,7 @@ def sampled_loop(
     )
 
 
-def loop_as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> SampledLoop | None:
     """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
     make a difference."""
     sampled = getattr(controller, "as_run", None)

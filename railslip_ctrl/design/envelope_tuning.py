@@ -130,31 +130,17 @@ def tune(
     """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
     the seeking controller, whose gains go by rules.
 
-    Parameters
-    ----------
-    envelope : Envelope
-        What the controller must hold.
-    structure : str
-        "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or "seeking".
-    ms_max : float
-        Largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are judged,
-        not tuned for.
-    lead, lead_filter : float, optional
-        Time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
-    period : float
-        Sampling period at which it runs, s, or twice the lead's filter if that is less.
+    - envelope: what the controller must hold.
+    - structure: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or
+      "seeking".
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are
+      judged, not tuned for.
+    - lead, lead_filter: time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
+    - period: sampling period at which it runs, s, or twice the lead's filter if that is less.
 
-    Returns
-    -------
-    EnvelopeDesign | SeekingDesign
-        The controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        No gains keep it; says from which speed (km/h) up some do, also with less slip and a faster brake.
-    InputError
-        An unknown structure, a number out of its range, or an envelope without points.
+    Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
+    InfeasibleDesignError: no gains keep it; says from which speed (km/h) up some do, also with less slip and a faster
+    brake. InputError: an unknown structure, a number out of its range, or an envelope without points.
     """
     if structure == "seeking":
         if lead is not None or lead_filter is not None:
@@ -390,6 +376,7 @@ _JOINING = 8  # plants at once, of those that miss what was tuned at others
 _REMEDIES = (0.5, 0.25)  # of the reference slip, and of dead time and lag: what is tried where no gains do
 _MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
+_WORSE = 2  # integral times in a row at which less is had than at longer ones, which end the search of shorter ones
 _TIME_STEP = 0.95  # ratio of integral times that are told apart
 _KI_STEP, _KI_STEPS = 2e-4, 10  # of ki, doubled each time, where sampling does more than its delay
 _NEAR = 0.99  # of the largest sampled Ms: loops that may become the worst while ki is taken down
@@ -481,26 +468,13 @@ def select(
     are those that hold from the lowest speed with Ms <= 2 and the largest ki; where none has Ms <= 2, the largest ki
     with an Ms within 5 % of the least.
 
-    Parameters
-    ----------
-    envelope : Envelope
-        What the design must hold.
-    structures : sequence of str
-        Of "pi" and "pi-lead"; the lead is at the actuator's lag.
-    reference_factors : sequence of float
-        Reference slips that are tried, over those of the envelope, > 0; 1 alone where the laws have different ones.
-    filter_ratio : float
-        Time constant of the lead's filter over that of the lead, > 0.
+    - envelope: what the design must hold.
+    - structures: of "pi" and "pi-lead"; the lead is at the actuator's lag.
+    - reference_factors: reference slips that are tried, over those of the envelope, > 0, ratios; 1 alone where the laws
+      have different ones.
+    - filter_ratio: time constant of the lead's filter over that of the lead, a ratio, > 0.
 
-    Returns
-    -------
-    Selection
-        Every candidate with its judgement (speeds in km/h), the best first.
-
-    Raises
-    ------
-    InputError
-        An envelope without points.
+    Returns every candidate with its judgement (speeds in km/h), the best first. InputError: an envelope without points.
     """
     choices = []
     own = envelope.points(nominal=True)
@@ -615,8 +589,14 @@ class _Search:
         slowest, few = self.held(times[0], hardest)
         if slowest is None:
             raise InfeasibleDesignError("no gains found that hold every loop, with tolerances, at the highest speed")
-        looks = [self.held(time, few)[0] for time in times[1:]]
-        found = sorted((one for one in (slowest, *looks) if one is not None), key=lambda one: one.rank)
+        looks, worse = [slowest], 0
+        for time in times[1:]:
+            look, _ = self.held(time, few)
+            worse = worse + 1 if look is None or look.rank[:2] > min(one.rank[:2] for one in looks) else 0
+            looks += [] if look is None else [look]
+            if worse == _WORSE:
+                break
+        found = sorted(looks, key=lambda one: one.rank)
         if not is_robust(found[0].ms):
             # the least Ms is had by next to no integral: a little more buys much of it
             limit = _NEARLY * min(one.ms for one in found if one.speed <= slowest.speed)
@@ -636,17 +616,19 @@ class _Search:
     ) -> tuple[PIController, float | None]:
         """`best` from gains that hold, or of a shorter integral time, before the next that was tried, that does as
         well: looked for by halves at a few of the points, asked of all."""
-        best, end = held, max((time for time in times if time < held.integral_time), default=held.integral_time)
-        if not is_robust(held.ms):
-            end = held.integral_time
-        ratio = (end / held.integral_time) ** 0.5
+        end = max((time for time in times if time < held.integral_time), default=held.integral_time)
+        found, ratio = [held], (end / held.integral_time) ** 0.5 if is_robust(held.ms) else 1.0
         while ratio < _TIME_STEP:
-            found, _ = self.held(best.integral_time * ratio, few)
-            if found is not None and found.rank <= best.rank:
-                found, _ = self.held(found.integral_time, points)
-            if found is not None and found.rank <= best.rank:
-                best = found
+            look, _ = self.held(found[-1].integral_time * ratio, few)
+            if look is not None and look.rank <= found[-1].rank:
+                found.append(look)
             ratio **= 0.5
+        best = held
+        for look in found[:0:-1]:
+            checked, _ = self.held(look.integral_time, points)
+            if checked is not None and checked.rank <= held.rank:
+                best = checked
+                break
         return self.controller(best.kp, best.integral_time), best.speed if is_robust(best.ms) else None
 
     def held(self, integral_time: float, points: EnvelopePoints) -> tuple[_Held | None, EnvelopePoints]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib import import_module
 from itertools import compress, product
@@ -141,6 +142,7 @@ class Judgement:
     nominal: bool
     points: EnvelopePoints
     margins: BatchMargins
+    _loops: dict[tuple[Any, ...], tuple[Any, Margins | None]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def stable(self) -> Flags:
@@ -168,7 +170,8 @@ class Judgement:
             asked[cases[np.argsort(self.ms[cases])[-_LOOKED_AT:]]] = True
             asked[cases[np.argmin(np.where(self.stable[cases], self.margins.delay_s[cases], 0.0))]] = True
         for i in np.flatnonzero(asked).tolist():
-            loop = loop_as_run(self.controller, *_of(self.points, i))
+            plant, actuator = _of(self.points, i)
+            loop = loop_as_run(plant, self.controller, actuator)
             found[i] = np.nan if loop is None else sampled_peak(loop)
         return found
 
@@ -349,12 +352,19 @@ class Judgement:
         run_index = self._largest(self.sampled_ms, chosen) if known else index
         case = self.points.case(index)
         run_case = case if run_index == index else self.points.case(run_index)
-        loop = wheel_slip_loop(case.plant, self.controller, case.actuator)
-        run = loop_as_run(self.controller, run_case.plant, run_case.actuator)
-        margins, sampled = (one.margins() if one is not None and one.is_stable() else None for one in (loop, run))
+        (loop, margins), (run, sampled) = self._loop(index, wheel_slip_loop), self._loop(run_index, loop_as_run)
         found = WorstCase(case, loop, margins, run_case, run, sampled)
         assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
         return found
+
+    def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
+        """The loop of a case, made once, and its margins; None where it is unstable or there is none."""
+        key = made, int(self.points.plant[index]), int(self.points.actuator[index])
+        if key not in self._loops:
+            plant, actuator = _of(self.points, index)
+            loop = made(plant, self.controller, actuator)
+            self._loops[key] = loop, loop.margins() if loop is not None and loop.is_stable() else None
+        return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
         """The chosen case of largest Ms; of unstable ones that whose plant is fastest against its actuator."""
@@ -406,7 +416,7 @@ def margins_at(
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
     if (gains := seeking_of(controller)) is not None:
-        found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
+        found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
         found["stable"], found["ms"] = seeking_margins(
             [plant.point for plant in points.plants], gains, points.actuators, (points.plant, points.actuator)
         )
@@ -423,7 +433,7 @@ def margins_at(
     times = factors if factors is not None else np.ones(1)
     lags = np.array([one.lag for one in points.actuators])[points.actuator]
     dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
-    found = {field.name: np.full((times.size, len(points)), np.nan) for field in fields(BatchMargins)}
+    found = {one.name: np.full((times.size, len(points)), np.nan) for one in fields(BatchMargins)}
     shapes = np.array([(c.zeros.size + g.zeros.size, c.poles.size + g.poles.size) for c, g in loops])
     loop_of = np.searchsorted(used, points.plant)
     asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
@@ -462,7 +472,7 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
     """Stability and Ms of sampled loops, which no batch has, and all their margins at the operating points."""
-    found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
+    found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)
         loop = wheel_slip_loop(plant, controller, actuator)

@@ -277,15 +277,13 @@ def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
     """Median absolute deviation from the median in the windows of some values."""
     padded = np.pad(values, HALF_WINDOW, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
-    result: Floats = np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
-    return result
+    return np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
 
 
 def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
     """Median of the deviations before some rows, or of those after them where it is larger."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(deviation, NOISE_ROWS, mode="symmetric"), NOISE_ROWS)
-    result: Floats = np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
-    return result
+    return np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
 
 
 # --- alignment -----------------------------------------------------------------------------------------------------

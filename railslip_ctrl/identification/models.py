@@ -226,9 +226,7 @@ class FitModel:
 
     def unit(self, name: str) -> str:
         """SI unit of a parameter of the law that is fitted; "1" for a table's values."""
-        info = self.force_law.model_fields.get(name)
-        extra = None if info is None else info.json_schema_extra
-        return str(extra["unit"]) if isinstance(extra, dict) else "1"
+        return self.force_law.units().get(name, "1")
 
     def _flat(self, values: Floats) -> tuple[float, ...]:
         if self.name == "table":
@@ -483,8 +481,5 @@ CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
 
 def parameter_unit(name: str) -> str:
     """SI unit of a parameter of any of the models; "1" for one that none has."""
-    for law in dict.fromkeys(_LAWS.values()):
-        info = law_class(law).model_fields.get(name)
-        if info is not None and isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra:
-            return str(info.json_schema_extra["unit"])
-    return "1"
+    units = (law_class(law).units() for law in _LAWS.values())
+    return next((found[name] for found in units if name in found), "1")

@@ -39,27 +39,20 @@ pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - len
 force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
 """(6): the locking and the slipping branch; the pressure is left as the symbol p."""
 
-travelling_stiffness = Cx * length**2 / 2
-"""(9): Kx, N."""
-
-beam_force: Any = beam.printed_force()
-"""(10), in v, sigma, N and the beam's parameters; both factors as printed."""
+travelling_stiffness = Cx * length**2 / 2  #: (9): Kx, N.
+beam_force: Any = beam.printed_force()  #: (10), in v, sigma, N and the beam's parameters; both factors as printed.
 
 bristle_coefficients = ((1 / Fs - Fc) * vs, (sp.Mul(Fs, 1 / Fs, evaluate=False) - Fc) * vs)
 """Below (24): beta = (1/Fs - Fc) vs and gamma = (Fs/Fs - Fc) vs."""
 
-bristle_g = Fs - (Fs - Fc) * plant.sigma / vs
-"""(23): g(sigma), N."""
+bristle_g = Fs - (Fs - Fc) * plant.sigma / vs  #: (23): g(sigma), N.
 
 # --- observer; s is Laplace's, tau the filter's time constant -------------------------------------------------------
 
 laplace, tau = sp.Symbol("s"), sp.Symbol("tau", positive=True)
 
-observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb
-"""(27): Ta_hat(s)."""
-
-observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb
-"""(28): Ta_hat(s)."""
+observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb  #: (27): Ta_hat(s).
+observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb  #: (28): Ta_hat(s).
 
 # --- sliding-mode law ----------------------------------------------------------------------------------------------
 
@@ -68,35 +61,22 @@ _drift = _both * _Ta - _r * _B / _J * _omega
 _nominal = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
 _disturbance = _both * _Tr + _Fr / _M - _r / _J * _Td
 
-s_rate = _sigma_d_rate + _drift + _disturbance - _r / _J * _Tb + _rho * _e
-"""(35)."""
-
-equivalent_control = _J / _r * (_sigma_d_rate + _drift + _rho * _e)
-"""(36)."""
-
-reaching = _disturbance - _r / _J * _own("Ur")
-"""(37)."""
-
-asked_rate = -_D * _s - _K * sp.sign(_s)
-"""(39): s' = -D s - K sgn s."""
-
-robust_control = _D * _s + _K * sp.sign(_s)
-"""(41)."""
+s_rate = _sigma_d_rate + _drift + _disturbance - _r / _J * _Tb + _rho * _e  #: (35).
+equivalent_control = _J / _r * (_sigma_d_rate + _drift + _rho * _e)  #: (36).
+reaching = _disturbance - _r / _J * _own("Ur")  #: (37).
+asked_rate = -_D * _s - _K * sp.sign(_s)  #: (39): s' = -D s - K sgn s.
+robust_control = _D * _s + _K * sp.sign(_s)  #: (41).
 
 reaching_product = _s * (_disturbance - _r / _J * _D * _s - _r / _J * _K * sp.sign(_s))
 """The first line of (42), D0 = (r/J) D and K0 = (r/J) K put in."""
 
-control_law = equivalent_control + robust_control
-"""(43)."""
-
-theta = (1 / (_r * _Mp), -_r * _Bp / _J)
-"""(44): theta."""
+control_law = equivalent_control + robust_control  #: (43).
+theta = (1 / (_r * _Mp), -_r * _Bp / _J)  #: (44): theta.
 
 adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control
 """(45)."""
 
-lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)
-"""(46)."""
+lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)  #: (46).
 
 _adaptation_part = sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
 
@@ -108,22 +88,14 @@ lyapunov_rate_with_law = (
 )
 """(48)."""
 
-adaptation = (_k * _s * _Ta, _k * _s * _omega)
-"""(49)."""
+adaptation = (_k * _s * _Ta, _k * _s * _omega)  #: (49).
 
 # --- printed numbers -----------------------------------------------------------------------------------------------
 
-VISCOUS = (0.25, -0.01)
-"""B = 0.25 - 0.01 t, N*m*s, t in s (p. 55)."""
-
-MASS_STEP_TIME = 25.0
-"""s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55)."""
-
-SPEEDS_KMH = (100.0, 5.0)
-"""Speeds between which the stop is timed (p. 55, 56)."""
-
-PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})
-"""Peaks of the bristle curves of Fig. 17, read from it."""
+VISCOUS = (0.25, -0.01)  #: B = 0.25 - 0.01 t, N*m*s, t in s (p. 55).
+MASS_STEP_TIME = 25.0  #: s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55).
+SPEEDS_KMH = (100.0, 5.0)  #: Speeds between which the stop is timed (p. 55, 56).
+PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})  #: Peaks of the bristle curves of Fig. 17, read from it.
 
 TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)})
 """Mean absolute errors of the adhesion coefficient at 30, 60, 100, 140 km/h."""

@@ -54,13 +54,13 @@ RECOMMENDED = "recommended.toml"
 _HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "held in all runs"}
 _AXES = {
     "speed_kmh": "speed, km/h",
-    "slip / reference": "slip over reference",
+    "slip / reference": "slip factor",
     "radius_m": "wheel radius, m",
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-_RANKED = "robust and without a slide from the lowest speed, then no oscillation, then mean stop"
-_MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
+_RANKED = "use from the lowest speed (robust, slip below 0.5), then no oscillation, then the mean stop"
+_MOST_WORDS = 75  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _MOST_TOLD = 8  # of points left out and knife edges
 
 
@@ -69,7 +69,11 @@ _MOST_TOLD = 8  # of points left out and knife edges
 
 def first_page(report: DesignReport) -> FirstPage:
     """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
-    headline, why = _headline(report), _why(report)
+    headline, why, after = _headline(report), _why(report), tuple(_below(report))
+    told = " ".join([headline, why, *(" ".join(line) for line in after)])
+    risk, to_do = (
+        " ".join(steps) for steps in _within(_MOST_WORDS - len(told.split()), _risks(report), _steps(report))
+    )
     return FirstPage(
         title=f"Wheel-slip control design: {report.vehicle.name}",
         headline=headline,
@@ -77,10 +81,12 @@ def first_page(report: DesignReport) -> FirstPage:
         file=RECOMMENDED if report.control is not None else "",
         lines=(
             ("Why", why),
-            ("To do", _to_do(report, _MOST_WORDS - len(f"{headline} {why}".split()))),
+            *after,
+            *([("Risk", risk)] if risk else []),
+            ("To do", to_do or "Load the file, and confirm it on the rig."),
             *_yours(report),
         ),
-        head=("", "worst", "where"),
+        head=("", "", "where"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
     )
@@ -108,7 +114,7 @@ def _design_words(report: DesignReport) -> str:
         return "any PI or PI-lead"
     if isinstance(report.control, SeekingControl):
         found = report.control.gains
-        return f"seeking: it finds its slip, {short(found.least_slip)} to {short(found.largest_slip)}; gains by rules"
+        return f"seeking: looks for the slip of most adhesion, {short(found.least_slip)} to {short(found.largest_slip)}"
     design, held = report.control.design, report.control.reference
     slips = {"dry": held.dry, "wet": held.wet}
     slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
@@ -150,16 +156,36 @@ def _why(report: DesignReport) -> str:
     return told + (f" With {' and '.join(swinging)} the wheel oscillates." if swinging else "")
 
 
-def _to_do(report: DesignReport, most: int) -> str:
-    """The steps that the numbers ask for, the first ones first, as far as so many words go."""
-    found: list[str] = []
-    for step in _steps(report):
-        if len(" ".join([*found, step]).split()) <= most:
-            found.append(step)
-    return " ".join(found) or "Load the file, and confirm it on the rig."
+def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
+    """The sentences of each text, the first ones first, as far as so many words go."""
+    found: list[list[str]] = []
+    for text in texts:
+        found.append([])
+        for step in text:
+            if len(step.split()) <= most:
+                found[-1].append(step)
+                most -= len(step.split())
+    return found
+
+
+def _below(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """What the file does below the speed at which it hands over."""
+    if report.hands_over and report.control is not None:
+        speed = f"Below {short(report.control.cut_out_speed / KMH)} km/h"
+        yield speed, f"the file brakes without slip control: {_handed_over(report.control)}."
+
+
+def _risks(report: DesignReport) -> Iterator[str]:
+    """What may happen all the same."""
+    locking = [stop for stop in report.tolerance_stops if stop.locks]
+    if locking:
+        worst = ", ".join((locking[0].law, locking[0].rail, locking[0].load, locking[0].brake))
+        of = f"{len(locking)} of {len(report.tolerance_stops)} stops with the actuator's tolerances"
+        yield f"A wheel locks in {of} ({worst})."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
+    """What the numbers ask for."""
     seeks = isinstance(report.control, SeekingControl)
     lowest = min(report.envelope.speeds)
     robust = report.judgement is not None and report.judgement.robust_from_kmh == lowest
@@ -168,11 +194,8 @@ def _steps(report: DesignReport) -> Iterator[str]:
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
         reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
-    if report.hands_over and report.control is not None:
-        below_speed = f"Below {short(report.control.cut_out_speed / KMH)} km/h"
-        yield f"{below_speed} brake without slip control (the file: {_handed_over(report.control)})."
-    if locked := sum(stop.locks for stop in report.tolerance_stops):
-        yield f"With the actuator's tolerances a wheel locks in {locked} of {len(report.tolerance_stops)} stops."
+    if any(stop.locks for stop in report.tolerance_stops):
+        yield "Measure dead time and lag before use."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)}){reach}."
     if brake and not robust:
@@ -193,7 +216,7 @@ def _handed_over(control: Any) -> str:
     """The torque below the speed at which slip control ends."""
     if isinstance(control, SeekingControl):
         shares = [f"{100 * share:g}" for share in (control.gains.hand_over_share, control.gains.last_share)]
-        return f"{' to '.join(shares)} % of the mean torque"
+        return f"{' % falling to '.join(shares)} % of the mean torque till then"
     return f"{short(control.cut_out_torque)} N·m"
 
 
@@ -219,10 +242,11 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
         yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
         return
-    yield _worst_cells(judged.worst)
+    name, value, where = _worst_cells(judged.worst)
+    yield f"Worst {name}", value, where
     if not judged.nominal:
         name, value, where = _worst_cells(judged.worst_with_tolerances)
-        yield name.replace("Ms", "Ms with tolerances"), value, where
+        yield f"Worst {name.replace('Ms', 'Ms with tolerances')}", value, where
     if judged.worst.margins is not None:
         yield from _margin_rows(judged)
     for stop in report.longest_stops:
@@ -238,7 +262,9 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield "Highest slip", above(slipped.max_slip), f"{where}; in {of} {locks}"
     if report.usable:
         seeds = len(report.stops[0].runs)
-        told = f"all laws, loads, rails and {seeds} seeds; best of {len(report.selection.choices)} by {_RANKED}"
+        told = (
+            f"all laws, loads, rails and {seeds} seeds; first of {len(report.selection.choices)} designs by {_RANKED}"
+        )
         yield "Mean stop", f"{short(report.trials[0].distance())} m", told
     shortest = min(report.trials, key=Trial.distance)
     if shortest is not report.trials[0]:
@@ -277,7 +303,7 @@ def _kind(choice: StructureChoice) -> str:
 
 
 def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """The least margins of the operating points, each with its case."""
+    """The least margins of the operating points, each with its case, or where Ms alone is had, those of its worst."""
     operating = np.flatnonzero(judged.points.operating)
     m = judged.margins
 
@@ -285,16 +311,17 @@ def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         index = int(operating[np.argmin(sign * values[operating])])
         return float(values[index]), judged.points.case(index).words
 
-    if np.isnan(m.phase_deg[operating]).any() and judged.worst.margins is not None:  # Ms alone is had of all points
-        worst, where = judged.worst.margins, f"{judged.worst.case.words}: where Ms is largest"
+    told = "Least "
+    if np.isnan(m.phase_deg[operating]).any() and judged.worst.margins is not None:
+        told, worst, where = "", judged.worst.margins, f"of the loop of worst Ms, {judged.worst.case.words}"
         values = (worst.phase_deg, worst.delay_s, worst.gain_decrease, worst.gain_increase)
         phase, delay, low, high = ((value, where) for value in values)
     else:
         phase, delay = least(m.phase_deg), least(m.delay_s)
         low, high = least(m.gain_decrease, -1.0), least(m.gain_increase)
     where = low[1] if low[1] == high[1] else f"low: {low[1]}; high: {high[1]}"
-    yield "Phase margin, continuous", f"{below(phase[0])} deg", phase[1]
-    yield "Delay margin, continuous", f"{below(delay[0])} s", delay[1]
+    yield f"{told}phase margin, continuous".capitalize(), f"{below(phase[0])} deg", phase[1]
+    yield f"{told}delay margin, continuous".capitalize(), f"{below(delay[0])} s", delay[1]
     yield "Gain range, continuous", f"{above(low[0])} to {below(high[0])}", where
 
 
@@ -303,13 +330,14 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """How far over the bound of a brake of its torque, and what could be had; ends before what follows."""
+    """How far over what could be had, or the bound; ends before what follows."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
-    bound = short(stop.bound.braking_distance)
-    had = "" if stop.attainable is None else f", attainable {short(stop.attainable.braking_distance)} m"
-    brake = "any torque" if math.isinf(stop.brake_torque) else f"{short(stop.brake_torque)} N·m"
-    return f"{100 * stop.over_bound:.0f} % over the bound of a brake of {brake}, {bound} m{had}; "
+    bound = f"bound {short(stop.bound.braking_distance)} m"
+    if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
+        return f"{100 * stop.over_bound:.0f} % over the {bound}; "
+    had = stop.attainable.braking_distance
+    return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m ({bound}); "
 
 
 def _held(stop: Stop) -> str:
@@ -319,7 +347,8 @@ def _held(stop: Stop) -> str:
 
 def _stop_words(stop: Stop) -> str:
     """How far over the bound, and which slip."""
-    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
+    highest = f"highest {above(stop.max_slip)} of {len(stop.runs)} seeds"
+    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, {highest}"
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
@@ -328,7 +357,7 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load, in continuous time.",
+        "Worst Ms over speed and load, in continuous time; the darker, the larger.",
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
@@ -339,7 +368,10 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
     )
     if report.stops:
         told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
-        caption = "The longest stop on each rail with the recommended design, of all laws, loads and seeds."
+        caption = (
+            "The longest stop on each rail with the recommended design, of all laws, loads and seeds; slip below 0, a "
+            "wheel faster than the train, is not shown."
+        )
         yield Picture("stops", caption, f"Speed, slip and torque over time. {told}")
 
 
@@ -377,21 +409,21 @@ def _envelope(report: DesignReport) -> Section:
         for name, one in worst:
             found = one.margins
             margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            run = (NONE, NONE) if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
+            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
             rows.append((name, ms_text(one.ms), *margins, one.case.words, *run))
         axes = [
             (_AXES.get(axis, axis), _value(value), _percent(share), ms_text(ms))
             for axis, values in judged.by_axis().items()
-            if len(values) > 1
+            if len({(share, ms_text(ms)) for share, ms in values.values()}) > 1
             for value, (share, ms) in sorted(values.items())
         ]
         head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
-        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Its case")
+        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Its case")[: len(rows[0])]
         lowest = f"{min(used.envelope.speeds):g} km/h"
         blocks += [
-            Paragraph(f"Over the whole envelope {minus(judged.verdict_line)}."),
-            table(worst_head, rows, caption=f"Worst cases from {lowest} up, in continuous time, and of sampled loops."),
-            table(head, axes, caption="The whole envelope by axis, in continuous time: what costs margin."),
+            Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
+            table(worst_head, rows, caption=f"Worst cases from {lowest} up, and their margins, in continuous time."),
+            table(head, axes, caption="What costs margin, over the whole envelope; axes that cost none are left out."),
         ]
     told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
@@ -429,8 +461,8 @@ def _candidates(report: DesignReport) -> Section:
         "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Builds up to its slip",
     )  # fmt: skip
     text = (
-        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Those level in "
-        f"that are run, and the seeking controller, and stand by {_RANKED}."
+        f"The designs most robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance, from the lowest speed up) brake in "
+        f"the stops below, and so does the seeking controller. The order is by {_RANKED}."
     )
     shown = table(head, rows, caption="What was tried.", wide=True)
     return Section("candidates", "Candidates", (Paragraph(text), shown))
@@ -475,16 +507,34 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
     below_speed = f"no slip control below {short(control.cut_out_speed / KMH)} km/h: {_handed_over(control)}"
     known = facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
     text = (
-        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
-        "bound is what no controller of this brake beats, as if slip took no time to build up; attainable is a stop "
-        "without noise that one can have who knows the rail. Slip held is the median over the second half of the time "
-        f"under control, in the longest stop. {again}"
+        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. No "
+        f"controller stops before the bound, that of a brake{_brakes(report.stops)} which is at the peak of adhesion "
+        "at once. Attainable is a stop in which the slip builds up too, without noise, by a controller that "
+        "knows the rail. Slip held is the median over the second half of the time under control, in the longest stop; "
+        f"highest slip is that of all seeds. {_elsewhere(report)}{again}"
     )
     shown = [_stop_table(report.stops, "Stops.")]
     if report.seeking is not None and report.seeking is not report.trials[0]:
         caption = "The seeking controller (--controller seeking) in the same stops."
         shown.append(_stop_table(report.seeking.stops, caption))
     return Section("stops", "Braking runs", (Paragraph(text), known, *shown, *_rolling(report)))
+
+
+def _brakes(stops: Iterable[Stop]) -> str:
+    """The largest torques of the bounds."""
+    torques = sorted({stop.brake_torque for stop in stops if math.isfinite(stop.brake_torque)})
+    return f" of {listed(f'{short(one)} N·m' for one in torques)}" if torques else ""
+
+
+def _elsewhere(report: DesignReport) -> str:
+    """Where a stop holds less or more slip than was judged, and Ms there; ends before what follows."""
+    told = ""
+    for one in report.held_elsewhere:
+        slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
+        told += (
+            f"On {one.law}, {one.rail}, the slip held, {slips}, was not judged: Ms there is at most {ms_text(one.ms)}. "
+        )
+    return told
 
 
 def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
@@ -598,7 +648,7 @@ def _sliding(report: DesignReport) -> Section:
     rows = [(typeset(one.name), _HELD.get(one.how or "", "not decided")) for one in conditions if one.holds]
     use = "may take the PI's place where the rail's holding torque is known"
     if len(rows) < len(conditions):
-        use = "is not to take the PI's place"
+        use = "is not to be used instead"
     text = (
         f"A sliding-mode law with a lead {use}: {len(rows)} of the {len(conditions)} conditions of its use are met, on "
         "the published bristle model. railslip verify --law layered has the evidence."

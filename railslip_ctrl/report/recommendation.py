@@ -31,7 +31,6 @@ from railslip_ctrl.design.controllers import (
 )
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
-    REFERENCE_FACTORS,
     EnvelopeDesign,
     SeekingDesign,
     Selection,
@@ -44,7 +43,7 @@ from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.adhesion import law_names
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
@@ -52,6 +51,7 @@ from railslip_ctrl.simulation import LinearControl, SeekingControl
 from railslip_ctrl.simulation.bound import ClairvoyantStop
 from railslip_ctrl.simulation.catalogue import hand_over_of
 from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.simulation.step_objects import StepControl, as_control
 from railslip_ctrl.verification.verdict import Verification
 
@@ -172,6 +172,16 @@ class FasterBrake:
 
 
 @dataclass(frozen=True)
+class HeldElsewhere:
+    """Slip ratios that stops on a law and rail hold beside those judged, and the worst Ms there, inf where unstable."""
+
+    law: str
+    rail: Rail
+    slips: tuple[float, ...]
+    ms: float
+
+
+@dataclass(frozen=True)
 class Rival:
     """A controller of the user's, run beside the recommended one; judged, or the `reason` why not."""
 
@@ -207,6 +217,7 @@ class DesignReport:
     worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # of the recommended design
     tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
+    held_elsewhere: tuple[HeldElsewhere, ...] = ()  # of the seeking controller
     rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # what the user gave
     limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # what no controller beats, hardest of each rail and load
@@ -270,13 +281,8 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
     speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
     envelope = judgement.envelope.at(speeds=speeds)
-    return Judgement(
-        judgement.controller,
-        envelope,
-        judgement.nominal,
-        judgement.points.take(kept),
-        replace(judgement.margins, **columns),
-    )
+    margins = replace(judgement.margins, **columns)
+    return replace(judgement, envelope=envelope, points=judgement.points.take(kept), margins=margins)
 
 
 def laws_of(judgement: Judgement) -> Iterator[OperatingPoint]:
@@ -338,8 +344,8 @@ def design_report(
     progress : callable
         Told what is done, a line at a time.
     meanwhile : callable
-        Given the report without what is still computed in the other process (gains around the design, a
-        faster brake) and without rivals: its pictures may be drawn by then.
+        Given the report without what is still computed in the other process (gains around the design, stops with
+        tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
 
     Raises
     ------
@@ -348,9 +354,8 @@ def design_report(
     """
     with _beside() as submit:
         here: Beside = partial if not _may_be_sent(envelope) else submit
-        plain = here(select, envelope, ("pi",))
-        decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
-        return _report(envelope, nominal, given or {}, (here, plain, decided), progress, meanwhile)
+        decide = partial(_sliding, envelope.vehicle, submit, fresh=fresh) if sliding else _not_asked
+        return _report(envelope, nominal, given or {}, (here, decide), progress, meanwhile)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -379,6 +384,10 @@ def _may_be_sent(envelope: Envelope) -> bool:
     return all(isinstance(law, str) and law in law_names() for law in envelope.laws)
 
 
+def _not_asked() -> Callable[[], Sliding]:
+    return lambda: Sliding(None, "not asked for")
+
+
 def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], Sliding]:
     """What gives the conditions: from an earlier report, or decided beside."""
     before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
@@ -403,25 +412,24 @@ def _report(
     envelope: Envelope,
     nominal: bool,
     given: dict[str, Any],
-    beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
+    beside: tuple[Beside, Callable[[], Callable[[], Sliding]]],
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
+    """`beside`: where to compute, and what begins to decide the conditions of the sliding-mode law."""
     started = time.perf_counter()
-    submit, plain, sliding = beside
+    submit, lead = beside[0], partial(select, envelope, ("pi-lead",))
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
-    lead: tuple[StructureChoice, ...] = ()
-    seeking: Callable[[], Trial | None] = partial(_seeking_trial, envelope, nominal)
-    if envelope.vehicle.actuator.lag > 0:
-        rest = submit(select, envelope, ("pi-lead",), REFERENCE_FACTORS[-1:])  # while this process looks at the others
-        seeking = submit(_seeking_trial, envelope, nominal)
-        lead = select(envelope, ("pi-lead",), REFERENCE_FACTORS[:-1]).choices + rest().choices
-        lead = tuple(sorted(lead, key=lambda choice: choice.rank))
-    if lead and lead[0].design is not None:
-        lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
-    selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, (submit, seeking), progress, meanwhile)
+    seeking, plain = submit(_seeking_trial, envelope, nominal), submit(select, envelope, ("pi",))
+    sliding = beside[1]()
+    found = lead().choices if envelope.vehicle.actuator.lag > 0 else ()
+    trial = seeking()
+    submit(attainable_stops, _braked([] if trial is None else [trial]))  # asked for again below, and known by then
+    best = min(found, key=lambda choice: choice.rank, default=None)
+    if best is not None and best.design is not None:
+        found += lead((best.reference_factor,), _QUICK_FILTER).choices
+    selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
+    report = _designed(envelope, nominal, selection, (submit, trial), progress, meanwhile)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -434,16 +442,15 @@ def _designed(
     envelope: Envelope,
     nominal: bool,
     selection: Selection,
-    beside: tuple[Beside, Callable[[], Trial | None]],
+    beside: tuple[Beside, Trial | None],
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """The report but for rivals and the sliding-mode law. `beside`: where to compute, what gives the seeking trial."""
-    empty, submit = DesignReport(envelope, nominal, selection), beside[0]
+    """The report but for rivals and the sliding-mode law. `beside`: where to compute, the seeking trial."""
+    empty, (submit, seeking) = DesignReport(envelope, nominal, selection), beside
     progress("braking runs")
     tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
     tried = [_trial(one, nominal) for one in tied]
-    seeking = beside[1]()
     if selection.best is None and (seeking is None or seeking.above_kmh is None):
         blank = _unjudged(envelope)
         progress("the brake that would do")
@@ -458,11 +465,12 @@ def _designed(
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    used = max(trials[0].lowest_kmh, (1 - 1e-9) * judgement.hand_over_kmh)
-    in_use = restricted(judgement, min(used, max(envelope.speeds)))
-    had = submit(attainable_stops, [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops])
+    ends = [v for v in envelope.speeds if (1 - 1e-9) * v <= judgement.hand_over_kmh]  # the last one below is in use too
+    in_use = restricted(judgement, max([trials[0].lowest_kmh, *ends]))
+    had = submit(attainable_stops, _braked(trials))
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
+    tolerances = (lambda: ()) if nominal else submit(tolerance_stops, trials[0].stops, control, judgement)
     found = replace(
         empty,
         selection=selection,
@@ -472,7 +480,7 @@ def _designed(
         in_use=in_use,
         worst_loops=_worst_loops(in_use),
         stops=trials[0].stops,
-        tolerance_stops=() if nominal else tolerance_stops(trials[0].stops, control, judgement),
+        held_elsewhere=tuple(_held_elsewhere(trials[0].stops, in_use)) if plain is None else (),
         rolling=() if plain is None else rolling_loops(trials[0].stops, plain, judgement),
         limits=_limits(judgement),
         curves=tuple(map(_curve, laws_of(judgement))),
@@ -483,7 +491,13 @@ def _designed(
         progress("the brake that would do")
     attainable = iter(had())
     trials = [replace(trial, stops=_with(trial.stops, attainable)) for trial in trials]
-    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
+    found = replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
+    return replace(found, tolerance_stops=tolerances())
+
+
+def _braked(trials: Sequence[Trial]) -> list[Scenario]:
+    """Their stops, each with the largest torque of its brake."""
+    return [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops]
 
 
 def _with(runs: Sequence[Stop], had: Iterator[ClairvoyantStop | None]) -> tuple[Stop, ...]:
@@ -563,6 +577,23 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return tuple(ShownLoop(case.loop_words, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
+
+
+def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldElsewhere]:
+    """Where a controller that finds its slip holds another than it is judged at."""
+    for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
+        points = [plant.point for plant in judged.points.plants]
+        known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
+        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail)}
+        slips = tuple(sorted(slip for slip in here if not min(known) <= slip <= max(known)))
+        most = 0.0
+        for slip in slips:
+            envelope = judged.envelope.at(rails=(rail,), reference=ReferenceSlip(dry=slip, wet=slip))
+            found = judge(judged.controller, envelope, nominal=True)
+            mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
+            most = max(most, float(found.ms[mine].max()))
+        if slips:
+            yield HeldElsewhere(law, rail, slips, most)
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:

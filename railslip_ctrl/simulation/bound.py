@@ -216,8 +216,8 @@ class _Path:
         """The slip ratio held from a time on to the end, or brought to a share of it."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
-        def slip(t: float) -> float:
-            return float(first * (share + (1 - share) / (1 + ((t - start) / time) ** 2)))
+        def slip(t: Any) -> Any:
+            return first * (share + (1 - share) / (1 + ((t - start) / time) ** 2))
 
         def rates(t: float, y: Floats) -> list[float]:
             speed, _, state = self._plant(t, y[0], slip(t) * y[0], y[1], 0.0)
@@ -232,24 +232,23 @@ class _Path:
         if not found.t_events[0].size:
             return ClairvoyantStop(math.inf, math.inf)
         times = np.linspace(start, float(found.t[-1]), _SAMPLES)
-        speeds, states = found.sol(times)[:2].tolist()
-        acting = np.array([self._holding(*now, slip) for now in zip(times.tolist(), speeds, states, strict=True)])
+        acting = self._holding(times, found.sol(times)[0], found.sol(times)[1], slip)
         asked = acting + self._actuator.lag * np.gradient(acting, times)
         if asked[1:].max() > (1 + _SLACK) * self._most or asked.min() < -_SLACK * self._most:
             return ClairvoyantStop(math.inf, math.inf)
         return ClairvoyantStop(float(found.t[-1]), float(found.y[2, -1]))
 
-    def _holding(self, t: float, speed: float, state: float, slip: Callable[[float], float]) -> float:
-        """The acting torque that gives a slip ratio over time."""
+    def _holding(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
+        """The acting torque, N*m, at times, s, that gives a slip ratio over time."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
         change, none, _ = self._plant(t, speed, ratio * speed, state, 0.0)
         one = self._plant(t, speed, ratio * speed, state, 1.0)[1]
-        return (ratio * change + rate * speed - none) / (one - none)
+        return np.asarray((ratio * change + rate * speed - none) / (one - none))
 
-    def _plant(self, t: float, speed: float, sigma: float, state: float, torque: float) -> tuple[float, float, float]:
-        """Rates of speed, slip velocity and adhesion state."""
+    def _plant(self, t: Any, speed: Any, sigma: Any, state: Any, torque: float) -> tuple[Any, Any, Any]:
+        """Rates of speed, slip velocity and adhesion state; of arrays, arrays."""
         found = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
-        return float(found[0]), float(found[1]), float(found[2]) if len(found) > 2 else 0.0
+        return found[0], found[1], found[2] if len(found) > 2 else 0.0
 
     def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
         """Rates with a command that has passed the dead time."""

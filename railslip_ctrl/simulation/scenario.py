@@ -264,12 +264,9 @@ BUILT_IN = ("park2008", "park2008-si", "stop")
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """A built-in scenario by its name.
+    """A built-in scenario by a `name` of `BUILT_IN`: the published run in a reading, or a plain stop; SI.
 
-    - name: one of `BUILT_IN`.
-
-    Returns the published run in the reading of that name, or a plain stop; a frozen record in SI. InputError: no
-    scenario of that name; lists them.
+    InputError: no scenario of that name; lists them.
     """
     if name not in BUILT_IN:
         raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
@@ -292,11 +289,9 @@ class _Keys(Scenario):
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """A built-in scenario by name, or one from a TOML file.
+    """A scenario, SI, from a `source`: the name of a built-in one ("park2008", "park2008-si", "stop"), or a TOML file.
 
-    - source: "park2008", "park2008-si", "stop" or a file.
-
-    In SI. InputError: one line with the file, the key, the value and what is allowed.
+    InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(source, "scenario")
     return _from_file(path, ()) if path.suffix.lower() == ".toml" else built_in_scenario(str(source))

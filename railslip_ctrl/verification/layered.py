@@ -525,7 +525,7 @@ class LayeredLaw:
         self.slip, self.hold, self.design = slip, hold, design
         self.integral, self.filtered = 0.0, 0.0  # at rest before t = 0
 
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+    def __call__(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
         """See `fixed_step.SteppedLaw`; the surface returned is s_lead."""
         d = self.design
         e = self.slip * v - sigma

@@ -138,7 +138,7 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
         ax.set_ylabel(label)
         ax.set_xlabel("frequency ω (rad/s)")
         sparse_log_ticks(ax.xaxis)
-    told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; cut off: beyond 40 dB, its phase, far from −1"
+    told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
     legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
     return figure
 
