@@ -351,6 +351,8 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
     assert Page.parsed(rendered(hopeless)).problems() == []
     assert json.loads(json.dumps(design_report_json(hopeless), allow_nan=False))["recommended"] is None
     assert len(design_report_text(hopeless, first, "").splitlines()) <= MOST_LINES
+    assert "Seeking: " in dict(first.lines)["Why"]
+    assert len(design_report_json(hopeless)["seeking"]) == len(hopeless.seeking.stops) > 0
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def _design_words(report: DesignReport) -> str:
 def _why(report: DesignReport) -> str:
     if report.in_use is None or report.best is None:
         told = "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
-        return f"{told} The seeking controller does not serve either."
+        return told if report.seeking is None else f"{told} {_shortest(report.seeking).capitalize()}."
     judged = report.in_use
     operating = int(judged.points.operating.sum())
     robust = None if report.judgement is None else report.judgement.robust_from_kmh

@@ -1,4 +1,4 @@
-"""The records of a design report."""
+"""A design report computed, and its records."""
 
 from __future__ import annotations
 
@@ -455,7 +455,8 @@ def _designed(
         blank = _unjudged(envelope)
         progress("the brake that would do")
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
-        return replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
+        found = replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
+        return found if seeking is None else replace(found, trials=(seeking,))
     trials = sorted([*tried, *([] if seeking is None else [seeking])], key=lambda trial: trial.rank)
     best, control = trials[0].choice, trials[0].control
     selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
