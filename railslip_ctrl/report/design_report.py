@@ -86,7 +86,7 @@ def first_page(report: DesignReport) -> FirstPage:
             ("To do", to_do or "Load the file, and confirm it on the rig."),
             *_yours(report),
         ),
-        head=("", "", "where"),
+        head=("", "", "where: adhesion law, rail, load"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
     )
@@ -181,7 +181,7 @@ def _risks(report: DesignReport) -> Iterator[str]:
     if locking:
         worst = ", ".join((locking[0].law, locking[0].rail, locking[0].load, locking[0].brake))
         of = f"{len(locking)} of {len(report.tolerance_stops)} stops with the actuator's tolerances"
-        yield f"A wheel locks in {of} ({worst})."
+        yield f"A wheel locks in {of} ({minus(worst)})."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
