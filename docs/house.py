@@ -86,25 +86,40 @@ def counts() -> str:
     return "\n".join(lines)
 
 
+def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """Who imports whom, but for what follows: an import of a room that is also reached through another."""
+    reached: dict[str, set[str]] = {}
+    for room in sorted(below, key=lambda room: floor(room, below)):
+        reached[room] = set().union(below[room], *(reached[one] for one in below[room]))
+    return [(a, b) for a in below for b in below[a] if not any(b in reached[one] for one in below[a])]
+
+
 def picture(path: Path) -> None:
-    """Draw the rooms, as wide as they have lines, each above what it imports."""
+    """Draw the rooms by floor, with arrows to what each imports."""
     import matplotlib.pyplot as plt
 
     house = rooms()
-    most = max(lines for _, _, lines in house.values())
-    figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
-    for height, (name, (_, _, lines)) in enumerate(reversed(house.items())):
-        axes.barh(height, lines, color="0.85", edgecolor="0.3")
+    below = defaultdict(set, {name: room[0] for name, room in house.items()})
+    drawn, height = shown_arrows(dict(below)), {name: floor(name, below) for name in house}
+    figure, axes = plt.subplots(figsize=(7.5, 6.0), layout="constrained")
+    boxes = {}
+    for name, (_, files, lines) in house.items():
+        beside = sorted(one for one in house if height[one] == height[name])
+        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # by an arrow, which needs the left half
+        x = 0.75 if passed else (beside.index(name) + 0.5) / len(beside)
         doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
-        axes.text(most / 100, height, f"{name}", va="center", weight="bold")
-        axes.text(most * 1.02, height, fill(doc.splitlines()[0], 62), va="center", fontsize=7)
-    axes.set(
-        yticks=[],
-        xticks=range(0, most, 2500),
-        xlabel="lines; each room imports only from those below it",
-        xlim=(0, most * 2.4),
-    )
-    axes.spines[["left", "right", "top"]].set_visible(False)
+        text = fill(doc.splitlines()[0].replace("`", ""), 62)
+        title = f"$\\bf{{{name}}}$ ({files} files, {lines} lines)"
+        boxes[name] = axes.text(
+            *(x, height[name], f"{title}\n{text}"),
+            **{"ha": "center", "va": "center", "fontsize": 7, "bbox": {"boxstyle": "round", "fc": "0.93", "ec": "0.3"}},
+        )
+    axes.set(xlim=(0, 1), ylim=(0.5, max(height.values()) + 0.5))
+    axes.set_axis_off()
+    for above, under in drawn:
+        ends = {"patchA": boxes[above].get_bbox_patch(), "patchB": boxes[under].get_bbox_patch()}
+        style = {"arrowstyle": "-|>", "color": "0.3", "shrinkA": 0, "shrinkB": 0, **ends}
+        axes.annotate("", boxes[under].get_position(), boxes[above].get_position(), arrowprops=style)
     figure.savefig(path, metadata={"Date": None})
 
 

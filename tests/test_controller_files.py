@@ -187,7 +187,10 @@ def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_
     [
         (("--controller", "asmc"), "controller: SlidingControl is not a linear system"),
         (("--controller", "nope"), "--controller: 'nope' is not one"),
-        (("--controller", "relay.py"), "Relay is known by its step alone and has no margins; give it a method linear"),
+        (
+            ("--controller", "relay.py"),
+            "--controller: relay.py, line 2: Relay is known by its step alone and has no margins; give it",
+        ),
         (("--controller", "told.py"), "told.py, line 5: linear fails with ZeroDivisionError"),
         (("--controller", "kept.py"), "kept.py, line 6: linear fails with AttributeError"),
         (("--controller", "discrete.py", "--certify"), "--certify: the loop of a discrete controller has no"),

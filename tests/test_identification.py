@@ -83,8 +83,7 @@ def samples(slip, speed, mu, *, interval=0.01) -> Observed:
     """Samples seen without a filter: the moments are the powers."""
     slip, speed, mu = np.broadcast_arrays(np.asarray(slip, float), np.asarray(speed, float), np.asarray(mu, float))
     time = interval * np.arange(slip.size)
-    none = np.zeros(slip.size)
-    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, np.full_like(mu, LOAD), none, none)
+    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, np.full_like(mu, LOAD))
 
 
 def gathered(observed: Observed, tau: float = TAU) -> Accumulator:
@@ -264,16 +263,19 @@ def test_too_little_data_are_without_errors():
 @pytest.mark.parametrize(
     ("refuse", "message"),
     [
-        (lambda: check_model("beem"), "--model: 'beem' cannot be fitted; did you mean 'beam'"),
+        (lambda: check_model("beem"), "`model`: 'beem' cannot be fitted; did you mean 'beam'"),
         (
             lambda: check_options(("beam",), {"gamma": 1.0}, {}),
-            "--fix: 'gamma' is no parameter here; choose one of Kx, a",
+            "`fixed`: 'gamma' is no parameter here; choose one of Kx, a",
         ),
-        (lambda: check_options(("beam",), {}, {"x": (0.0, 1.0)}), "--bound: 'x'"),
-        (lambda: check_options(("beam",), {"a": 0.5}, {"a": (0.1, 0.3)}), "--fix a: 0.5 is outside --bound a, 0.1 to"),
+        (lambda: check_options(("beam",), {}, {"x": (0.0, 1.0)}), "`bounds`: 'x'"),
+        (
+            lambda: check_options(("beam",), {"a": 0.5}, {"a": (0.1, 0.3)}),
+            "`fixed` a: 0.5 is outside `bounds` a, 0.1 to",
+        ),
         (lambda: flat(fixed={"mu_max": 0.3, "a": 0.0, "Kx": 2e5}), "every parameter of 'beam' is fixed"),
-        (lambda: flat(bounds={"a": (2.0, 1.0)}), "--bound a: 2:1 is not allowed; give the lower bound first"),
-        (lambda: flat(bounds={"a": (-2.0, -1.0)}), "--bound a: -2 to -1 leaves nothing; it must hold values > "),
+        (lambda: flat(bounds={"a": (2.0, 1.0)}), "`bounds` a: 2:1 is not allowed; give the lower bound first"),
+        (lambda: flat(bounds={"a": (-2.0, -1.0)}), "`bounds` a: -2 to -1 leaves nothing; it must hold values > "),
         (lambda: flat("bristle", slip_acceleration=None), "no ramp of rising slip"),
         (lambda: fitted("beam", gathered(samples([0.1, 0.1, 0.2], V100, 0.2))), "2 distinct slips are too few"),
     ],

@@ -214,6 +214,23 @@ def test_columns_and_units_by_option(found_in, log, fitted, tmp_path):
     assert "column 'a' names no unit: s is taken for time" in err
 
 
+def test_what_is_told_names_options_and_not_arguments(log, tmp_path, railslip):
+    """In all that it prints and writes: the package's own texts name the arguments of Python."""
+    odd = ("--initial-speed", "60", "--bound", "a=0:0.003")
+    status, out, err = railslip("identify", log, "--model", "beam", *odd, "--json", "--out", tmp_path / "out")
+    assert status == 0
+    texts = [
+        out,
+        err,
+        *(file.read_text() for file in (tmp_path / "out").iterdir() if file.suffix not in (".png", ".svg")),
+    ]
+    assert len(texts) == 5
+    for text in texts:
+        assert "--initial-speed is 60 km/h, and the highest" in " ".join(text.split())
+        assert "is given by --bound: the log asks" in " ".join(text.split())
+        assert "`" not in text
+
+
 def test_fixed_and_bounded_parameters(found_in, log):
     found, _ = found_in(log, "--fix", "Kx=274.36 kN", "--bound", "a=0:0.003")
     assert found["known"] == {"Kx": 274360.0}

@@ -104,10 +104,10 @@ def test_nothing_is_said_of_a_log_without_fault(name, speed):
     [
         (100.0, {}, "reads 100 N.m where the wheel rolls freely, .*=100 takes it off"),
         (-2000.0, {}, "reads -2000 N.m where the wheel rolls freely, .*=-2000 takes it off"),
-        (0.0, {"brake_torque": 500.0}, "leave --zero brake_torque out"),
+        (0.0, {"brake_torque": 500.0}, "leave `zeros` brake_torque out"),
         (800.0, {"brake_torque": 500.0}, "reads 300 N.m beside the 500 N.m that is taken off.*=800 takes it off"),
-        (0.0, {"wheel_angular_speed": 0.5}, "without the --zero wheel_angular_speed=0.5 that is given .*leave it out"),
-        (0.0, {"train_speed": -0.3}, "without the --zero train_speed=-0.3 that is given .*leave it out"),
+        (0.0, {"wheel_angular_speed": 0.5}, "without the `zeros` wheel_angular_speed=0.5 that is given .*leave it out"),
+        (0.0, {"train_speed": -0.3}, "without the `zeros` train_speed=-0.3 that is given .*leave it out"),
     ],
 )
 def test_a_zero_that_is_wrong_is_told(three, offset, zeros, words):
@@ -185,7 +185,7 @@ def test_a_lag_is_found_however_large(late, log, known):
     value, error = (float(x.split(" ")[0]) for x in text.split(" by ")[1].split(" ± "))
     assert value == pytest.approx(abs(late), abs=3.0 * error)
     assert error < known
-    assert float(text.split("--delay wheel_angular_speed=")[1].split(" ")[0]) == pytest.approx(late, abs=3.0 * error)
+    assert float(text.split("`delays` wheel_angular_speed=")[1].split(" ")[0]) == pytest.approx(late, abs=3.0 * error)
 
 
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
@@ -211,7 +211,7 @@ def test_an_encoder_s_speed_is_half_an_interval_late_and_corrected():
     (text,) = (text for text in late.warnings if "seems to be late by" in text)
     # the mean over an interval is not quite a delay of half of it: a fifth of it off at most
     assert float(text.split("late by ")[1].split(" s")[0]) == pytest.approx(half, abs=0.2 * test.interval)
-    assert "half an interval, as a difference of counts is: --delay wheel_angular_speed=0.005 undoes it" in text
+    assert "half an interval, as a difference of counts is: `delays` wheel_angular_speed=0.005 undoes it" in text
     assert not any("seems to be" in text for text in right.warnings)
     off, (mu_max, *_) = late.chosen.fit.parameters[1], right.chosen.fit.parameters
     assert abs(off.value / test.law.a - 1.0) > 0.15
@@ -325,8 +325,8 @@ BACKWARD = "train speed is negative in 1800 rows, and positive in 0; reverse its
 @pytest.mark.parametrize(
     ("factors", "options", "message"),
     [
-        ({"time": 1e3}, {}, "the time seems to be in ms, .* give --unit time=ms$"),
-        ({"time": 1e-3}, {}, "the time seems to be in s, .* give --unit time=s$"),
+        ({"time": 1e3}, {}, "the time seems to be in ms, .* give `units` time=ms$"),
+        ({"time": 1e-3}, {}, "the time seems to be in s, .* give `units` time=s$"),
         ({"train_speed": 3.6}, {}, r"times the train's: .* \(km/h and m/s are 3.6 apart\), and that no .* swapped$"),
         ({"train_speed": -1.0}, {}, BACKWARD),
         ({"train_speed": -1.0, "wheel_angular_speed": -1.0}, {}, BACKWARD),
@@ -339,9 +339,9 @@ BACKWARD = "train speed is negative in 1800 rows, and positive in 0; reverse its
         (
             {},
             {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}},
-            "the rows are corrected by --delay brake_torque=0.1, --zero train_speed=30",
+            "the rows are corrected by `delays` brake_torque=0.1, `zeros` train_speed=30",
         ),
-        ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller --tau"),
+        ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller `time_constant`"),
     ],
 )
 def test_what_leaves_no_row_is_refused_with_its_cause(rows, recwarn, factors, options, message):

@@ -88,7 +88,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json(rows):
     told = (
         f"wheel load of the log is {0.36 * LOAD:.4g} N on average, that of the vehicle {LOAD:.4g} N",
         "wheel speed is 1.16 times the angular speed",
-        "--initial-speed is 216 km/h, and the highest train speed of the log 100 km/h",
+        "`initial_speed` is 216 km/h, and the highest train speed of the log 100 km/h",
         "the fitted beam has a highest adhesion coefficient, its limit of friction (mu_max), of 0.72",
     )
     text, file = " ".join(identification_text(found).split()), model_toml(found)

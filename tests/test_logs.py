@@ -262,10 +262,15 @@ def test_options_win_over_the_header():
         (["time", "v", "vw"], {}, {}, "no column for brake_torque; call one 'brake torque'"),
         (["time", "v", "Tb"], {}, {}, "no column for wheel_speed"),
         (["time", "v", "speed", "vw", "Tb"], {}, {}, "train_speed may be any of 'v', 'speed'"),
-        (list(WHOLE.values()), {"train_speed": "velocity"}, {}, "--column train_speed: no column is called 'velocity'"),
-        (list(WHOLE.values()), {"pressure": "v"}, {}, "--column: 'pressure' is not a quantity"),
-        (list(WHOLE.values()), {}, {"load": "N"}, "--unit: 'load' is not a quantity"),
-        (list(WHOLE.values()), {}, {"time": "kg"}, "--unit time: 'kg' is not a unit of time"),
+        (
+            list(WHOLE.values()),
+            {"train_speed": "velocity"},
+            {},
+            "`columns` train_speed: no column is called 'velocity'",
+        ),
+        (list(WHOLE.values()), {"pressure": "v"}, {}, "`columns`: 'pressure' is not a quantity"),
+        (list(WHOLE.values()), {}, {"load": "N"}, "`units`: 'load' is not a quantity"),
+        (list(WHOLE.values()), {}, {"time": "kg"}, "`units` time: 'kg' is not a unit of time"),
         (["time", "v [kN]", "vw", "Tb"], {}, {}, r"column 'v \[kN\]': 'kN' is not a unit of train_speed"),
         (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
         (["time", "v [wombat]", "vw", "Tb"], {}, {}, "'wombat' is not a unit of train_speed"),
@@ -286,7 +291,7 @@ def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
     lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
     path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
     for columns, message in (
-        ({}, "say which with --column wheel_angular_speed=HEADER, or by its place: 3 or 4"),
+        ({}, "say which with `columns` wheel_angular_speed=HEADER, or by its place: 3 or 4"),
         ({"wheel_angular_speed": "omega"}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
         ({"wheel_angular_speed": "6"}, "no column is called '6'"),
     ):

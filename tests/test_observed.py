@@ -58,7 +58,7 @@ def test_observed_samples_do_not_depend_on_the_blocks(observer):
     rows = ramp_rows(noise=0.01)
     whole, stream = AdhesionStream(PARK2008, observer=observer).add(rows), AdhesionStream(PARK2008, observer=observer)
     parts = [stream.add(rows.part(start, start + 77)) for start in range(0, len(rows), 77)]
-    for name in ("time", "slip", "slip3", "speed", "mu", "step", "slip_step"):
+    for name in ("time", "slip", "slip3", "speed", "mu"):
         joined, expected = np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)
         if observer is Observer.CORRECTED:
             assert joined == pytest.approx(expected, rel=1e-12, abs=1e-14)

@@ -183,7 +183,7 @@ def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_p
     assert {one["basis"] for one in content["reading"]} == {"printed", "inferred", "fitted"}
     assert "railslip: facts" in err
     files = {path.name for path in (tmp_path / "out").iterdir()}
-    pictures = {f"{name}.png" for name in reproduce.PICTURES}
+    pictures = {f"{name}.png" for name in reproduce.FIGURES}
     assert files == {"reproduction.txt", "reproduction.json", "reproduce.html", *pictures}
     page = Page.parsed((tmp_path / "out" / "reproduce.html").read_text("utf-8"))
     assert page.problems() == []

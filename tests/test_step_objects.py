@@ -314,8 +314,8 @@ ALONE = "is known by its step alone and has no margins"
 @pytest.mark.parametrize(
     ("controller", "margins", "run"),
     [
-        ("Timed()", f"controller: Timed {ALONE}", None),
-        ("step", f"controller: step {ALONE}", None),
+        ("Timed()", f"mine.py, line 6: Timed {ALONE}; give it a method linear", None),
+        ("step", f"mine.py, line 26: step {ALONE}; give an object that has step and a", None),
         ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),

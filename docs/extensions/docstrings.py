@@ -10,11 +10,13 @@ import re
 from typing import Any
 
 from docutils import nodes
-from sphinx.addnodes import pending_xref
+from sphinx.addnodes import desc_annotation, pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 
 from railslip_ctrl.model.vehicle import Record
+
+LONGEST_VALUE = 300  # characters, three lines
 
 _CODE = re.compile(r"(``.+?``|`[^`]+`)", re.DOTALL)
 _SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")
@@ -74,9 +76,17 @@ def _link(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes
     return nodes.reference("", "", content, internal=True, refuri=f"{uri}#{found.node_id}")
 
 
+def leave_out_tables(app: Sphinx, doctree: nodes.document) -> None:
+    """A constant without its value where that fills many lines, such as a table of symbols: its docstring says it."""
+    for value in list(doctree.findall(desc_annotation)):
+        if len(value.astext()) > LONGEST_VALUE:
+            value.parent.remove(value)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect; 400 comes before napoleon's 500."""
     app.connect("autodoc-process-docstring", escape, priority=400)
     app.connect("autodoc-process-signature", signature)
     app.connect("missing-reference", resolve)
+    app.connect("doctree-read", leave_out_tables)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

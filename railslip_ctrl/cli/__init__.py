@@ -1,4 +1,8 @@
-"""The `railslip` command, one subcommand a file: parse, call, show. Begin with `program`."""
+"""The `railslip` command, one subcommand a file: parse, call, show.
+
+Imports every room. Begin with `program`, which has the list of commands. `options` has the options that commands share
+and what they name, `settings` the helper for one of a command's own, `output` prints.
+"""
 
 from __future__ import annotations
 

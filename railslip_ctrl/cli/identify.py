@@ -34,7 +34,7 @@ from railslip_ctrl.report.identification import (
 
 from .options import Number, from_file
 from .output import print_json, print_text, progress
-from .settings import HELP, option
+from .settings import HELP, option, options_named
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 
@@ -164,7 +164,8 @@ def command(
             sink.finish(found.regimes)
     _warn(found)
     text = _report(found)
-    content = identification_json(found) if isinstance(found, Identification) else series_json(found)
+    record = identification_json(found) if isinstance(found, Identification) else series_json(found)
+    content = json.loads(options_named(json.dumps(record)))
     if out is not None:
         writers = _writers(found, text, content)
         write_files(out, writers)
@@ -180,7 +181,7 @@ def command(
 
 
 def _report(found: Identification | LogSeries) -> str:
-    return identification_text(found) if isinstance(found, Identification) else series_text(found)
+    return options_named(identification_text(found) if isinstance(found, Identification) else series_text(found))
 
 
 def _options(given: Mapping[str, Any]) -> Options:
@@ -257,12 +258,12 @@ def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], No
 def _warn(found: Identification | LogSeries) -> None:
     for each in (found,) if isinstance(found, Identification) else found.logs:
         for note in each.curve.notes:
-            click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
+            progress(options_named(f"note: {each.curve.name}: {note}"))
         for warning in (*each.warnings, *each.doubts):
-            click.echo(f"railslip: warning: {warning}", err=True)
+            progress(options_named(f"warning: {warning}"))
     if isinstance(found, LogSeries):
         for warning in found.warnings:
-            click.echo(f"railslip: warning: {warning}", err=True)
+            progress(options_named(f"warning: {warning}"))
 
 
 # --- files ---------------------------------------------------------------------------------------------------------
@@ -289,12 +290,12 @@ def _writers(
     from railslip_ctrl.report import plots
 
     logs = found.logs if isinstance(found, LogSeries) else (found,)
-    texts = {name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
+    texts = {name: options_named(model_toml(each)) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
     texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
     figures = [plots.adhesion_figure(logs)]
     if isinstance(found, LogSeries):
         whole = series_toml(found)
-        texts |= {} if whole is None else {"model.toml": whole}
+        texts |= {} if whole is None else {"model.toml": options_named(whole)}
         figures.append(plots.coefficients_figure(found))
     else:
         figures += [plots.drift_figure(found), plots.braking_figure(found)]

@@ -14,21 +14,21 @@ from click.shell_completion import CompletionItem
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError, RailslipError
 
-from .settings import HELP
+from .settings import HELP, options_named
 
 PROGRAM = "railslip"
 
 _COMMANDS = {
-    "report": "the main job: the design check of a vehicle, dry and wet rail, with pictures",
+    "report": "the main job: the controller to use for a vehicle, from which speed, and why",
     "linearize": "operating point, A B C D, poles, zeros, transfer function",
-    "margins": "stability-margin report of a PI loop, exact dead time",
-    "tune": "PI gains from a specification, for one or many operating points",
-    "derive": "the sliding-mode law derived step by step; errata; generated code",
-    "identify": "adhesion curve, fitted models and the slip to hold, from a brake-rig log",
-    "campaign": "many braking runs with sampled or swept quantities, on every core, with statistics",
-    "verify": "the Lyapunov and reaching conditions of the sliding-mode law, decided",
+    "margins": "every margin of a loop, certified if asked; the verdict over an envelope",
+    "tune": "gains from a specification, over an envelope or at operating points",
+    "derive": "the sliding-mode law derived step by step; the paper's errata; C99 and Python code",
+    "identify": "an adhesion law and the slip to hold, from a brake-rig log",
+    "campaign": "many runs with sampled or swept quantities, on every core or a Dask cluster",
+    "verify": "the stability conditions of a sliding-mode law, decided",
     "simulate": "a braking run: numbers, time series, pictures",
-    "reproduce": "the paper's tables and figures beside ours, and what the reading behind them is worth",
+    "reproduce": "the paper's tables and figures beside ours, and the units that reproduce them",
 }
 
 
@@ -129,7 +129,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(status if isinstance(status, int) else 0)
 
 
-# What the package calls a quantity, where an option gives it.
+# What the package calls a quantity that an option gives, where a message begins with it.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
     r"|(?:structure|controller|out|workers|scheduler|worst by)(?=:))"
@@ -137,6 +137,7 @@ _OPTION_NAMED = re.compile(
 
 
 def _fail(message: str) -> NoReturn:
-    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), " ".join(message.split()))
+    line = options_named(" ".join(message.split()))
+    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), line)
     click.echo(f"{PROGRAM}: error: {line}", err=True)
     sys.exit(2)

@@ -20,13 +20,12 @@ from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import Provenance, json_text
-from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
+from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .output import print_json, print_text, progress, provenance
 from .settings import HELP, option
 
 _PAGE = "reproduce.html"
-PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
 
 
 @click.command(context_settings=HELP)
@@ -62,7 +61,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     Example: railslip reproduce --seeds 16 --out reproduced
     """
     count = _seeds(seeds)
-    names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in PICTURES)]
+    names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in FIGURES)]
     if out is not None:
         check_extra("html", "--out")
         check_directory(out, names)  # before the work, not after it
@@ -128,7 +127,7 @@ def _files(
     today, seconds = datetime.date.today(), time.perf_counter() - started
     html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, source, today, seconds)
     files = {"reproduction.txt": text, "reproduction.json": json_text(content), _PAGE: html}
-    return {**files, **{f"{name}.png": drawn[name]["png"] for name in PICTURES}}
+    return {**files, **{f"{name}.png": drawn[name]["png"] for name in FIGURES}}
 
 
 def published_points() -> list[OperatingPoint]:

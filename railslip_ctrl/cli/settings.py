@@ -1,5 +1,6 @@
 """What every command has; a module of its own, as listing the commands must import nothing heavy."""
 
+import re
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -10,6 +11,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 """`context_settings` of every command. Each has them itself: click keeps the names of the help option from the first
 context a command meets, and that may be one without the program above it."""
+
+_ARGUMENTS = {
+    **dict.fromkeys(("initial_speed", "model", "rail", "slip", "slip_acceleration", "vehicle")),
+    **{"bounds": "bound", "columns": "column", "delays": "delay", "fixed": "fix"},
+    **{"time_constant": "tau", "units": "unit", "zeros": "zero"},
+}
+"""Arguments that texts of the package name in backticks, and the option that gives each where its name is another."""
+
+
+def options_named(text: str) -> str:
+    """A text of the package with its arguments named by the options that give them."""
+    found = re.compile(f"`({'|'.join(_ARGUMENTS)})`")
+    return found.sub(lambda match: "--" + (_ARGUMENTS[match[1]] or match[1].replace("_", "-")), text)
 
 
 def option(name: str, metavar: str, text: str, default: str, *, to: str | None = None, **kind: Any) -> Callable[[F], F]:

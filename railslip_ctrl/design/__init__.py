@@ -1,20 +1,20 @@
-"""Design and judgement of linear slip controllers.
+"""Design and judgement of slip controllers: linear ones, and the seeking controller's inner loop.
 
-May import `loop`, `model` and `core`. Begin with `controllers` (a controller as a system, and the loop it closes), then
+Imports `loop`, `model` and `core`. Begin with `controllers` (linear controllers, and the loop they close), then
 `envelope` and `judging` (the operating points a design must hold, and one verdict over them).
 
-controllers     controllers as systems, continuous or sampled, and the wheel-slip loop; `difference` is one sample
-assessment      one loop at one operating point: margins, limits, verdict
-envelope        the operating points and tolerances that a design must hold
-judging         margins of every case of an envelope, and one verdict
-specification   what a design must keep, and the margins of many plants under one controller
-tuning          PI gains from a specification, by hand, or by published rules; `tuning_search` is the search
-envelope_tuning a controller tuned over an envelope, and the best of several structures
-schedule        gains over speed and rail, lowest speeds, sweeps of margins
-stabilizing     all gains that stabilise, their outline and margins; `decomposition` is the method
-limits          what no controller can beat, and what a controller asks of the brake
-compensators    Smith predictors and the predictor-observer
-seeking         gains of the seeking controller, by rules, and the exact loop of its inner part
+- `controllers`: linear controllers, continuous or sampled, and the wheel-slip loop; `difference` steps a sampled one
+- `assessment`: one loop at one operating point: margins, limits, verdict
+- `envelope`: the operating points and tolerances that a design must hold
+- `judging`: margins of every case of an envelope, and one verdict
+- `specification`: what a design must keep, and the margins of many plants under one controller
+- `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` is the search
+- `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
+- `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
+- `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` is the method
+- `limits`: what no controller can beat, and what a controller asks of the brake
+- `compensators`: Smith predictors and the predictor-observer
+- `seeking`: gains of the seeking controller, by rules, and the exact loop of its inner part
 """
 
 from .controllers import (

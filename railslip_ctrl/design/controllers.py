@@ -252,9 +252,11 @@ def has_step(controller: Any) -> bool:
 
 def step_alone(controller: Any) -> InputError:
     """The refusal of margins for what is known by its step."""
+    where = place_of(getattr(controller, "step", controller))
+    lacking = "an object that has step and" if is_function(controller) else "it"
     return InputError(
-        f"controller: {_name(controller)} is known by its step alone and has no margins; give it a method "
-        "linear(operating_point) that returns a python-control system"
+        f"controller: {where}{_name(controller)} is known by its step alone and has no margins; give {lacking} a "
+        "method linear(operating_point) that returns a python-control system"
     )
 
 

@@ -18,6 +18,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -60,11 +61,8 @@ class Envelope(Record):
     on every law in place of the law's own. What is left out is that of the vehicle's file, if its table [envelope]
     says it, or the default.
 
-    Raises
-    ------
-    InputError
-        A list that is empty or too long, a value that is not finite and positive (of dead time and lag: negative), or
-        of another kind; a law that is not known; a factor with which the reference slip would be 1 or more.
+    InputError: a list that is empty or too long, a value that is not finite and positive (of dead time and lag:
+    negative), or of another kind; a law that is not known; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -131,6 +129,15 @@ class Envelope(Record):
     def _laws_are_had_and_slips_below_1(self) -> Self:
         """Of laws in files not until they are read."""
         self._check([law for law in self.laws if not _is_file(law)])
+        return self
+
+    @model_validator(mode="after")
+    def _cases_are_not_too_many(self) -> Self:
+        counts = {name: len(getattr(self, name)) for name in ("rails", "laws", "loads", "speeds")}
+        counts |= {name: len({1.0, *getattr(self, name)}) for name in ("slip", "dead_time", "lag", "radius")}
+        if (cases := math.prod(counts.values())) > _MOST_CASES:
+            told = " x ".join(f"{name} {count}" for name, count in counts.items())
+            raise InputError(f"{told} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
         return self
 
     def check_files(self) -> None:
@@ -200,24 +207,13 @@ def _beside(held: float, top: float) -> str:
 
 @checked
 def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
-    """Read the table `[envelope]` of a TOML file.
+    """Read the table `[envelope]` of a TOML file, speeds in km/h; of a vehicle's file without it, the default envelope.
 
-    Parameters
-    ----------
-    path : str or Path
-        A vehicle's file, or one that has the envelope alone. Laws in files are relative to it.
-    vehicle : Vehicle, optional
-        Left out, the file's own.
+    - path: a vehicle's file, or one that has the envelope alone. Laws in files are relative to it.
+    - vehicle: left out, the file's own.
 
-    Returns
-    -------
-    Envelope
-        Speeds in km/h, factors dimensionless. Of a vehicle's file without the table, the default one.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, has no envelope (unless it is a vehicle's), or one line naming file, key and value.
+    InputError: the file cannot be read, has no envelope (unless it is a vehicle's), or one line naming file, key and
+    value.
     """
     path = given_path(path)
     where = file_name(path)
@@ -302,20 +298,12 @@ class Case:
 class EnvelopePoints:
     """The cases of an envelope: linear plants, each with every actuator that belongs to it.
 
-    Attributes
-    ----------
-    plants, loads, slip_factors : tuple
-        One for each linearised plant; its vehicle has the load and the radius of the case.
-    actuators : tuple of Actuator
-        The first as given.
-    plant, actuator : ndarray, (n,)
-        Of each case, the number of its plant and of its actuator.
-    operating : ndarray, (n,)
-        Whether the case is an operating point, all factors 1.
-    skipped : tuple of str
-        What has no linear plant, and why.
-    made : dict
-        Of `system`; shared by all that was taken of these cases.
+    - plants, loads, slip_factors: of each linearised plant; its vehicle has the load and the radius of the case.
+    - actuators: the first as given.
+    - plant, actuator: (n,), of each case, the number of its plant and of its actuator.
+    - operating: (n,), whether the case is an operating point, all factors 1.
+    - skipped: what has no linear plant, and why.
+    - made: of `system`; shared by all that was taken of these cases.
     """
 
     vehicle: Vehicle
@@ -379,10 +367,6 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         if a in envelope.dead_time and b in envelope.lag and actuators[i] not in actuators[:i]
     ]
     members = list(product(_laws(envelope), envelope.speeds, radii, slips))
-    if len(members) * len(factors) > _MOST_CASES:
-        raise InputError(
-            f"envelope: {len(members) * len(factors)} cases are more than {_MOST_CASES}; give fewer values"
-        )
     found: list[tuple[LinearPlant, str, float]] = []
     cases: list[tuple[int, int, bool]] = []
     skipped = []

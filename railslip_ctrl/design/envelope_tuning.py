@@ -130,31 +130,17 @@ def tune(
     """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
     the seeking controller, whose gains go by rules.
 
-    Parameters
-    ----------
-    envelope : Envelope
-        What the controller must hold.
-    structure : str
-        "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or "seeking".
-    ms_max : float
-        Largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are judged,
-        not tuned for.
-    lead, lead_filter : float, optional
-        Time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
-    period : float
-        Sampling period at which it runs, s, or twice the lead's filter if that is less.
+    - envelope: what the controller must hold.
+    - structure: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or
+      "seeking".
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are
+      judged, not tuned for.
+    - lead, lead_filter: time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
+    - period: sampling period at which it runs, s, or twice the lead's filter if that is less.
 
-    Returns
-    -------
-    EnvelopeDesign | SeekingDesign
-        The controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        No gains keep it; says from which speed (km/h) up some do, also with less slip and a faster brake.
-    InputError
-        An unknown structure, a number out of its range, or an envelope without points.
+    Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
+    InfeasibleDesignError: no gains keep it; says from which speed (km/h) up some do, also with less slip and a faster
+    brake. InputError: an unknown structure, a number out of its range, or an envelope without points.
     """
     if structure == "seeking":
         if lead is not None or lead_filter is not None:
@@ -482,26 +468,13 @@ def select(
     are those that hold from the lowest speed with Ms <= 2 and the largest ki; where none has Ms <= 2, the largest ki
     with an Ms within 5 % of the least.
 
-    Parameters
-    ----------
-    envelope : Envelope
-        What the design must hold.
-    structures : sequence of str
-        Of "pi" and "pi-lead"; the lead is at the actuator's lag.
-    reference_factors : sequence of float
-        Reference slips that are tried, over those of the envelope, > 0; 1 alone where the laws have different ones.
-    filter_ratio : float
-        Time constant of the lead's filter over that of the lead, > 0.
+    - envelope: what the design must hold.
+    - structures: of "pi" and "pi-lead"; the lead is at the actuator's lag.
+    - reference_factors: reference slips that are tried, over those of the envelope, > 0, ratios; 1 alone where the laws
+      have different ones.
+    - filter_ratio: time constant of the lead's filter over that of the lead, a ratio, > 0.
 
-    Returns
-    -------
-    Selection
-        Every candidate with its judgement (speeds in km/h), the best first.
-
-    Raises
-    ------
-    InputError
-        An envelope without points.
+    Returns every candidate with its judgement (speeds in km/h), the best first. InputError: an envelope without points.
     """
     choices = []
     own = envelope.points(nominal=True)

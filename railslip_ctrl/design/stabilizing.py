@@ -453,12 +453,10 @@ def stabilizing_pid(
 
 @checked
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
-    """The gains that lie in every one of `regions`, intervals and all.
+    """The gains that lie in every one of `regions`, intervals and all, in their units.
 
-    - regions: at least one.
-    - names: what to call the plant of each where the intersection is empty; left out, by number.
-
-    In the units of the regions. InputError: no region is given, or another number of names.
+    `names` are what to call the plant of each where the intersection is empty; left out, by number. InputError: no
+    region is given, or another number of names.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -540,8 +538,6 @@ def outline(
     - kp_limit, ki_limit: gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says
       so. By default the whole region.
 
-    Notes
-    -----
     A strip's ends are refined only where the number of intervals changes between columns; what appears and
     vanishes between two of them is not seen. `Region.contains` is what decides.
 
@@ -577,13 +573,10 @@ def outline(
 
 @checked
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
-    """Exact margins at each pair of gains inside a region; see `MarginGrid`.
+    """Exact margins at each pair of gains inside a `region`; see `MarginGrid`.
 
-    - region
-    - kp, ki: arrays, 1-D; grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
-
-    Returns arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the
-    region. InputError: a gain is not finite.
+    `kp` and `ki` are the grid lines, 1-D, in the plant's unit of gain and that per second; ki = 0 is P control.
+    InputError: a gain is not finite.
     """
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]

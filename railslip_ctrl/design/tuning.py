@@ -60,7 +60,7 @@ def tune_pi(
       without the dead time; negative feedback.
     - dead_time: s; one for all plants, or one each.
     - ms_max, phase_min_deg, delay_min_s: what every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin,
-      s. ki is maximised under it; see the notes on how sure that is.
+      s. ki is maximised under it; how surely, see below.
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
     - minimise_ms: instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants
       are stable that is next to no gain, and Ms next to 1: give `ms_max` then.
@@ -69,8 +69,6 @@ def tune_pi(
       PI, such as a lead.
     - names: what an error calls each plant; left out, by number.
 
-    Notes
-    -----
     The gains meet the specification exactly, and ki is the largest near them. Elsewhere, for kp up to four times what
     stabilises with little ki: under a bound on Ms (up to 50) larger ki are shown not to meet it, except where the gains
     that do span less than 4 % of ki; without one, rows of ki 25 % apart are looked at.
@@ -298,10 +296,7 @@ class CommonPI:
 
 @checked
 def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
-    """The kp that minimises the worst Ms over some plants, at an integral time of 50 (dead time + lag).
-
-    - plants: at least one.
-    - actuator: dead time and lag, s.
+    """The kp that minimises the worst Ms over `plants`, at integral time 50 (dead time + lag), s, of the `actuator`.
 
     Returns kp in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all the plants; says the range
     of each. Or all are stable: zero gain then has the least Ms. InputError: no plant is given.
@@ -357,12 +352,9 @@ def _common_range(
 
 @checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
-    """Where a loop has most phase.
+    """The frequency, rad/s, at which a `loop` L has its largest phase, and that phase, rad, continuous.
 
-    - loop: L.
-
-    The frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous. InputError:
-    the phase has no interior maximum (it only falls).
+    InputError: the phase has no interior maximum (it only falls).
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -375,12 +367,9 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 
 @checked
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
-    """Factor on the gain of a loop that makes |L(j omega)| = 1.
+    """Factor, > 0, on the gain of a `loop` that makes |L(j omega)| = 1 at an `omega`, rad/s, > 0.
 
-    - loop: L.
-    - omega: rad/s, > 0.
-
-    Returns the factor, > 0. InputError: omega is not finite and positive.
+    InputError: omega is not finite and positive.
     """
     number("crossover", omega, "rad/s", gt=0)
     return float(1 / np.abs(loop(1j * omega)))

@@ -277,15 +277,13 @@ def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
     """Median absolute deviation from the median in the windows of some values."""
     padded = np.pad(values, HALF_WINDOW, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
-    result: Floats = np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
-    return result
+    return np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
 
 
 def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
     """Median of the deviations before some rows, or of those after them where it is larger."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(deviation, NOISE_ROWS, mode="symmetric"), NOISE_ROWS)
-    result: Floats = np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
-    return result
+    return np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
 
 
 # --- alignment -----------------------------------------------------------------------------------------------------
@@ -298,15 +296,15 @@ _WHEEL = ("wheel_angular_speed", "wheel_speed")  # the first of them in a log is
 
 def corrections_told(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
     """The options by which a log is corrected, as they were given, in one sentence if any."""
-    given = [f"--delay {name}={delay:g}" for name, delay in delays.items()]
-    given += [f"--zero {name}={zero:g}" for name, zero in zeros.items()]
+    given = [f"`delays` {name}={delay:g}" for name, delay in delays.items()]
+    given += [f"`zeros` {name}={zero:g}" for name, zero in zeros.items()]
     return (f"the rows are corrected by {', '.join(given)}",) if given else ()
 
 
 def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -> None:
     """InputError unless delays (s) and zeros (SI) are of quantities of a log, and in range."""
     known = tuple(name for name in UNITS if name != "time")
-    for option, given in (("--delay", delays), ("--zero", zeros)):
+    for option, given in (("`delays`", delays), ("`zeros`", zeros)):
         for name, value in given.items():
             if name not in known:
                 hint = close_match(name, known)
@@ -317,7 +315,7 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
                 raise InputError(f"{option} {name}: {value:g} is not allowed; give a finite value")
     for name, delay in delays.items():
         if abs(delay) > LONGEST_DELAY:
-            raise InputError(f"--delay {name}: {delay:g} s is not allowed; give at most {LONGEST_DELAY:g} s either way")
+            raise InputError(f"`delays` {name}: {delay:g} s is not allowed; give at most {LONGEST_DELAY:g} s each way")
 
 
 class Alignment:

@@ -93,8 +93,8 @@ class Bins:
 class Cells:
     """The cells that hold samples, arrays of one length: their count and means, SI.
 
-    `squares` is the sum of the squared deviations from mu; `time` and `slip_gain` are seconds and the slip gained in
-    them. `nodes`, `node_speeds` and `weights`, (2, cells), give the mean of a function over a cell.
+    `squares` is the sum of the squared deviations from mu. `nodes`, `node_speeds` and `weights`, (2, cells), give the
+    mean of a function over a cell.
     """
 
     count: Floats
@@ -106,8 +106,6 @@ class Cells:
     nodes: Floats
     node_speeds: Floats
     weights: Floats
-    time: Floats
-    slip_gain: Floats
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class Stretches:
 
 
 _FINE = 1_000_000
-_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load", "step", "slip_step")
+_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load")
 
 
 class Accumulator:
@@ -200,7 +198,7 @@ class Accumulator:
         """The cells so far."""
         s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
         n = s["count"]
-        mean = {name: s[name] / n for name in _SUMS[1:9]}
+        mean = {name: s[name] / n for name in _SUMS[1:]}
         nodes, weights = _gauss_rule(mean["slip"], mean["slip2"], mean["slip3"])
         variance = mean["slip2"] - mean["slip"] ** 2
         covariance = mean["slip_speed"] - mean["slip"] * mean["speed"]
@@ -215,8 +213,6 @@ class Accumulator:
             nodes=nodes,
             node_speeds=np.maximum(mean["speed"] + tilt * (nodes - mean["slip"]), 0.5 * mean["speed"]),
             weights=weights,
-            time=s["step"],
-            slip_gain=s["slip_step"],
         )
 
     def stretches(self) -> Stretches:
@@ -424,7 +420,7 @@ class _Gathered:
             if survey.used < _LEAST_SAMPLES:
                 raise InputError(
                     f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
-                    "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
+                    "give a log with braking, and check columns, units, `vehicle` and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)

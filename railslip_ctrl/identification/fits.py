@@ -486,8 +486,7 @@ def unidentified(scaled: Floats) -> Flags:
         return np.zeros(scaled.shape[1], dtype=bool)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
     flat = singular <= SINGULAR * singular[0]
-    result: Flags = (np.abs(directions[flat]) > 1e-3).any(axis=0)
-    return result
+    return np.asarray((np.abs(directions[flat]) > 1e-3).any(axis=0))
 
 
 def covariance_of(slopes: Floats, free: Flags) -> Floats:
@@ -602,8 +601,7 @@ class Fit:
     def correlation(self) -> Floats:
         """Correlation of the estimates, NaN as in `covariance`."""
         deviation = np.sqrt(np.diag(self.covariance))
-        result: Floats = self.covariance / np.outer(deviation, deviation)
-        return result
+        return np.asarray(self.covariance / np.outer(deviation, deviation))
 
 
 def fit(
@@ -694,8 +692,7 @@ class _Problem:
         """How far the model's mean of mu lies above that of the samples, in the cells used, by root of the samples."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
-        result: Floats = self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at])
-        return result
+        return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
         """The best of the solutions from all starts, in coordinates; of those that are alike the first."""

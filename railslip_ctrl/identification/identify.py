@@ -81,7 +81,7 @@ def highest_mu(found: Fit, setting: models.Setting) -> tuple[str, float]:
         top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
         raise InputError(
-            "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load (--vehicle)"
+            "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load (`vehicle`)"
         ) from None
     given: dict[str, Any] = {**found.model.known, **{p.name: p.value for p in found.parameters}}
     match found.model.name:
@@ -106,14 +106,14 @@ def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None
     if LOWEST_MU <= seen <= HIGHEST_MU:
         # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
         name = _LIMITS.get(found.model.name, "")
-        bound = f"--bound {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another --model"
+        bound = f"`bounds` {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another `model`"
         cause = (
             f"the log itself shows {seen:.2g}, so that it does not tell this model, or the vehicle is another one; "
-            f"check --vehicle and the wheel load, give a log with more slip, or {bound}"
+            f"check `vehicle` and the wheel load, give a log with more slip, or {bound}"
         )
     given = [name for name in setting.fixed if name in found.model.known]
     if given:
-        values = ", ".join(f"--fix {name}={setting.fixed[name]:g}" for name in given)
+        values = ", ".join(f"`fixed` {name}={setting.fixed[name]:g}" for name in given)
         cause = f"{values} is given: leave it out, or give another value; else {cause}"
     raise ImpossibleFitError(
         f"fitted to this log its highest adhesion coefficient, the {what}, is {value:.3g}, above {IMPOSSIBLE_MU:g}, "
@@ -132,22 +132,22 @@ def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tup
             f"steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(value, curve.factors)}"
         )
     cause = (
-        "likely this log does not tell it, or the model is not this log's; a wrong unit of the brake torque (--unit), "
-        "wheel load or vehicle (--vehicle) does the same"
+        "likely this log does not tell it, or the model is not this log's; a wrong unit of the brake torque (`units`), "
+        "wheel load or vehicle (`vehicle`) does the same"
         if ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
-        else "likely by a wrong unit of the brake torque (--unit), wheel load or vehicle (--vehicle)"
+        else "likely by a wrong unit of the brake torque (`units`), wheel load or vehicle (`vehicle`)"
     )
     untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
     if untold:
         doubts.append(
             f"the fitted {', '.join(untold)} may as well be any other by this log, and is near to where it was first "
-            "looked for: give a log with more slip, a known value (--fix), or another --model"
+            "looked for: give a log with more slip, a known value (`fixed`), or another `model`"
         )
     for p, low, high in zip(found.parameters, found.model.lower, found.model.upper, strict=True):
         if "bound" in p.status:
             side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
             by_user = bound in setting.bounds.get(p.name, ())
-            why = "which is given by --bound: the log asks for a value beyond it" if by_user else cause
+            why = "which is given by `bounds`: the log asks for a value beyond it" if by_user else cause
             # the smallest number stands for a 0 that is open
             end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
             doubts.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
@@ -250,11 +250,11 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
     """What a lag is to be told as, the log's interval in s; `delays` are those that the user has given, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     error = f" ± {lag.stderr:.1g} s" if math.isfinite(lag.stderr) else ""
-    beside = f", more than the --delay {wheel_column}={given:.4g} that is given" if given else ""
+    beside = f", more than the `delays` {wheel_column}={given:.4g} that is given" if given else ""
     cause = ""
     if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
         late, cause = interval / 2.0, " half an interval, as a difference of counts is:"
-    remedy = f"{cause} --delay {wheel_column}={given + late:.3g} undoes it"
+    remedy = f"{cause} `delays` {wheel_column}={given + late:.3g} undoes it"
     if abs(given + late) > LONGEST_DELAY:
         remedy = " no delay is so long: check the unit of the time, and that the columns are of one recording"
     return (
@@ -476,8 +476,8 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     if found.impossible:
         left_out = (
             f"{curve.name}: {', '.join(found.impossible)}: left out, as fitted to this log their adhesion cannot be; "
-            "unless it has too little slip for them, the brake torque's unit (--unit), wheel load or vehicle "
-            "(--vehicle) is wrong",
+            "unless it has too little slip for them, the brake torque's unit (`units`), wheel load or vehicle "
+            "(`vehicle`) is wrong",
         )
     told = (*curve.warnings, *_against_the_log(curve, setting, options), *_late(chosen.fit, candidates, options))
     of_model = _of_model(chosen, peaks, candidates)
@@ -534,13 +534,13 @@ def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Opt
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
         found.append(
-            f"--initial-speed is {v0 / KMH:.4g} km/h, and the highest train speed of the log {seen / KMH:.4g} km/h: "
+            f"`initial_speed` is {v0 / KMH:.4g} km/h, and the highest train speed of the log {seen / KMH:.4g} km/h: "
             "the model is written as one of the speed that is given"
         )
     given, ramp = options.slip_acceleration, setting.slip_acceleration
     if given is not None and ramp is not None and not 1.0 / _OTHER_RAMP < given / ramp < _OTHER_RAMP:
         found.append(
-            f"--slip-acceleration is {given:.4g} m/s^2, and the slip of the log rises by {ramp:.4g} m/s^2 on its way "
+            f"`slip_acceleration` is {given:.4g} m/s^2, and the slip of the log rises by {ramp:.4g} m/s^2 on its way "
             "to the peak: the peak of a bristle model is that of the ramp that is given"
         )
     return tuple(f"{curve.name}: {text}" for text in found)
@@ -557,7 +557,7 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
     if deceleration_differs(curve.deceleration_ratio):
         return (
             f"{curve.name}: the wheel's motion is followed best with its speed shifted by {lag.seconds:.3g} s, which "
-            "a torque of the wrong scale, or a wrong vehicle, makes too: no --delay is advised while the train's "
+            "a torque of the wrong scale, or a wrong vehicle, makes too: no `delays` is advised while the train's "
             "deceleration does not fit",
         )
     better = candidates.better_followed(fit) if options.model != "best" else fit
@@ -676,11 +676,11 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
         if len(same) == len(done) and name != "table":  # the knots of tables differ from log to log
             totals[name] = sum(s.bic for s in same)
     if not totals:
-        raise InputError("model: no model fits every log; name one with --model")
+        raise InputError("model: no model fits every log; name one with `model`")
     for best in sorted(totals, key=lambda name: totals[name]):
         with suppress(DomainError):  # of a model that has no peak in one of the logs
             return [_choosing(each, best) for each in done]
-    raise InputError("model: no model has a peak in every log; name one with --model")
+    raise InputError("model: no model has a peak in every log; name one with `model`")
 
 
 def _choosing(identification: Identification, name: str) -> Identification:

@@ -252,9 +252,9 @@ def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]
     if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
         given = known.zeros.get("brake_torque", 0.0)
         beside = f" beside the {given:.4g} N*m that is taken off" if given else ""
-        option = f"--zero brake_torque={rolling.torque + given:.4g} takes it off"
+        option = f"`zeros` brake_torque={rolling.torque + given:.4g} takes it off"
         if abs(rolling.torque + given) < _LEAST_MU * load:
-            option = "leave --zero brake_torque out"
+            option = "leave `zeros` brake_torque out"
         yield Finding(
             "torque offset",
             f"the brake torque reads {rolling.torque:.4g} N*m{beside} where the wheel rolls freely, which is "
@@ -278,7 +278,7 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     for name, zero in known.zeros.items():
         without = 1.0 - again[name](zero) if name in again else math.inf
         if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
-            given = f"the --zero {name}={zero:.4g} that is given {100.0 * without:.2g} %"
+            given = f"the `zeros` {name}={zero:.4g} that is given {100.0 * without:.2g} %"
             return f"{shown}, and without {given}: leave it out"
     likely = f"the wheel radius may be {radius / (1.0 - slip + known.creep(rolling)):.4g} m, not {radius:.4g} m"
     ratio = 1.0 - slip
@@ -325,14 +325,14 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
             ratio = factor / factors.get(quantity, factor)
             made = mu * ratio if quantity == "brake_torque" else mu / ratio
             if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
-                found.append(f"{quantity} seems to be in {unit} (--unit {quantity}={unit})")
+                found.append(f"{quantity} seems to be in {unit} (`units` {quantity}={unit})")
                 other = made
     return f"{', or '.join(found)}, which would make it {other:.2g}" if found else ""
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
     """`unit_hint`, or what to check else."""
-    check = "check the unit of the brake torque (--unit), the wheel load and the wheel's radius (--vehicle)"
+    check = "check the unit of the brake torque (`units`), the wheel load and the wheel's radius (`vehicle`)"
     return unit_hint(mu, factors) or check
 
 
@@ -377,8 +377,8 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
 
 OTHER_DECELERATION = (
     "the train slows down {:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the scale of "
-    "the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, unless other brakes or "
-    "a slope act on the train"
+    "the brake torque (`units` brake_torque=), or the mass (`vehicle`), is wrong and mu with it, unless other brakes "
+    "or a slope act on the train"
 )
 
 
@@ -402,7 +402,7 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str
     likely, read, shown, less = ("ms", "s", 1.0 / ratio, "less") if ratio < 1.0 else ("s", "ms", ratio, "more")
     return (
         f"the train slows down {shown:.2g} times {less} than the brake torque on it makes it: the time seems to be in "
-        f"{likely}, and is read as {read}; give --unit time={likely}"
+        f"{likely}, and is read as {read}; give `units` time={likely}"
     )
 
 
@@ -435,8 +435,8 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
         yield Finding(
             "load",
             f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by "
-            "the log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the "
-            "vehicle (--vehicle, --loaded)",
+            "the log's; check the unit of the column (`units` wheel_load=), whether it is one wheel's, and the "
+            "vehicle (`vehicle`), empty or loaded",
         )
 
 
@@ -460,7 +460,7 @@ class WheelSpeeds:
             yield Finding(
                 "wheel speeds",
                 f"the log has two wheel speeds, and wheel speed is {ratio:.3g} times the angular speed by the wheel's "
-                "radius: the angular speed is used; check the units of both and the wheel's radius (--vehicle)",
+                "radius: the angular speed is used; check the units of both and the wheel's radius (`vehicle`)",
             )
 
 
@@ -530,7 +530,7 @@ class TrainLag:
         return (
             f"a lag of {1e3 * self.lag:g} ms, which this log cannot show, moves slip by {self.slip_shift:.2g} at the "
             f"peak (slip of peak {self.peak_slip:.3g}), and that of a fit by up to three times as much; give "
-            "--delay train_speed= if there is one"
+            "`delays` train_speed= if there is one"
         )
 
 
@@ -588,5 +588,5 @@ def survey_findings(survey: Survey) -> Iterator[Finding]:
             "initial speed",
             f"braking begins between {survey.slowest_start / KMH:.4g} and {survey.fastest_start / KMH:.4g} km/h: "
             f"v0, with which the parameters change, is taken as {survey.initial_speed / KMH:.4g} km/h "
-            "(--initial-speed); a log for each speed shows the change",
+            "(`initial_speed`); a log for each speed shows the change",
         )

@@ -113,7 +113,7 @@ def find_columns(
     there, two columns of one name, a missing column, or a unit of another dimension.
     """
     columns, units = columns or {}, units or {}
-    for option, given in (("--column", columns), ("--unit", units)):
+    for option, given in (("`columns`", columns), ("`units`", units)):
         for quantity in given:
             if quantity not in UNITS:
                 raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
@@ -133,7 +133,7 @@ def find_columns(
         quantity = missing[0]
         called = " or ".join(repr(name) for name in NAMES[quantity][:2])
         raise InputError(
-            f"header: no column for {quantity}; call one {called}, or give --column {quantity}=HEADER "
+            f"header: no column for {quantity}; call one {called}, or give `columns` {quantity}=HEADER "
             f"(the header has {_cells(header)})"
         )
     return found
@@ -163,7 +163,8 @@ def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
         count = f"{len(at)} columns are" if at else "no column is"
         hint = close_match(wanted, header)
         raise InputError(
-            f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}{_by_place(at)}"
+            f"`columns` {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}"
+            f"{_by_place(at)}"
         )
     return at[0]
 
@@ -182,7 +183,7 @@ def _recognised(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    cells, option = _cells([header[i] for i in at]), f"--column {quantity}=HEADER"
+    cells, option = _cells([header[i] for i in at]), f"`columns` {quantity}=HEADER"
     return InputError(f"header: {quantity} may be any of {cells}; say which with {option}{_by_place(at)}")
 
 
@@ -198,13 +199,13 @@ def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
     if quantity == "wheel_speed" and is_unit(given, "wheel_angular_speed"):
         quantity = "wheel_angular_speed"
     spelled = _SPELLINGS.get(given.strip().lower(), given.strip())
-    where = f"--unit {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
+    where = f"`units` {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
     try:
         factor = to_unit(f"1 {spelled}", UNITS[quantity])
     except InputError:
         raise InputError(
             f"{where}: {shown(given)} is not a unit of {quantity}; give one convertible to {UNITS[quantity]!r}, "
-            f"in the header or as --unit {quantity}=UNIT"
+            f"in the header or as `units` {quantity}=UNIT"
         ) from None
     return Column(quantity, index, cell.strip(), factor, unit_given=True)
 

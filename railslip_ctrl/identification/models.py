@@ -226,9 +226,7 @@ class FitModel:
 
     def unit(self, name: str) -> str:
         """SI unit of a parameter of the law that is fitted; "1" for a table's values."""
-        info = self.force_law.model_fields.get(name)
-        extra = None if info is None else info.json_schema_extra
-        return str(extra["unit"]) if isinstance(extra, dict) else "1"
+        return self.force_law.units().get(name, "1")
 
     def _flat(self, values: Floats) -> tuple[float, ...]:
         if self.name == "table":
@@ -284,13 +282,13 @@ def check_model(name: str) -> None:
     """InputError, listing the names, unless a model is called so or it is "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
-        raise InputError(f"--model: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
+        raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
     """InputError where a fixed or bounded parameter belongs to none of the models, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
-    for option, given in (("--fix", fixed), ("--bound", bounds)):
+    for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:
             if parameter not in known:
                 raise InputError(
@@ -300,7 +298,7 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
         low, high = bounds[name]
         if not low <= fixed[name] <= high:
             raise InputError(
-                f"--fix {name}: {fixed[name]:g} is outside --bound {name}, {low:g} to {high:g}; give one of the two"
+                f"`fixed` {name}: {fixed[name]:g} is outside `bounds` {name}, {low:g} to {high:g}; give one of the two"
             )
 
 
@@ -313,12 +311,12 @@ def _restricted(model: FitModel, setting: Setting) -> FitModel:
     for i, name in enumerate(names):
         low, high = setting.bounds.get(name, (-math.inf, math.inf))
         if not low < high:
-            raise InputError(f"--bound {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
+            raise InputError(f"`bounds` {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
         lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         if not lower[i] < upper[i]:
-            raise InputError(f"--bound {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
+            raise InputError(f"`bounds` {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
     if not names:
-        raise InputError(f"--fix: every parameter of {model.name!r} is fixed; leave one to be fitted")
+        raise InputError(f"`fixed`: every parameter of {model.name!r} is fixed; leave one to be fitted")
     starts = np.clip(model.starts[:, keep], lower, upper)
     known = {**model.known, **fixed}
     return replace(model, names=names, starts=starts, lower=lower, upper=upper, known=known)
@@ -387,8 +385,8 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = setting.given_acceleration or setting.slip_acceleration
     if R is None:
         raise InputError(
-            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give --slip-acceleration "
-            "(m/s^2), or --model bristle_rest"
+            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give `slip_acceleration` "
+            "(m/s^2), or `model` bristle_rest"
         )
     built = _built_up(cells, shape, setting, R)
     note = (
@@ -405,7 +403,7 @@ def _stiffness(setting: Setting) -> float:
 
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
-    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (--fix changes it)"
+    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (`fixed` changes it)"
     return replace(model, name=name, notes=("fitted to the sliding regime", note))
 
 
@@ -483,8 +481,5 @@ CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
 
 def parameter_unit(name: str) -> str:
     """SI unit of a parameter of any of the models; "1" for one that none has."""
-    for law in dict.fromkeys(_LAWS.values()):
-        info = law_class(law).model_fields.get(name)
-        if info is not None and isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra:
-            return str(info.json_schema_extra["unit"])
-    return "1"
+    units = (law_class(law).units() for law in _LAWS.values())
+    return next((found[name] for found in units if name in found), "1")

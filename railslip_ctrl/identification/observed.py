@@ -236,8 +236,7 @@ class Observer(StrEnum):
 class Observed:
     """Samples of adhesion over slip, SI, arrays of one length; all but the time behind the observer's filter.
 
-    `slip2`, `slip3` and `slip_speed` are the filtered square, cube, and product with the train's speed; `step` and
-    `slip_step` the time and the change of slip since the row before, 0 after a row that is not used.
+    `slip2`, `slip3` and `slip_speed` are the filtered square, cube, and product with the train's speed.
     """
 
     time: Floats
@@ -248,8 +247,6 @@ class Observed:
     slip_speed: Floats
     mu: Floats
     load: Floats
-    step: Floats
-    slip_step: Floats
 
     def __len__(self) -> int:
         return len(self.time)
@@ -278,8 +275,6 @@ class AdhesionStream:
         self._channels: Channels | None = None
         self._readhesion: Readhesion | None = None
         self._last = self._settled = -math.inf
-        self._last_used = False
-        self._last_slip = 0.0
         self._last_run = -math.inf
 
     @property
@@ -336,7 +331,7 @@ class AdhesionStream:
             )
         if survey.used < _TOLERATED_SHARE * survey.lost:
             gaps = f" and each of {survey.gap_count} gaps" if survey.gap_count else ""
-            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller --tau, or a longer log"
+            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller `time_constant`, or a longer log"
             raise InputError(
                 f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start"
                 f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"
@@ -406,7 +401,7 @@ class AdhesionStream:
         time, v, omega, torque, load = signals
         radius, survey, (low, high) = self.vehicle.wheel.radius, self.survey, SLIP_RANGE
         if fresh or self._channels is None or self._readhesion is None:
-            self._state, self._last_used = None, False
+            self._state = None
             low_pass = FilterObserver.of(self.vehicle, self.time_constant)
             self._channels = Channels(self._observer if self.kind is Observer.KALMAN else low_pass)
             self._readhesion = Readhesion(low_pass)
@@ -414,7 +409,6 @@ class AdhesionStream:
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
         now = 1.0 - radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
-        steps = np.diff(time, prepend=self._last if self._last_used else time[0])
         filtered = self._channels.run(time, np.stack([now, now**2, now**3, v, now * v, load]))
         self._last = float(time[-1])
         braked, reverse = self._braked(torque, load), self._braked(-torque, load)
@@ -427,12 +421,8 @@ class AdhesionStream:
         survey.reversed += int((reverse & sliding).sum())
         survey.readhesion += int((braked & sliding & settled & readhesion).sum())
         survey.initial_speed = max(survey.initial_speed, float(speed.max()))
-        follows = np.concatenate([[self._last_used], used[:-1]]) & used
-        step = np.where(follows, steps, 0.0)
-        slip_step = np.where(follows, np.diff(slip, prepend=self._last_slip), 0.0)
-        self._last_used, self._last_slip = bool(used[-1]), float(slip[-1])
         mu = estimate.adhesion_torque / (radius * np.where(pressed > 0.0, pressed, np.inf))
-        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, pressed, step, slip_step).where(used)
+        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, pressed).where(used)
         if len(found):
             apart = np.diff(found.time, prepend=self._last_run) > _SETTLING * self.time_constant
             survey.runs += int(apart.sum())

@@ -157,15 +157,13 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
 def phi(q: Floats) -> Floats:
     """(1 - exp(-q))/q, 1 at 0: the mean of exp(-q x) over 0 < x < 1."""
     small = np.abs(q) < 1e-8
-    result: Floats = np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
-    return result
+    return np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
 
 
 def mean_phi(q: Floats) -> Floats:
     """(1 - phi(q))/q, the mean of 1 - exp(-q x) over 0 < x < 1 by q; 1/2 at 0."""
     small = np.abs(q) < 1e-4  # where the difference cancels: series to rounding of 1e-12
-    result: Floats = np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - phi(q)) / np.where(small, 1.0, q))
-    return result
+    return np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - phi(q)) / np.where(small, 1.0, q))
 
 
 @dataclass(frozen=True)

@@ -123,8 +123,7 @@ class Intervals:
         size = np.abs(before) - np.abs(after)
         chosen = np.where((size > 0.0) == steeper, before, after)
         known = np.where(np.isnan(size), np.where(np.isnan(before), after, before), chosen)
-        result: Floats = np.nan_to_num(known) * self.step**2
-        return result
+        return np.nan_to_num(known) * self.step**2
 
     @property
     def begins(self) -> Flags:
@@ -164,8 +163,7 @@ class PredictionErrors:
             force = self._curve(tuple(values))(np.sqrt(slip)) * self.wheel_load
         else:
             force = self.model.coefficient(values, slip, v, self.intervals.load) * self.intervals.load
-        result: Floats = np.sign(sigma) * force
-        return result
+        return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
         """mu of a model that depends on the slip alone, as a spline over its root, kept for the last values."""
@@ -302,8 +300,7 @@ class PredictionErrors:
             return error
         run = self.intervals.run
         best = np.bincount(run, start * error) / np.bincount(run, start**2)
-        result: Floats = error - start * best[run]
-        return result
+        return error - start * best[run]
 
     # --- the fit ----------------------------------------------------------------------------------------------------
 
@@ -401,7 +398,7 @@ def prediction_error_fit(
         raise
     except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
         raise InputError(
-            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (--vehicle)"
+            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (`vehicle`)"
         ) from error
 
 
@@ -484,7 +481,7 @@ def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitMo
         counted = f"and its standard error counts the ramp's scatter from run to run, {spread:.2g} m/s^2"
     note = (
         "fitted, and compared, along the slip as it went; the peak depends on how fast the slip rises, and is that of "
-        f"a ramp of {R:.4g} m/s^2 ({source}; --slip-acceleration changes it): slip {slip:.4g}, {low:.4g} at half and "
+        f"a ramp of {R:.4g} m/s^2 ({source}; `slip_acceleration` changes it): slip {slip:.4g}, {low:.4g} at half and "
         f"{high:.4g} at twice that ramp, {counted}"
     )
     return replace(chosen, notes=(note,)), spread

@@ -223,7 +223,7 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
     if ruled:
         notes.append(
             f"wet rail: not from this log but from the dry law by the rule of {model}, and so without an uncertainty; "
-            "a log on wet rail (--rail wet) tells it"
+            "a log on wet rail (`rail` wet) tells it"
         )
     slips = {(peak.speed, peak.by_rule): peak.slip for peak in peaks}
     if ruled and all(math.isclose(slips[p.speed, False], p.slip, rel_tol=_SAME_SLIP) for p in ruled):

@@ -21,6 +21,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
@@ -81,7 +82,7 @@ class RigTest:
     rate: float = 4000.0
     release_slip: float = 0.5
     interval: float = 0.01
-    random_force: float = 431.0
+    random_force: float = RANDOM_FORCE
     wheel_noise: float = 0.01
     speed_noise: float = 0.0
     torque_noise: float = 0.0

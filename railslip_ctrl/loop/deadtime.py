@@ -186,8 +186,6 @@ class DeadTimeLoop(Loop):
 
     InputError: `system` is not of this form, or the dead time is negative, not finite or no number.
 
-    Notes
-    -----
     Nothing is approximated: stability is decided by counting the zeros of the quasi-polynomial
     ([WaltonMarshall1987]), margins from all crossovers, refined to rounding. Neutral loops (as many zeros as
     poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the

@@ -190,8 +190,6 @@ class DelayedLoop(BoundedLoop):
 
     InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 
-    Notes
-    -----
     The delay margin of `margins` is added dead time in the process, the delays inside the controller staying as they
     are. Phase crossovers are listed where |L| >= 1/200, and over 22 turns of the delay.
     """

@@ -119,10 +119,7 @@ def closed_loop_response(
     InputError: a system, dead time, time, height or state that is not allowed; times so long against dead time and time
     constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
 
-    Notes
-    -----
-    Errors are rounding: about 1e-12 of the largest value over 200 dead times. A growing response keeps that
-    accuracy relative to its size.
+    Errors are rounding: about 1e-12 of the largest value over 200 dead times, of a growing response of its size.
     """
     dead_time = number("dead time", dead_time, "s", ge=0)
     times = given_times(time, final_time)

@@ -1,6 +1,7 @@
-"""The numbers of [Park2008] beside what the software obtains: tables, the reading, errata.
+"""The numbers of [Park2008] beside what the software obtains: tables, the units that reproduce them, errata.
 
-`tables` runs the four columns of Table 5, redraws the adhesion curves and tells what else the runs show, `reading` has
-the rules under which they come out and what each is worth, `errata` compares `printed` (the equations as they stand in
-the source) with what is derived. May import every room but `report` and `cli`. Begin with `tables.table5`.
+Imports `verification`, `simulation`, `design`, `sliding`, `model` and `core`. Begin with `tables.table5`: `tables`
+runs the four columns of Table 5, redraws the adhesion curves and has further facts of the runs. `reading` has the
+rules of unit and interpretation that reproduce the table, and how much each changes it. `errata` compares `printed`
+(equations and numbers as they stand in the source) with what is derived.
 """

@@ -135,12 +135,6 @@ def _without_latex(text: str) -> str:
 # --- adhesion models and observer -------------------------------------------------------------------------------------
 
 
-def adhesion_errata() -> tuple[Erratum, ...]:
-    """The rows, in the order of the equations."""
-    forms = compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,))
-    return (_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer(), forms)
-
-
 def _force_per_length() -> Erratum:
     """(6): what must multiply each branch is solved for, from (5), (9) and the full sliding force mu_d N."""
     length, slip, mu_d, xc, N = printed.length, printed.slip, printed.mu_d, printed.xc, printed.wheel_load
@@ -344,39 +338,19 @@ def _lyapunov_jump(derivation: Derivation) -> float:
 # --- numbers and units ------------------------------------------------------------------------------------------------
 
 
-_WHEEL = PARK2008.wheel
-
-
-def number_errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """The rows, in the order of the source."""
-    rest = (_viscous, _table3, _table4_kp, _table4_ki, _table4_asmc, _energy, _duration)
-    return (_reaching_gain(derivation), *(decide() for decide in rest))
-
-
-def random_disturbance(derivation: Derivation) -> float:
-    """What one standard deviation of the random adhesion force adds to s', m/s^2, SI."""
-    values = {
-        plant.r: _WHEEL.radius,
-        plant.J: _WHEEL.inertia,
-        plant.M: PARK2008.mass,
-        plant.Tr: _WHEEL.radius * printed.RANDOM_FORCE,
-        plant.Fr: 0,
-        plant.Td: 0,
-    }
-    return float(derivation.disturbance.subs(values))
-
-
 def _reaching_gain(derivation: Derivation) -> Erratum:
     D, K = PUBLISHED_LAW.D, PUBLISHED_LAW.K
-    ratio = _WHEEL.radius / _WHEEL.inertia
     resistance = PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] * KMH) ** 2 / PARK2008.mass
-    d = random_disturbance(derivation) + resistance
-    K0 = ratio * K
+    # what one standard deviation of the random adhesion force adds to s', m/s^2
+    random = {plant.Tr: _R * printed.RANDOM_FORCE, plant.Fr: 0, plant.Td: 0}
+    wheel = {plant.r: _R, plant.J: PARK2008.wheel.inertia, plant.M: PARK2008.mass}
+    d = float(derivation.disturbance.subs(wheel | random)) + resistance
+    K0 = _RATIO * K
     boxes = [reference_set(PARK2008, sigmas=1.0, with_torque=torque) for torque in (False, True)]
     without, needed = (surface_needed(PARK2008, box, K=K, D=D) for box in boxes)
     numbers = {
         **{"K0": K0, "d": d, "without": without, "needed": needed, "K": K, "speed": printed.SPEEDS_KMH[0] * KMH},
-        "least": ratio * least_gain(PARK2008, boxes[1]),
+        "least": _RATIO * least_gain(PARK2008, boxes[1]),
         "widest": least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0)),
     }
     return told("(40) with Table 4", "computed", numbers)
@@ -438,7 +412,7 @@ def _sliding_sizes(D: float, K: float, rho: float) -> dict[str, float]:
         "K0": to_unit(f"{K} km/h^2", "m/s^2"),
         "rho0": to_unit(f"{rho} 1/h", "1/s"),
     }
-    return {**rates, "D_read": D / KMH, "K_read": K, "ratio": _WHEEL.radius / _WHEEL.inertia}
+    return {**rates, "D_read": D / KMH, "K_read": K, "ratio": _RATIO}
 
 
 def _energy() -> Erratum:
@@ -479,4 +453,10 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
 
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:
     """The rows, those that agree among them, in the order adhesion and observer, law, numbers."""
-    return (*adhesion_errata(), *law_errata(derivation), *number_errata(derivation))
+    return (
+        *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
+        compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),
+        *law_errata(derivation),
+        *(_reaching_gain(derivation), _viscous(), _table3(), _table4_kp(), _table4_ki(), _table4_asmc()),
+        *(_energy(), _duration()),
+    )

@@ -6,6 +6,7 @@ sigma_d_rate, its Tm (never defined) is read as Ta, theta_tilde as theta - theta
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +14,7 @@ import sympy as sp
 
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE as RANDOM_FORCE
 from railslip_ctrl.sliding.proof import sliding_symbol as _own
 
 _s, _e, _rho, _sigma_d_rate = _own("s"), _own("e"), _own("rho"), _own("sigma_d_rate")
@@ -37,27 +39,20 @@ pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - len
 force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
 """(6): the locking and the slipping branch; the pressure is left as the symbol p."""
 
-travelling_stiffness = Cx * length**2 / 2
-"""(9): Kx, N."""
-
-beam_force: Any = beam.printed_force()
-"""(10), in v, sigma, N and the beam's parameters; both factors as printed."""
+travelling_stiffness = Cx * length**2 / 2  #: (9): Kx, N.
+beam_force: Any = beam.printed_force()  #: (10), in v, sigma, N and the beam's parameters; both factors as printed.
 
 bristle_coefficients = ((1 / Fs - Fc) * vs, (sp.Mul(Fs, 1 / Fs, evaluate=False) - Fc) * vs)
 """Below (24): beta = (1/Fs - Fc) vs and gamma = (Fs/Fs - Fc) vs."""
 
-bristle_g = Fs - (Fs - Fc) * plant.sigma / vs
-"""(23): g(sigma), N."""
+bristle_g = Fs - (Fs - Fc) * plant.sigma / vs  #: (23): g(sigma), N.
 
 # --- observer; s is Laplace's, tau the filter's time constant -------------------------------------------------------
 
 laplace, tau = sp.Symbol("s"), sp.Symbol("tau", positive=True)
 
-observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb
-"""(27): Ta_hat(s)."""
-
-observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb
-"""(28): Ta_hat(s)."""
+observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb  #: (27): Ta_hat(s).
+observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb  #: (28): Ta_hat(s).
 
 # --- sliding-mode law ----------------------------------------------------------------------------------------------
 
@@ -66,35 +61,22 @@ _drift = _both * _Ta - _r * _B / _J * _omega
 _nominal = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
 _disturbance = _both * _Tr + _Fr / _M - _r / _J * _Td
 
-s_rate = _sigma_d_rate + _drift + _disturbance - _r / _J * _Tb + _rho * _e
-"""(35)."""
-
-equivalent_control = _J / _r * (_sigma_d_rate + _drift + _rho * _e)
-"""(36)."""
-
-reaching = _disturbance - _r / _J * _own("Ur")
-"""(37)."""
-
-asked_rate = -_D * _s - _K * sp.sign(_s)
-"""(39): s' = -D s - K sgn s."""
-
-robust_control = _D * _s + _K * sp.sign(_s)
-"""(41)."""
+s_rate = _sigma_d_rate + _drift + _disturbance - _r / _J * _Tb + _rho * _e  #: (35).
+equivalent_control = _J / _r * (_sigma_d_rate + _drift + _rho * _e)  #: (36).
+reaching = _disturbance - _r / _J * _own("Ur")  #: (37).
+asked_rate = -_D * _s - _K * sp.sign(_s)  #: (39): s' = -D s - K sgn s.
+robust_control = _D * _s + _K * sp.sign(_s)  #: (41).
 
 reaching_product = _s * (_disturbance - _r / _J * _D * _s - _r / _J * _K * sp.sign(_s))
 """The first line of (42), D0 = (r/J) D and K0 = (r/J) K put in."""
 
-control_law = equivalent_control + robust_control
-"""(43)."""
-
-theta = (1 / (_r * _Mp), -_r * _Bp / _J)
-"""(44): theta."""
+control_law = equivalent_control + robust_control  #: (43).
+theta = (1 / (_r * _Mp), -_r * _Bp / _J)  #: (44): theta.
 
 adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control
 """(45)."""
 
-lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)
-"""(46)."""
+lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)  #: (46).
 
 _adaptation_part = sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
 
@@ -106,25 +88,14 @@ lyapunov_rate_with_law = (
 )
 """(48)."""
 
-adaptation = (_k * _s * _Ta, _k * _s * _omega)
-"""(49)."""
+adaptation = (_k * _s * _Ta, _k * _s * _omega)  #: (49).
 
 # --- printed numbers -----------------------------------------------------------------------------------------------
 
-RANDOM_FORCE = 431.0
-"""Standard deviation of the random adhesion force, N (p. 55)."""
-
-VISCOUS = (0.25, -0.01)
-"""B = 0.25 - 0.01 t, N*m*s, t in s (p. 55)."""
-
-MASS_STEP_TIME = 25.0
-"""s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55)."""
-
-SPEEDS_KMH = (100.0, 5.0)
-"""Speeds between which the stop is timed (p. 55, 56)."""
-
-PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})
-"""Peaks of the bristle curves of Fig. 17, read from it."""
+VISCOUS = (0.25, -0.01)  #: B = 0.25 - 0.01 t, N*m*s, t in s (p. 55).
+MASS_STEP_TIME = 25.0  #: s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55).
+SPEEDS_KMH = (100.0, 5.0)  #: Speeds between which the stop is timed (p. 55, 56).
+PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})  #: Peaks of the bristle curves of Fig. 17, read from it.
 
 TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)})
 """Mean absolute errors of the adhesion coefficient at 30, 60, 100, 140 km/h."""
@@ -135,5 +106,18 @@ TABLE3_IMPROVEMENT = 24.5  # per cent
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
 """kN*m as the table has it; p. 56 has the same digits times 10^7 N*m."""
 
-TABLE5_TIMES = (59.5, 58.9, 55.3, 50.7)
-"""Braking times, s: PI beam, PI bristle, ASMC beam, ASMC bristle."""
+TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
+    {
+        "PI beam": (59.5, 700.0, 1.77e7, 0.0378),
+        "PI bristle": (58.9, 682.0, 1.77e7, 0.0351),
+        "ASMC beam": (55.3, 607.0, 1.71e7, 0.0354),
+        "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
+    }
+)
+"""[Park2008] Table 5 by column: braking time, s, distance, m, energy, J in the published reading, mean |slip error|.
+
+The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
+"""
+
+TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())
+"""Braking times, s."""

@@ -5,11 +5,9 @@ as far as its own printed numbers can be checked; and the adhesion curves of Fig
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,6 +31,7 @@ from railslip_ctrl.verification.actuator_effects import largest_adaptation, publ
 from railslip_ctrl.verification.lyapunov_runs import judge_run
 
 from . import printed
+from .printed import TABLE5
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
 """What Table 5 gives of each column, by the names of the comparison."""
@@ -139,10 +138,10 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
     return tuple(results)
 
 
-def published_runs(*, seed: int | None = 0, every: int = 20) -> dict[str, Run]:
-    """One recorded run of each column of Table 5, by name, a row every so many steps; seed None: no noise."""
+def published_runs(*, seed: int = 0) -> dict[str, Run]:
+    """One recorded run of each column of Table 5, by name, a row every 20 steps."""
     setups = [published_setup(case) for case in CASES]
-    return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=every) for s in setups}
+    return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
 
 
 # --- Table 5 ----------------------------------------------------------------------------------------------------------
@@ -152,19 +151,6 @@ TOLERANCE_PERCENT = 4.0
 """Largest deviation allowed of a number, %: single runs scatter by up to 5 % in slip error, and the paper shows one."""
 
 DEFAULT_SEEDS = 256
-
-TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
-    {
-        "PI beam": (59.5, 700.0, 1.77e7, 0.0378),
-        "PI bristle": (58.9, 682.0, 1.77e7, 0.0351),
-        "ASMC beam": (55.3, 607.0, 1.71e7, 0.0354),
-        "ASMC bristle": (50.7, 581.0, 1.71e7, 0.0272),
-    }
-)
-"""[Park2008] Table 5 by column, in the order of `QUANTITIES`.
-
-The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
-"""
 
 
 @dataclass(frozen=True)
@@ -237,15 +223,10 @@ def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> T
     return Table5(rows, results, seeds)
 
 
-def deviations_percent(result: CaseResult) -> tuple[float, ...]:
-    """Deviations of a column's four means from Table 5, %."""
-    published = np.array(TABLE5[result.setup.case.name])
-    return tuple((100.0 * (result.mean / published - 1.0)).tolist())
-
-
 def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
-    """Root mean square of the deviations of all columns, %; NaN where one of them did not always stop."""
-    values = [deviation for result in results for deviation in deviations_percent(result)]
+    """Root mean square of the deviations from Table 5 of all columns, %; NaN where one did not always stop."""
+    shares = [result.mean / np.array(TABLE5[result.setup.case.name]) - 1.0 for result in results]
+    values = [100.0 * share for one in shares for share in one.tolist()]
     return math.sqrt(sum(value**2 for value in values) / len(values))
 
 
@@ -380,6 +361,8 @@ SLOW = 3.0
 LATE_SHARE = 0.5
 """Locking in this last share of the stop's time counts as late."""
 
+_SEED = 0  # of the noise
+
 
 @dataclass(frozen=True)
 class Fact:
@@ -392,18 +375,10 @@ class Fact:
     how: str
 
 
-def published_facts(*, seed: int = 0, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """What else the published runs show; takes some seconds; `seed` is the noise's."""
-    decisions: tuple[Callable[[], Fact], ...] = (
-        pi_margins,
-        no_sliding,
-        partial(reaching_fails, seed),
-        partial(wet_rail_unknown, seed),
-        partial(adaptation_unstable, seed),
-        partial(si_stops_early, seed),
-    )
+def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
+    """What else the published runs show; takes some seconds."""
     facts = []
-    for decide in decisions:
+    for decide in (pi_margins, no_sliding, reaching_fails, wet_rail_unknown, adaptation_unstable, si_stops_early):
         facts.append(decide())
         if progress is not None:
             progress(f"facts: {facts[-1].name}")
@@ -446,20 +421,20 @@ def no_sliding() -> Fact:
     return _fact("no sliding", all(low < share < high for share in shares.values()), shares=shares)
 
 
-def reaching_fails(seed: int) -> Fact:
+def reaching_fails() -> Fact:
     """(40) with Table 4's gains and the published noise."""
-    judged = {column: judge_run(published_scenario(), _asmc(column), seed=seed) for column in COLUMNS}
+    judged = {column: judge_run(published_scenario(), _asmc(column), seed=_SEED) for column in COLUMNS}
     shares = {column: one.condition("reaching (40)").share for column, one in judged.items()}
-    return _fact("(40) fails", all(share < 1.0 for share in shares.values()), shares=shares, seed=seed)
+    return _fact("(40) fails", all(share < 1.0 for share in shares.values()), shares=shares, seed=_SEED)
 
 
-def wet_rail_unknown(seed: int) -> Fact:
+def wet_rail_unknown() -> Fact:
     """The ASMC that keeps the dry curve after 25 s."""
     scenario, runs, holds = published_scenario(), {}, True
     change = _rail_change(scenario)
     for column in COLUMNS:
-        run = simulate(scenario, _asmc(column, knows_rail=False), seed=seed)
-        known = simulate(scenario, _asmc(column), seed=seed, record_every=None)
+        run = simulate(scenario, _asmc(column, knows_rail=False), seed=_SEED)
+        known = simulate(scenario, _asmc(column), seed=_SEED, record_every=None)
         signals = run.signals
         assert signals is not None, "the run was recorded"
         runs[column] = {
@@ -468,32 +443,32 @@ def wet_rail_unknown(seed: int) -> Fact:
             **{"distance": run.braking_distance, "known": known.braking_distance},
         }
         holds = holds and run.locked_fraction > 0 and known.locked_fraction == 0
-    return _fact("wet rail unknown", holds, runs=runs, change=change, seed=seed)
+    return _fact("wet rail unknown", holds, runs=runs, change=change, seed=_SEED)
 
 
-def adaptation_unstable(seed: int) -> Fact:
+def adaptation_unstable() -> Fact:
     """The printed k behind the printed actuator."""
     loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
     ratio = largest_adaptation(loop) / loop.gains.k
     scenario, runs, holds = published_scenario(), {}, ratio < 1.0
     for column in COLUMNS:
         adaptive, plain = (
-            simulate(scenario, _asmc(column, adaptive=on), seed=seed, record_every=None) for on in (True, False)
+            simulate(scenario, _asmc(column, adaptive=on), seed=_SEED, record_every=None) for on in (True, False)
         )
         runs[column] = {"end": _end(adaptive), "plain": plain.braking_time}
         holds = holds and (not adaptive.stopped or adaptive.braking_time > SLOW * plain.braking_time)
-    numbers = {"slow": SLOW, "longest": scenario.longest_time, "ratio": ratio, "runs": runs, "seed": seed}
+    numbers = {"slow": SLOW, "longest": scenario.longest_time, "ratio": ratio, "runs": runs, "seed": _SEED}
     return _fact("printed adaptation unstable", holds, **numbers)
 
 
-def si_stops_early(seed: int) -> Fact:
+def si_stops_early() -> Fact:
     """The same run with SI inertias."""
     scenario = published_scenario(as_published=False)
     end = _rail_change(scenario)
     highest = peak(scenario.law(Rail.DRY), scenario.initial_speed, scenario.vehicle.wheel_load).slip
     runs, holds = {}, True
     for case in CASES:
-        run = simulate(scenario, published_controller(case.kind, case.gains), seed=seed)
+        run = simulate(scenario, published_controller(case.kind, case.gains), seed=_SEED)
         holds = holds and run.stopped and run.braking_time < end
         if case.kind == "asmc":
             assert run.signals is not None, "the run was recorded"
@@ -501,7 +476,7 @@ def si_stops_early(seed: int) -> Fact:
             holds = holds and over.size > 0 and run.first_lock > (1.0 - LATE_SHARE) * run.braking_time
         locking = _locking(run) if case.kind == "asmc" else ""
         runs[case.name] = {"end": _end(run), "locking": locking, "highest": run.max_slip}
-    return _fact("SI stops before the rail turns wet", holds, runs=runs, change=end, peak=highest, seed=seed)
+    return _fact("SI stops before the rail turns wet", holds, runs=runs, change=end, peak=highest, seed=_SEED)
 
 
 def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) -> SlidingControl:

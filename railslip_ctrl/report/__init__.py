@@ -1,10 +1,9 @@
 """The recommendation; records as text, JSON, HTML and pictures. The only user of matplotlib.
 
-`document` has the blocks that text and HTML render, `export` turns records into JSON and writes files, `text` and
-the modules named for a command print its records, `page` and `templates/` make an HTML page, `plots/` the figures.
-`recommendation` tunes, judges and runs what `report` shows; `design_report` lays it out: begin there.
-Imports every room
-but `cli`.
+Imports every room but `cli`. Begin with `design_report`, which lays out what `recommendation` tunes and judges and
+what `stops` runs. `document` has the blocks that text and HTML render, `export` turns records into JSON and writes
+files, `page` and `templates/` make an HTML page, `plots/` the figures. What a command prints: `text` (linearize,
+margins, tune), `derivation`, `verification`, `simulation`, `campaign`, `identification`, `reproduction`.
 """
 
 from .export import check_directory, linear_plant_json, margins_json, write_files

@@ -284,10 +284,9 @@ def law_toml(
     """
     lines = [*_head(law, wheel_load, speeds_kmh, comments), "", "[parameters]"]
     for name in law.parameter_names():
-        info = type(law).model_fields[name]
-        extra = info.json_schema_extra
-        unit = f"{extra['unit']}, " if isinstance(extra, dict) and extra.get("unit", "1") != "1" else ""
-        lines.append(f"{name} = {_number(getattr(law, name))}  # {unit}{info.description}")
+        unit = law.units().get(name, "1")
+        meaning = f"{'' if unit == '1' else f'{unit}, '}{type(law).model_fields[name].description}"
+        lines.append(f"{name} = {_number(getattr(law, name))}  # {meaning}")
     if reference is not None:
         held = (f"{name} = {getattr(reference, name)!r}" for name in _held_on(law, (reference,)))
         lines += ["", "[reference_slip]", *held]

@@ -50,6 +50,9 @@ FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": 
 """The paper's figures by the names of the pictures redrawn."""
 
 _ENERGY = QUANTITIES[2]
+_ROW = (
+    *("item", "published", "obtained", "standard_error", "deviation_percent", "tolerance_percent", "within", "source"),
+)
 
 _DECIDED = {
     "symbolic": "as expressions, symbolically",
@@ -63,7 +66,7 @@ def reproduction_json(
 ) -> dict[str, Any]:
     """The rows of Table 5, the reading, Table 3, the facts, and the sensitivity where it was asked for."""
     content = {
-        "rows": [row_json(row) for row in comparison.rows],
+        "rows": [exported(row, *_ROW) for row in comparison.rows],
         "seeds": comparison.seeds,
         "rms_deviation_percent": number(comparison.rms_deviation_percent),
         "all_within": comparison.within,
@@ -79,12 +82,6 @@ def reproduction_json(
     if sensitivity is not None:
         content["sensitivity"] = sensitivity_json(sensitivity)
     return content
-
-
-def row_json(row: Row) -> dict[str, Any]:
-    """One number of Table 5, published and obtained."""
-    names = ("item", "published", "obtained", "standard_error", "deviation_percent", "tolerance_percent", "within")
-    return exported(row, *names, "source")
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:

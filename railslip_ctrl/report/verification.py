@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -186,20 +186,14 @@ def _verdict(verification: Verification) -> str:
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
     """One table of the shares of time and first violations, one of the ultimate bounds; a row a case."""
     names = [condition.name for condition in cases[0][1].conditions]
-    shares = table(("Share of the time each holds", *names), [(name, *_shares(run)) for name, run in cases])
-    first = table(("First violation, s", *names), [(name, *_first(run)) for name, run in cases])
+    # rounded down: what does not hold all the time never reads 100 %
+    held = [(name, *(f"{math.floor(1000 * one.share) / 10:.1f} %" for one in run.conditions)) for name, run in cases]
+    shares = table(("Share of the time each holds", *names), held)
+    broken = [(n, *("never" if one.holds else f"{one.first_violation:.3f}" for one in r.conditions)) for n, r in cases]
+    first = table(("First violation, s", *names), broken)
     columns = ("Last third of each stage", "outcome", "time s", "largest |s| m/s", "largest slip error", "locked %")
     bounds = table(columns, [_bounds(name, run) for name, run in cases], left=2)
     return render([heading("Lyapunov conditions along braking runs"), shares, first, bounds])
-
-
-def _shares(run: LyapunovRun) -> Iterable[str]:
-    # rounded down: what does not hold all the time never reads 100 %
-    return (f"{math.floor(1000 * condition.share) / 10:.1f} %" for condition in run.conditions)
-
-
-def _first(run: LyapunovRun) -> Iterable[str]:
-    return ("never" if condition.holds else f"{condition.first_violation:.3f}" for condition in run.conditions)
 
 
 def _bounds(name: str, run: LyapunovRun) -> tuple[str, ...]:

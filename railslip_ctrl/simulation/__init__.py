@@ -1,10 +1,11 @@
-"""Braking runs: what is simulated, what brakes, and what comes out. Imports from design, sliding, model and core.
+"""Braking runs: scenarios, controllers, results; campaigns of many runs, and the stop that none can beat.
 
-Begin with `simulate` in `run`. `scenario` says what a run is and reads its files; `controllers` and `step_objects`
-are what brakes, `catalogue` has those with a name and `controller_files` those of the user. `kernel` is the
-integration loop and `steps` the controllers' samples: their texts are put together and compiled by Numba, so a law of
-adhesion and a controller cost no call. `seeking` is the controller that finds the peak of adhesion, `seeking_step` its
-sample. `bound` is the stop that no controller can beat, and compares runs with it; `campaign` makes many.
+Imports `design`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says what a run is
+and reads its files; `controllers` has the records that run, `step_objects` a user's own step; `catalogue` has those
+with a name, `controller_files` reads those in TOML. `kernel` is the integration loop and `steps` the controllers'
+samples: their source text is assembled and compiled by Numba, so that an adhesion law and a controller cost no call.
+`seeking` finds the peak of adhesion, by the sample in `seeking_step`. `bound` has the stop that no controller can
+beat, and compares runs with it; `campaign` makes many.
 """
 
 from __future__ import annotations

@@ -292,11 +292,9 @@ def slide_protection(
 ) -> SlideProtection:
     """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
 
-    - vehicle: left out, the published one.
+    - vehicle: left out, the published one, SI.
     - reference: slip ratios that its error is taken against; left out, the published.
     - period: sampling period, s.
-
-    In SI.
     """
     car = published_vehicle() if vehicle is None else vehicle
     baseline = SlideProtection(reference or published_reference("bristle"))

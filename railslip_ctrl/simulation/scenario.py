@@ -14,10 +14,12 @@ from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, published_law
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
+from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
-PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
+PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: REFERENCE.dry, Rail.WET: REFERENCE.wet})
 """The one reference line of [Park2008] Fig. 21, by rail."""
 
 LEAST_STEP = 1e-5
@@ -184,7 +186,7 @@ class Scenario(Record):
         return {name: value for name, value in self if value is not None}
 
 
-PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)
+PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
 """[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
 
 
@@ -262,12 +264,9 @@ BUILT_IN = ("park2008", "park2008-si", "stop")
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """A built-in scenario by its name.
+    """A built-in scenario by a `name` of `BUILT_IN`: the published run in a reading, or a plain stop; SI.
 
-    - name: one of `BUILT_IN`.
-
-    Returns the published run in the reading of that name, or a plain stop; a frozen record in SI. InputError: no
-    scenario of that name; lists them.
+    InputError: no scenario of that name; lists them.
     """
     if name not in BUILT_IN:
         raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
@@ -290,11 +289,9 @@ class _Keys(Scenario):
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """A built-in scenario by name, or one from a TOML file.
+    """A scenario, SI, from a `source`: the name of a built-in one ("park2008", "park2008-si", "stop"), or a TOML file.
 
-    - source: "park2008", "park2008-si", "stop" or a file.
-
-    In SI. InputError: one line with the file, the key, the value and what is allowed.
+    InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(source, "scenario")
     return _from_file(path, ()) if path.suffix.lower() == ".toml" else built_in_scenario(str(source))

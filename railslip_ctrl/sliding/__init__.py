@@ -1,5 +1,6 @@
-"""The adaptive sliding-mode law of [Park2008], derived from the plant in SymPy, and its code in Python and C.
+"""The sliding-mode law of [Park2008], adaptive, derived from the plant in SymPy; its code in Python and C.
 
-`derivation` has the chain of steps, on the checks of `proof`; `sampled_law` makes it discrete, `code` prints it;
-`law` has gains and the committed Python text, without SymPy. Imports `model` and `core`. Begin with `derivation`.
+Imports `model` and `core`. Begin with `derivation`, the chain of steps; `proof` checks each. `sampled_law` makes the
+law discrete, `code` emits it as Python and C. `law` has the gains; `generate` writes the Python text that is
+committed, so that a run needs no SymPy.
 """

@@ -55,9 +55,9 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
     return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
 
 
-def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
+def adaptive_unstable_poles(loop: SurfaceLoop) -> float:
     """Poles in the closed right half plane of the loop with its adaptation k, exactly counted."""
-    return loop.linear_loop(relay_gain=relay_gain, adaptation=loop.gains.k).unstable_closed_loop_poles
+    return loop.linear_loop(adaptation=loop.gains.k).unstable_closed_loop_poles
 
 
 def first_limit(stable: Callable[[float], bool], start: float) -> float:
@@ -91,14 +91,10 @@ def _bisected(holds: Callable[[float], bool], low: float, high: float, tolerance
     return low
 
 
-def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
-    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound, 0 where it is
-    unstable without adaptation. `relay_gain` stands for the relay, N*m/(m/s), >= 0.
-    """
+def largest_adaptation(loop: SurfaceLoop) -> float:
+    """Largest k, as printed, with which the loop is stable without relay; inf without bound, 0 where it never is."""
     start = _FIRST / loop.regressor_power
-    if not loop.is_stable(relay_gain=relay_gain, adaptation=start):
-        return 0.0
-    return first_limit(lambda k: loop.is_stable(relay_gain=relay_gain, adaptation=k), start)
+    return first_limit(lambda k: loop.is_stable(adaptation=k), start) if loop.is_stable(adaptation=start) else 0.0
 
 
 def survivable_excursion(loop: SurfaceLoop) -> float:
@@ -165,7 +161,6 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 
 MARGIN = 0.5  #: share of a joint limit that is advised
 FIT_MS = 2.0  #: largest sensitivity peak with which a loop is called fit for service, as of the design checks
-_FIRST_K = 1e-4  # 1/s^2 of k |phi|^2 the search starts with: an oscillation with a period of 10 minutes
 _LARGEST_K = 1.0  # 1/s^2: a period of 6 s, that of the loop itself
 _LEAST_D = 0.1  # N*m/(m/s): nothing beside (J/r) rho
 _JOINT_TOLERANCE = 1e-3  # relative, of the bisections: far below the margin taken
@@ -214,7 +209,7 @@ def joint_advice(loops: Mapping[str, SurfaceLoop]) -> JointAdvice:
     k_limit = _joint_limit(
         every,
         lambda loop, k: loop.is_stable(relay_gain=gain, adaptation=k),
-        _FIRST_K / power,
+        _FIRST / power,
         _LARGEST_K / min(loop.regressor_power for loop in every),
     )
     peaks = {name: _peak(loop, gain, 0.0) for name, loop in loops.items()}

@@ -16,7 +16,6 @@ from functools import cache
 from inspect import signature
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
 
 import numpy as np
 
@@ -70,21 +69,17 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 class IdealDisturbances:
     """What acts on a run.
 
-    random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
-    lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
-    of the measured slip velocity, m/s, white over the steps.
+    published: the random adhesion force, cut at three standard deviations, a value lasting 0.02 s; Td = 0.05 Tb
+    exp(-4t) sin(10 pi t); the vehicle's resistance. slip_noise: standard deviation of the measured slip velocity, m/s,
+    white over the steps.
     """
 
-    random_share: float = 0.0
-    torque: bool = False
-    resistance: bool = False
+    published: bool = False
     slip_noise: float = 0.0
 
 
 UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(
-    random_share=reaching.ADHESION_NOISE, torque=True, resistance=True
-)  #: the published run's
+PUBLISHED = IdealDisturbances(published=True)
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,7 @@ def simulate_ideal(
     slip = reaching.reference_slip()
     steps = round(duration / STEP)
     vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
-    if not disturbances.resistance:
+    if not disturbances.published:
         vehicles = tuple(one.model_copy(update={"resistance": Resistance()}) for one in vehicles)
     plants = np.array([plant_parameters(law, one) for one in vehicles])
     changed = steps if change is None else round(change[0] / STEP)
@@ -144,7 +139,7 @@ def simulate_ideal(
     rows = np.full((len(seeds), steps, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).IdealSettings(
         *(STEP, slip, held_speed is not None, END_SPEED, limit),
-        *(reaching.TORQUE_FRACTION if disturbances.torque else 0.0, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
+        *(reaching.TORQUE_FRACTION * disturbances.published, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
     )
@@ -176,8 +171,8 @@ def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = disturbances.random_share * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
-        force[row] = np.repeat(held, each)[:steps]
+        held = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(held, each)[:steps] * disturbances.published
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
 
@@ -195,18 +190,18 @@ def _run(
     length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, layout.SPEED]), axis=1)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length].transpose(2, 1, 0)
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
-    fading = reaching.TORQUE_FRACTION * np.exp(-reaching.TORQUE_DECAY * time) * np.sin(reaching.TORQUE_FREQUENCY * time)
-    Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
+    Td = (reaching.torque_share(time) if disturbances.published else 0.0 * time)[:, None] * torque
     d, V = np.empty((2, length, len(rows)))
     adapts = gains.k1 > 0 and gains.k2 > 0
     parts = (slice(0, min(changed, length)), slice(min(changed, length), length))
     for part, vehicle in zip(parts, vehicles, strict=True):
         M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
         acting = (r * force[:, :length].T[part], vehicle.resistance.force(speed[part]), Td[part])
-        d[part] = reaching.disturbance_function()(*acting, M, J, r) * J / r
+        d[part] = reaching.derived("Tr Fr Td M J r", "disturbance")(*acting, M, J, r) * J / r
         theta = reaching.true_theta(vehicle, nominal)
         errors = (theta[0] - theta1[part], theta[1] - theta2[part])
-        V[part] = reaching.lyapunov_function()(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
+        lyapunov = reaching.derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
+        V[part] = lyapunov(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
     theta = reaching.true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
     return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), d, torque, theta)
 
@@ -214,12 +209,8 @@ def _run(
 # --- behind the actuator ----------------------------------------------------------------------------------------------
 
 
-class SteppedLaw(Protocol):
-    """What the simulation asks for a command."""
-
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """Torque commanded now, N*m, and s, m/s, from speed (m/s), slip velocity (m/s), v' (m/s^2); advances by
-        `step`, s."""
+SteppedLaw = Callable[[float, float, float, float], tuple[float, float]]
+"""Torque commanded now, N*m, and s, m/s, of speed, slip velocity (m/s), v' (m/s^2) and the step (s) to advance by."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +283,7 @@ def simulate_fine(
                 f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
                 f"outside +-{limit:.4g} m/s"
             )
-        command, surface = controller.command(v, sigma, v_rate, h)
+        command, surface = controller(v, sigma, v_rate, h)
         commands.append(command)
         acting = torque if actuator.lag > 0 else commands[n]
         log[n] = (t, v, sigma, surface, command, acting)
@@ -342,7 +333,7 @@ class PublishedLaw:
             **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
         )
 
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+    def __call__(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
         """See `SteppedLaw`."""
         r = self._p[3]
         e, omega = self.point.slip * v - sigma, (v - sigma) / r

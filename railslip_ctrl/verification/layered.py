@@ -92,7 +92,7 @@ class RailAdhesion:
         """Slip ratio held on a rail; InputError where there is none."""
         slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
         if slip is None:
-            remedy = "--slip X" if isinstance(self.law, str) else "[reference_slip] in its file, or --slip X"
+            remedy = "`slip` X" if isinstance(self.law, str) else "[reference_slip] in its file, or `slip` X"
             raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
         return slip
 
@@ -525,7 +525,7 @@ class LayeredLaw:
         self.slip, self.hold, self.design = slip, hold, design
         self.integral, self.filtered = 0.0, 0.0  # at rest before t = 0
 
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+    def __call__(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
         """See `fixed_step.SteppedLaw`; the surface returned is s_lead."""
         d = self.design
         e = self.slip * v - sigma

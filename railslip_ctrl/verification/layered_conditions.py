@@ -61,12 +61,7 @@ class LayeredFindings:
 
 
 def verify_layered(
-    vehicle: Vehicle,
-    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
-    *,
-    K: float | None,
-    seed: int,
-    ki_min: float | None = None,
+    vehicle: Vehicle, adhesion: layered.RailAdhesion, *, K: float | None, seed: int, ki_min: float | None
 ) -> tuple[Verification, LayeredFindings]:
     """The conditions, and what is concluded from.
 
@@ -116,9 +111,7 @@ def verify_layered(
     return Verification("layered", vehicle.inertia_scale, design.K, None, seed, tuple(conditions)), found
 
 
-def layered_stability(
-    design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
-) -> Condition:
+def layered_stability(design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion) -> Condition:
     """The loop within the layer over the stop, by the exact root count."""
     margins, unstable = {}, {}
     for speed_kmh in layered.SPEEDS_KMH:
@@ -251,52 +244,35 @@ def _longest(point: OperatingPoint) -> float:
 # --- disturbed -------------------------------------------------------------------------------------------------------
 
 
-class _Watched:
-    """A law, and the speed, m/s, at which the slip first left 0 to twice the reference; 0 where it never did."""
-
-    def __init__(self, law: layered.LayeredLaw) -> None:
-        self.law, self.left = law, 0.0
-
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `fixed_step.SteppedLaw`."""
-        if self.left == 0.0 and not 0.0 < sigma < 2.0 * self.law.slip * v:
-            self.left = v
-        return self.law.command(v, sigma, v_rate, step)
-
-
-@dataclass(frozen=True)
-class _OpenLoop:
-    """`CUT_OUT_SHARE` of a torque of the speed, whatever the slip."""
-
-    hold: Callable[[float], float]
-
-    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `fixed_step.SteppedLaw`."""
-        return CUT_OUT_SHARE * self.hold(v), 0.0
-
-
 def range_left(design: layered.LayeredDesign, point: OperatingPoint, seed: int) -> float:
     """Speed, km/h, at which the slip of a stop with the published disturbances first leaves its range; 0 if never."""
-    law = _Watched(layered.LayeredLaw(point.slip, hold_table(point), design=design))
+    law, left = layered.LayeredLaw(point.slip, hold_table(point), design=design), 0.0
+
+    def watched(v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        nonlocal left
+        if left == 0.0 and not 0.0 < sigma < 2.0 * point.slip * v:
+            left = v
+        return law(v, sigma, v_rate, step)
+
     with suppress(DomainError):  # the speed stands by then
-        _run(point, law, layered.published_torque(design, point, seed, _longest(point)))
-    return law.left / KMH
+        _run(point, watched, layered.published_torque(design, point, seed, _longest(point)))
+    return left / KMH
 
 
 def open_loop_slip(point: OperatingPoint, seed: int) -> float:
     """Largest slip ratio from the cut-out at the point's speed and reference slip on; 1 for a wheel that locks."""
+    hold = hold_table(point)
     try:
-        run = _run(point, _OpenLoop(hold_table(point)), layered.random_torque(point, seed, _longest(point)))
+        run = _run(
+            point, lambda v, *_: (CUT_OUT_SHARE * hold(v), 0.0), layered.random_torque(point, seed, _longest(point))
+        )
     except DomainError:
         return 1.0
     return max(0.0, slip_range(run)[1])
 
 
 def held_under_published_disturbances(
-    design: layered.LayeredDesign,
-    vehicle: Vehicle,
-    seed: int,
-    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
+    design: layered.LayeredDesign, vehicle: Vehicle, seed: int, adhesion: layered.RailAdhesion
 ) -> tuple[Condition, float | None]:
     """Whole stops with the published disturbances, which no L1 bound covers; and the cut-out, km/h, None without."""
     left = {
@@ -311,9 +287,7 @@ def held_under_published_disturbances(
     return Condition(_DISTURBED, cut_out is not None, "simulated", numbers, down_to_kmh=down_to), cut_out
 
 
-def cut_out_condition(
-    cut_out: float | None, vehicle: Vehicle, seed: int, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
-) -> Condition:
+def cut_out_condition(cut_out: float | None, vehicle: Vehicle, seed: int, adhesion: layered.RailAdhesion) -> Condition:
     """The wheel from the cut-out, km/h, on."""
     if cut_out is None:
         return Condition(_CUT_OUT, None, None, {"missing": "cut_out"})
@@ -328,7 +302,7 @@ def cut_out_condition(
 
 
 def held_while_the_speed_falls(
-    design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
+    design: layered.LayeredDesign, vehicle: Vehicle, adhesion: layered.RailAdhesion
 ) -> Condition:
     """Whole stops, which the bound, at frozen speed, leaves out."""
     stops = {name: stop(design, point) for name, point in _points(adhesion, vehicle).items()}
@@ -402,7 +376,7 @@ def uncertainties(
     design: layered.LayeredDesign,
     tolerances: Mapping[Rail, tuple[float, float]],
     vehicle: Vehicle,
-    adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION,
+    adhesion: layered.RailAdhesion,
 ) -> Uncertainties:
     """What the vehicle's loaded mass, the published fall of the pad's friction and the other rail do to the law.
 
@@ -426,9 +400,7 @@ def uncertainties(
     )
 
 
-def published_uncertainties(
-    found: Uncertainties, vehicle: Vehicle, adhesion: layered.RailAdhesion = layered.PUBLISHED_ADHESION
-) -> Condition:
+def published_uncertainties(found: Uncertainties, vehicle: Vehicle, adhesion: layered.RailAdhesion) -> Condition:
     """Whether mass, friction and rail, as they change in the published run, leave the holding torque known that well.
 
     Of another vehicle: its own masses, and a friction that falls as much.

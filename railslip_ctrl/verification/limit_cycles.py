@@ -409,40 +409,34 @@ def _solve(loop: SurfaceLoop, K: float, load: float, start: Floats) -> Floats | 
     """Newton's method from a start; None where it finds nothing within the range of the model."""
     from scipy.optimize import root
 
-    equations = _Equations(loop, K, load, loop.plant.point.sigma)
-    search = _CycleSearch(equations)
+    equations, evaluations = _Equations(loop, K, load, loop.plant.point.sigma), 0
+    best, least = np.zeros(0), np.full(1, np.inf)
+
+    def count(more: int) -> None:
+        nonlocal evaluations
+        if evaluations >= _EVALUATIONS:
+            raise _TooLong
+        evaluations += more
+
+    def residual(x: Floats) -> Floats:
+        nonlocal best, least
+        count(1)
+        found = equations.residual(x)
+        if np.linalg.norm(found) < np.linalg.norm(least):
+            best, least = x.copy(), found
+        return found
+
+    def jacobian(x: Floats) -> Floats:
+        count(x.size)
+        return equations.jacobian(x)
+
     with np.errstate(all="ignore"), suppress(_TooLong):  # a step may leave the domain; it is then no solution
-        root(search.residual, start, jac=search.jacobian, tol=1e-10)
-    solved = float(np.abs(search.residuals).max()) < _FOUND
-    return search.best if solved and equations.within(search.best) else None
+        root(residual, start, jac=jacobian, tol=1e-10)
+    return best if float(np.abs(least).max()) < _FOUND and equations.within(best) else None
 
 
 class _TooLong(Exception):
     """A search has had its evaluations."""
-
-
-class _CycleSearch:
-    """The residual and its derivatives while evaluations are left, and the best unknowns met."""
-
-    def __init__(self, equations: _Equations) -> None:
-        self.equations, self.evaluations = equations, 0
-        self.best, self.residuals = np.zeros(0), np.full(1, np.inf)
-
-    def residual(self, x: Floats) -> Floats:
-        self._count(1)
-        found = self.equations.residual(x)
-        if np.linalg.norm(found) < np.linalg.norm(self.residuals):
-            self.best, self.residuals = x.copy(), found
-        return found
-
-    def jacobian(self, x: Floats) -> Floats:
-        self._count(x.size)
-        return self.equations.jacobian(x)
-
-    def _count(self, evaluations: int) -> None:
-        if self.evaluations >= _EVALUATIONS:
-            raise _TooLong
-        self.evaluations += evaluations
 
 
 def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:

@@ -28,7 +28,8 @@ import sympy as sp
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RIG_WHEEL_LOAD
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
@@ -36,14 +37,20 @@ from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
 
-ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
-"""Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""
+ADHESION_NOISE = RANDOM_FORCE / RIG_WHEEL_LOAD
+"""Standard deviation of the random adhesion force over the wheel load."""
 
 TORQUE_FRACTION = 0.05
 """Td = 0.05 Tb exp(-4t) sin(10 pi t): its bound as a fraction of the acting brake torque ([Park2008] p. 55)."""
 
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
 """Its decay, 1/s, and frequency, rad/s."""
+
+
+def torque_share(time: Floats) -> Floats:
+    """Td over the acting brake torque at times, s, of any shape."""
+    return np.asarray(TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time))
+
 
 LOWEST_SPEED_KMH = 5.0  #: the published stop ends here ([Park2008] p. 56)
 _VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
@@ -148,8 +155,8 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 
 @cache
-def _derived(arguments: str, which: str) -> Callable[..., Any]:
-    """A derived expression as a function for arrays, of symbols of the plant or of the law by name."""
+def derived(arguments: str, which: str) -> Callable[..., Any]:
+    """A derived expression, SI, as a function for arrays, of symbols of the plant or of the law by name."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -159,19 +166,9 @@ def _derived(arguments: str, which: str) -> Callable[..., Any]:
     return made
 
 
-def disturbance_function() -> Callable[..., Any]:
-    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
-    return _derived("Tr Fr Td M J r", "disturbance")
-
-
-def lyapunov_function() -> Callable[..., Any]:
-    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
-    return _derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
-
-
 def theta_function() -> Callable[..., Any]:
     """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
-    return _derived("r J Mn Mp Bp", "theta")
+    return derived("r J Mn Mp Bp", "theta")
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
@@ -335,7 +332,7 @@ def surface_rate(
     p = (vehicle.inertia_scale * mass, *parameters[1:])
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
-    control = _derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
+    control = derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
     measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
     Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)

@@ -339,12 +339,7 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
     """(J/r)|d| of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, at most, along a run with the published Td."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
-    fraction = (
-        reaching.TORQUE_FRACTION
-        * np.exp(-reaching.TORQUE_DECAY * run.time)
-        * np.sin(reaching.TORQUE_FREQUENCY * run.time)
-    )
-    q = fraction[:, None]
+    q = reaching.torque_share(run.time)[:, None]
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
 
 

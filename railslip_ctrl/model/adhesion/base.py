@@ -23,6 +23,7 @@ INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
 
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
+RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at that load, N ([Park2008] p. 55)
 
 
 class ReferenceSlip(Record):

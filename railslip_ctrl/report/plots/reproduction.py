@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, ModelCurve, Table5
+from railslip_ctrl.paper.printed import TABLE5
+from railslip_ctrl.paper.tables import QUANTITIES, ModelCurve, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
