@@ -65,7 +65,8 @@ nitpick_ignore_regex = [
     # names that modules give to types of their own
     (
         r"py:class",
-        r"(.*\.)?(Floats|Complexes|Bools|Booleans|Columns|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)",
+        r"(.*\.)?(Floats|Integers|Complexes|Bools|Booleans|Columns"
+        r"|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)",
     ),
     (r"py:class", r".*\[.*"),  # a type in words that Sphinx splits at its commas
 ]

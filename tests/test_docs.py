@@ -24,6 +24,7 @@ import yaml
 from project import ROOT
 
 import railslip_ctrl
+from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
@@ -356,6 +357,26 @@ def contributed_command(*words: str) -> list[str]:
     lines = [line.split() for line in CONTRIBUTING.splitlines() if line.startswith("railslip ")]
     (found,) = (line for line in lines if set(words) <= set(line))
     return found[1:]
+
+
+def test_the_places_to_extend_are_there():
+    """Files and names in the table of extension points, and the modules that the first page of a room names."""
+    package = ROOT / "railslip_ctrl"
+    modules = [path for path in package.rglob("*.py") if "_generated" not in path.parts]
+    names = {word for path in modules for word in re.findall(r"\w+", path.read_text("utf-8"))}
+    table = CONTRIBUTING.partition("## Extension points")[2].partition("\n\n### ")[0]
+    for said in re.findall(r"`([^`\s]+)`", table):
+        place, _, name = said.partition("::")
+        if place.endswith((".py", ".toml", "/")):
+            assert any((folder / place).exists() for folder in (ROOT, package, package / "simulation")), said
+        else:
+            name = place
+        assert set(re.findall(r"\w+", name)) <= names, said
+    for room in package.glob("*/__init__.py"):
+        told = set(re.findall(r"`(\w+)[`.]", room.read_text("utf-8").split('"""')[1]))
+        inside = {path.stem for path in room.parent.glob("*.py")} - {"__init__"}
+        # of cli the commands are its modules, and the program lists them
+        assert inside <= told | (set(_COMMANDS) if room.parent.name == "cli" else set()), room
 
 
 def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch, railslip):

@@ -1,11 +1,11 @@
 """Braking runs: scenarios, controllers, results; campaigns of many runs, and the stop that none can beat.
 
 Imports `design`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says what a run is
-and reads its files; `controllers` has the records that run, `step_objects` a user's own step; `catalogue` has those
-with a name, `controller_files` reads those in TOML. `kernel` is the integration loop and `steps` the controllers'
-samples: their source text is assembled and compiled by Numba, so that an adhesion law and a controller cost no call.
-`seeking` finds the peak of adhesion, by the sample in `seeking_step`. `bound` has the stop that no controller can
-beat, and compares runs with it; `campaign` makes many.
+and reads its files; `controllers` has the records that run, `step_objects` a user's own step, called by `step_calls`;
+`catalogue` has those with a name, `controller_files` reads those in TOML. `kernel` is the integration loop and
+`steps` the controllers' samples: their source text is assembled and compiled by Numba, so that an adhesion law and a
+controller cost no call. `seeking` finds the peak of adhesion, by the sample in `seeking_step`, which `seeking_code`
+prints as C99. `bound` has the stop that no controller can beat, and compares runs with it; `campaign` makes many.
 """
 
 from __future__ import annotations

@@ -4,6 +4,6 @@ Imports `simulation` and the rooms below. Begin with `joint_verification`: it de
 `verdict.Condition` of numbers, which `report/verification.py` puts into words. Without the actuator, as the paper's
 proof assumes: `published_law` and `robust`, with the gain bound of `reaching`. Behind it: `relay_loop` is what the
 relay sees, `limit_cycles` its oscillation, `actuator_effects` what is left of the gains; `layered` is a design that
-accounts for it, `layered_conditions` its conditions. `fixed_step` simulates the laws with the actuator and without;
-`lyapunov_runs` judges braking runs.
+accounts for it, `layered_conditions` its conditions. `fixed_step`, by `fixed_step_kernel`, simulates the laws with
+the actuator and without; `lyapunov_runs` judges braking runs.
 """
