@@ -17,7 +17,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.certificate import CertificateError, certify
 
 MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")
-PER_KIND = 1
+PER_KIND = 2
 
 
 def made(zeros, poles, gain, dead_time):
@@ -38,7 +38,7 @@ def certified():
 
 def test_the_checker_accepts_certificates(certified):
     assert len(certified) == PER_KIND * len(random_loops.KINDS)
-    for kind, one, _, certificate in certified:
+    for kind, one, _, certificate in certified[::PER_KIND]:  # the checker takes up to a second
         assert certificate.stable
         assert certificate.unstable_poles == 0
         assert refused(*one, certificate) == [], (kind, one, certificate)

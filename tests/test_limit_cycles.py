@@ -73,12 +73,10 @@ def _simulated(loop, K, amplitude):
 
 
 # range of the slip and period from an own simulator in C, steps of 0.5 ms, of the same law on the same wheel
-RELEASED = [
-    (Rail.DRY, 400.0, -0.016, 0.286, 3.60),
-    pytest.param(Rail.WET, 400.0, -0.009, 0.198, 3.23, marks=pytest.mark.long),
-]
+RELEASED = [(Rail.DRY, 400.0, -0.016, 0.286, 3.60), (Rail.WET, 400.0, -0.009, 0.198, 3.23)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("rail", "K", "low", "high", "period"), RELEASED)
 def test_a_high_relay_releases_the_wheel_once_a_period_and_does_not_lose_it(rail, K, low, high, period):
     loop = published_loop(rail).with_gains(K=K)
