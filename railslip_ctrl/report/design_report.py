@@ -142,7 +142,9 @@ def _why(report: DesignReport) -> str:
         return f"{told} is stable {begins}, Ms {_worst_cells(judged.worst)[1]} at worst."
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
-        told += f", stable at all {len(judged.points)} with tolerances"
+        axes = {"slip": "slip", "dead_time": "dead time", "lag": "lag", "radius": "wheel radius"}
+        wide = [name for axis, name in axes.items() if len(getattr(judged.envelope, axis)) > 1]
+        told += f", stable at all {len(judged.points)} with tolerances" + (f" ({', '.join(wide)})" if wide else "")
     told += "."
     if robust != report.above_kmh:
         told += f" Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
@@ -172,7 +174,7 @@ def _below(report: DesignReport) -> Iterator[tuple[str, str]]:
     """What the file does below the speed at which it hands over."""
     if report.hands_over and report.control is not None:
         speed = f"Below {short(report.control.cut_out_speed / KMH)} km/h"
-        yield speed, f"the file brakes without slip control: {_handed_over(report.control)}."
+        yield speed, f"it brakes without slip control: {_handed_over(report.control)}."
 
 
 def _risks(report: DesignReport) -> Iterator[str]:
@@ -216,7 +218,7 @@ def _handed_over(control: Any) -> str:
     """The torque below the speed at which slip control ends."""
     if isinstance(control, SeekingControl):
         shares = [f"{100 * share:g}" for share in (control.gains.hand_over_share, control.gains.last_share)]
-        return f"{' % falling to '.join(shares)} % of the mean torque till then"
+        return f"{' % falling with speed to '.join(shares)} % of the mean torque before"
     return f"{short(control.cut_out_torque)} N·m"
 
 
@@ -252,7 +254,11 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     for stop in report.longest_stops:
         where = "; ".join(f"{one.law}, {one.load}" for one in report.stops if one.rail is stop.rail and one.locks)
         locks = f"locks ({where})" if where else "no lock"
-        yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {locks}"
+        yield (
+            f"Stop, {stop.rail}, from {report.envelope.initial_speed:g} km/h",
+            _distance(stop),
+            f"{_stop_words(stop)}; {locks}",
+        )
     if report.tolerance_stops:
         slipped = max((*report.stops, *report.tolerance_stops), key=lambda stop: stop.max_slip)
         locked = sum(stop.locks for stop in report.tolerance_stops)
@@ -262,9 +268,8 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield "Highest slip", above(slipped.max_slip), f"{where}; in {of} {locks}"
     if report.usable:
         seeds = len(report.stops[0].runs)
-        told = (
-            f"all laws, loads, rails and {seeds} seeds; first of {len(report.selection.choices)} designs by {_RANKED}"
-        )
+        tried = f"first of {len(report.selection.choices)} designs by {_RANKED}"
+        told = f"all laws, loads and rails, {seeds} runs each; {tried}"
         yield "Mean stop", f"{short(report.trials[0].distance())} m", told
     shortest = min(report.trials, key=Trial.distance)
     if shortest is not report.trials[0]:
@@ -333,11 +338,10 @@ def _over(stop: Stop) -> str:
     """How far over what could be had, or the bound; ends before what follows."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
-    bound = f"bound {short(stop.bound.braking_distance)} m"
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
-        return f"{100 * stop.over_bound:.0f} % over the {bound}; "
+        return f"{100 * stop.over_bound:.0f} % over the bound, {short(stop.bound.braking_distance)} m; "
     had = stop.attainable.braking_distance
-    return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m ({bound}); "
+    return f"{100 * (stop.distance / had - 1):.0f} % over what can be had, {short(had)} m; "
 
 
 def _held(stop: Stop) -> str:
@@ -347,7 +351,7 @@ def _held(stop: Stop) -> str:
 
 def _stop_words(stop: Stop) -> str:
     """How far over the bound, and which slip."""
-    highest = f"highest {above(stop.max_slip)} of {len(stop.runs)} seeds"
+    highest = f"highest {above(stop.max_slip)} in {counted(len(stop.runs), 'run')}"
     return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, {highest}"
 
 
