@@ -119,6 +119,14 @@ def test_the_map_is_regularised_least_squares(row, state):
     assert step.peak_of_map(state, row) == pytest.approx(first, abs=2e-6)  # of the grid
 
 
+@pytest.mark.parametrize(("slip", "rate"), [(0.01, 0.007), (0.1, GAINS.rise)])
+def test_the_reference_rises_by_its_rate_and_where_it_is_low_by_less(row, state, slip, rate):
+    state[step.STARTING], state[step.PEAK], state[step.REFERENCE_SLIP], state[step.FILTERED_SPEED] = 0, 0.11, slip, 20.0
+    state[step.SAMPLES] = 101  # the map is not solved
+    step.seek(state, row)
+    assert state[step.REFERENCE_SLIP] == pytest.approx(slip + rate * PERIOD, rel=1e-12)
+
+
 @pytest.mark.parametrize(("first_slip", "starts"), [(0.08, step.RISEN), (0.5, 0.0)])
 def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(row, state, first_slip, starts):
     """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's, from past the peak the slip's."""

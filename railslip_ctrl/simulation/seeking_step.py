@@ -77,6 +77,7 @@ RADIUS = 1
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
 _QUICK_TIME = 0.05  # s
+_GROWTH = 0.7  # 1/s, largest relative rate of the reference slip, upwards: slip follows it no faster where it is low
 AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the first start, 0: none
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
 _FLAT_STEPS = 2.0  # in turn
@@ -237,7 +238,8 @@ def seek(x, c):
         x[PEAK] = peak_of_map(x, c)
     if x[PEAK] > 0.0 and x[STARTING] == 0.0:
         goal = min(max(x[PEAK], c[LEAST_SLIP]), c[LARGEST_SLIP])
-        x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -c[FALL] * c[PERIOD]), c[RISE] * c[PERIOD])
+        rise = min(c[RISE], _GROWTH * x[REFERENCE_SLIP])
+        x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -c[FALL] * c[PERIOD]), rise * c[PERIOD])
 
 
 @compiled
