@@ -231,8 +231,17 @@ def sampled_sensitivity(point, brake, h, omega, g=GAINS):
     return np.abs(found)
 
 
-@pytest.mark.parametrize(("law", "slip", "kmh"), [("curve", 0.11, 60), ("bristle", 0.0935, 20), ("bristle", 0.11, 100)])
-@pytest.mark.parametrize("late", [1.0, 4 / 3])
+@pytest.mark.parametrize(
+    ("law", "slip", "kmh", "late"),
+    [
+        ("curve", 0.11, 60, 4 / 3),
+        ("bristle", 0.0935, 20, 1.0),
+        pytest.param("curve", 0.11, 60, 1.0, marks=pytest.mark.long),
+        pytest.param("bristle", 0.0935, 20, 4 / 3, marks=pytest.mark.long),
+        pytest.param("bristle", 0.11, 100, 1.0, marks=pytest.mark.long),
+        pytest.param("bristle", 0.11, 100, 4 / 3, marks=pytest.mark.long),
+    ],
+)
 def test_sampled_the_inner_loop_is_that_of_a_short_period(law, slip, kmh, late):
     """Ms of 10 ms is 1 to 4 % more, and tends to it with the period: a tenth of that costs a tenth."""
     point = operating_point(published_law(law, "dry"), PARK2008, kmh / 3.6, slip)
@@ -271,7 +280,9 @@ def test_certificate_of_the_inner_loop(rail, slip, late):
     assert seen.phase_deg * (1 - 1e-12) <= found.phase_deg[1]
 
 
-@pytest.mark.parametrize("name", ["", "coach", "desiro_classic"])
+@pytest.mark.parametrize(
+    "name", ["", *(pytest.param(name, marks=pytest.mark.long) for name in ("coach", "desiro_classic"))]
+)
 def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     """Ms at most 1.9 at every operating point of the default envelope, from 10 km/h up, and at most 1.95 as it runs
     sampled; stable with every tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
