@@ -13,12 +13,15 @@ DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification l
 	limits sampled sampled_margins stabilizing tuning loop_properties certificate \
 	limit_cycles lyapunov_runs sliding_verification))
 
-.PHONY: report test test-all test-kernels lint check benchmark generate docs pictures clean
+.PHONY: report test quick test-all test-kernels lint check benchmark generate docs pictures clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail
 	$(BIN)/railslip report --out railslip-report
 
-test: lint                ## linter, formatter, types, import contract, tests
+test: $(READY)            ## linter, formatter, types, import contract, tests: the linters beside the tests
+	$(MAKE) --no-print-directory --jobs 2 lint quick
+
+quick: $(READY)
 	$(BIN)/python -m pytest -n auto -m "not long"  # tests/conftest.py has the order, and what shares a process
 
 test-all: lint            ## every test, then the numerically delicate ones under each kernel
