@@ -98,18 +98,20 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delay an interruption (Ctrl-C) until this is done; processes that are started in it never get it."""
+    """Delay an interruption (Ctrl-C, SIGTERM) until this is done; processes that are started in it never get Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():  # which alone hears it
         yield
         return
     heard: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    both = signal.SIGINT, signal.SIGTERM
+    before = {number: signal.signal(number, lambda number, frame: heard.append(number)) for number in both}
     mask: Callable[..., object] = getattr(signal, "pthread_sigmask", lambda *_: None)
     try:
         mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT})
         yield
     finally:
         mask(getattr(signal, "SIG_UNBLOCK", 0), {signal.SIGINT})
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
         if heard:
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(heard[0])
