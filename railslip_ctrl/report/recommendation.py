@@ -424,7 +424,6 @@ def _report(
     sliding = beside[1]()
     found = lead().choices if envelope.vehicle.actuator.lag > 0 else ()
     trial = seeking()
-    submit(attainable_stops, _braked([] if trial is None else [trial]))  # asked for again below, and known by then
     best = min(found, key=lambda choice: choice.rank, default=None)
     if best is not None and best.design is not None:
         found += lead((best.reference_factor,), _QUICK_FILTER).choices
@@ -450,7 +449,9 @@ def _designed(
     empty, (submit, seeking) = DesignReport(envelope, nominal, selection), beside
     progress("braking runs")
     tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
-    tried = [_trial(one, nominal) for one in tied]
+    others = [submit(_trial, one, nominal) for one in tied[1::2]]
+    submit(attainable_stops, _braked([] if seeking is None else [seeking]))  # asked for again below, and known by then
+    tried = [*(_trial(one, nominal) for one in tied[::2]), *(other() for other in others)]
     if selection.best is None and (seeking is None or seeking.above_kmh is None):
         blank = _unjudged(envelope)
         progress("the brake that would do")
