@@ -95,7 +95,7 @@ def test_dead_time_and_lag_zero_are_allowed(railslip):
         ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
         ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
         ("margins --initial-speed 200 --envelope default", "error: --initial-speed: 200 km/h is outside 30 to 140"),
-        ("margins --controller asmc", "error: --controller: SlidingControl is not a linear system"),
+        ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
         ("margins --speed fast", "km/h"),
         ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
         ("margins --kp '65 N*m' --ki 5", "--kp: '65 N*m' has the wrong dimension"),

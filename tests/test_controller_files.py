@@ -185,7 +185,7 @@ def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--controller", "asmc"), "controller: SlidingControl is not a linear system"),
+        (("--controller", "asmc"), "controller: asmc is not linear and has no margins"),
         (("--controller", "nope"), "--controller: 'nope' is not one"),
         (
             ("--controller", "relay.py"),
@@ -208,6 +208,14 @@ def test_margins_refuses_in_one_line(railslip, tmp_path, monkeypatch, words, tol
     status, out, err = railslip("margins", *CASE, *words)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert told in err
+
+
+def test_a_file_is_judged_at_the_slip_that_it_holds_unless_told(railslip, tmp_path):
+    file = tmp_path / "pi.toml"
+    file.write_text('kind = "pi"\nkp = 190\nki = 5\nreference = { dry = 0.07, wet = 0.05 }\n')
+    for words, slips in (((), [0.07, 0.05]), (("--slip", "0.1"), [0.1, 0.1])):
+        cases = json.loads(railslip("margins", "--controller", file, *words, "--json")[1])["cases"]
+        assert [case["slip"] for case in cases] == slips
 
 
 # --- the other commands ----------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import assess
+from railslip_ctrl.design.controllers import seeking_of
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.tuning import FILTER_RATIO
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -63,8 +64,9 @@ def command(
     certify: bool,
 ) -> None:
     """Stability margins of the wheel-slip loop with a PI, any linear controller or the seeking one, the dead time exact
-    (of a discrete one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit
-    status 1 if a loop (of an envelope: at an operating point) is unstable, 2 for bad input.
+    (of a discrete one those of its sampled loop), at the operating points named, or one verdict over an envelope. A
+    controller's file is judged at its own reference slip. Exit status 1 if a loop (of an envelope: at an operating
+    point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
@@ -92,6 +94,7 @@ def command(
     points = cases.points()
     if controller is not None:
         given = given_controller(controller, points[0], gains)
+        points = cases.points(None if seeking_of(given) else getattr(given, "reference", None))
         _tell_hand_over(given, points)
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)

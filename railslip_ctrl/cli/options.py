@@ -44,7 +44,7 @@ from railslip_ctrl.simulation.catalogue import (
     published_reference,
     reference_of,
 )
-from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
 
 from .output import progress
@@ -197,13 +197,15 @@ class CaseOptions:
             return False
         return True
 
-    def points(self) -> list[OperatingPoint]:
-        """The operating points, in the order rail, mass, speed."""
+    def points(self, reference: ReferenceSlip | None = None) -> list[OperatingPoint]:
+        """The operating points, in the order rail, mass, speed; at a `reference` slip, the law's without, but at that
+        of the option before either."""
         vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
         found = []
         for rail in self.chosen_rails():
             law = self.law(rail)
-            held = self.slip if self.slip is not None else law.reference_slip(rail)
+            held = law.reference_slip(rail) if reference is None else reference_slip(reference, rail)
+            held = held if self.slip is None else self.slip
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
             try:

@@ -171,6 +171,9 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         return _linear_at(point, linear, _name(controller))
     if has_step(controller):
         raise step_alone(controller)
+    if callable(getattr(controller, "row", None)):  # one that runs: `simulation.controllers.Controller`
+        told = f"{controller.name} is not linear and has no margins"
+        raise InputError(f"controller: {told}; simulate and campaign run it")
     dt = getattr(controller, "dt", None)
     if dt is True:
         raise InputError("controller: its sampling period is not given (dt = True); give dt in s")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -53,6 +53,12 @@ def case_title(point: OperatingPoint) -> str:
 
 def controller_text(controller: LinearController | SeekingGains) -> str:
     """What a controller with margins is, with its numbers."""
+    if isinstance(controller, SeekingGains):
+        return "seeking: " + ", ".join(
+            f"{name.replace('_', ' ')} {value:.6g} {unit}"
+            for name, value, unit, _ in _seeking_numbers(controller)
+            if name in _OF_THE_LOOP
+        )
     if not isinstance(controller, PIController):
         numbers = controller_numbers(controller)
         return f"{controller.structure}: " + ", ".join(f"{k} {_plain(v)}" for k, v in numbers.items())
@@ -62,6 +68,16 @@ def controller_text(controller: LinearController | SeekingGains) -> str:
     if controller.structure != "PI":
         text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1): a series PID"
     return text
+
+
+_OF_THE_LOOP = ("dead_time", "lag", "kappa", "torque_time", "observer_time", "deceleration_time")
+
+
+def _seeking_numbers(gains: SeekingGains) -> Iterator[tuple[str, float, str, str]]:
+    """Name, value, unit and meaning of each number of a seeking controller."""
+    for name, field in type(gains).model_fields.items():
+        extra: Any = field.json_schema_extra
+        yield name, getattr(gains, name), "" if extra["unit"] == "1" else extra["unit"], field.description or ""
 
 
 def _plain(value: float | tuple[Any, ...]) -> str:
@@ -459,10 +475,16 @@ def seeking_json(design: SeekingDesign) -> dict[str, Any]:
 
 def seeking_text(design: SeekingDesign) -> str:
     """The seeking controller and its judgement over an envelope."""
-    known = [("Controller", controller_text(design.gains))]
-    known += [("Result", f"infeasible: {design.reason}")] if design.reason else []
-    title = f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"
-    return render([heading(title), facts(known), "", *judgement_parts(design.judgement)])
+    parts: list[RenderableType] = [
+        heading(f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"),
+        table(
+            ("Key", "Value", "Unit", "Meaning"),
+            [(name, f"{value:.6g}", unit, meaning) for name, value, unit, meaning in _seeking_numbers(design.gains)],
+            words=(2, 3),
+        ),
+    ]
+    parts += ["", f"Infeasible: {design.reason}"] if design.reason else []
+    return render([*parts, "", *judgement_parts(design.judgement)])
 
 
 def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:
