@@ -148,12 +148,7 @@ def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Call
 
 
 def _made(
-    found: DesignReport,
-    pictures: dict[str, dict[str, bytes]],
-    whole: bool,
-    source: Provenance,
-    rest: str,
-    again: str,
+    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, source: Provenance, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)

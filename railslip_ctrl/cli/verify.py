@@ -10,13 +10,7 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.verification import conclusion_text, verification_json, verification_text
-from railslip_ctrl.verification.joint_verification import (
-    LARGEST_GAIN,
-    LARGEST_SEED,
-    LEAST_D,
-    Law,
-    verify_with_actuator,
-)
+from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
 from .options import CaseOptions, is_law_file, number_option, stop_options, whole_number
