@@ -21,14 +21,14 @@ from railslip_ctrl.simulation.run import Run
 
 from .options import controller_option, tell_remarks
 from .output import print_json, print_text, progress
-from .settings import HELP, option
+from .settings import HELP, json_option, option, preset
 
 _REPORT = ("report.txt", "report.json")
 
 
 @click.command(context_settings=HELP)
 @click.argument("campaign_file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
-@controller_option(None, multiple=True, otherwise="the tables of the file; may be given several times")
+@controller_option("the tables of the file; may be given several times", multiple=True)
 @click.option(
     "--out",
     required=True,
@@ -38,15 +38,14 @@ _REPORT = ("report.txt", "report.json")
 )
 @option("--workers", "N", "Processes.", "one for each core", type=int)
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
-@click.option(
+@preset(
     "--worst-by",
-    default="braking_distance_m",
-    show_default=True,
-    metavar="MEASURE",
-    help="Measure of the worst runs: a column of the runs, its unit at the end of its name.",
+    "MEASURE",
+    "Measure of the worst runs: a column of the runs, its unit at the end of its name.",
+    "braking_distance_m",
 )
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@json_option
 def command(
     campaign_file: Path,
     controller: tuple[str, ...],

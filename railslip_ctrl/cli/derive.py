@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import click
 
@@ -17,43 +18,31 @@ from railslip_ctrl.report.export import check_directory, write_files
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Reference, derive
 
-from .options import Number, law_from_file
+from .options import law_from_file, number_option
 from .output import print_text, progress
-from .settings import HELP, option
+from .settings import HELP, json_option, option, path_option, preset
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
 
 
 @click.command(context_settings=HELP)
-@click.option(
-    "--reference",
-    default="proportional",
-    show_default=True,
-    metavar="proportional|constant",
-    help="Reference slip velocity: lambda_d v, or constant.",
-)
+@preset("--reference", "proportional|constant", "Reference slip velocity: lambda_d v, or constant.", "proportional")
 @option(
     "--adhesion",
     "LAW|FILE.toml",
     f"Adhesion law put in for Ta: {', '.join(law_names())}; or a file, with whose numbers the law is given too.",
     "none, Ta is an argument",
 )
-@option(
+@number_option(
     "--initial-speed",
-    "KMH",
+    "km/h",
     "Speed v0 at which the brake was applied, km/h; for a file with parameters over it.",
     f"{INITIAL_SPEED_KMH:g}",
-    type=Number("km/h", gt=0),
+    gt=0,
 )
 @option("--format", "|".join(_FORMATS), "What to print.", "text", to="form")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
-@option(
-    "--out",
-    "FILE",
-    "Write it into a file instead; its folder is made if missing.",
-    "it is printed",
-    type=click.Path(path_type=Path),
-)
+@json_option
+@path_option("--out", "FILE", "Write it into a file instead; its folder is made if missing.", "it is printed")
 def command(
     reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None
 ) -> None:
@@ -67,7 +56,8 @@ def command(
     if out is not None:
         _check_out(out)  # before the work, not after it
     name, law, file = _law(adhesion, initial_speed)
-    chosen = _reference(reference), name, law, file, "json" if as_json else _format(form)
+    given = "json" if as_json else _one_of("--format", form or "text", _FORMATS)
+    chosen = _one_of("--reference", reference, get_args(Reference)), name, law, file, given
     if out is None:
         print_text(_text, *chosen)
         return
@@ -77,17 +67,10 @@ def command(
     progress(f"wrote {out}{made}")
 
 
-def _reference(word: str) -> Reference:
-    for reference in get_args(Reference):
-        if word == reference:
-            return reference  # type: ignore[no-any-return]
-    raise InputError(f"--reference: {word!r} is not known; choose one of {', '.join(get_args(Reference))}")
-
-
-def _format(form: str | None) -> str:
-    if form is not None and form not in _FORMATS:
-        raise InputError(f"--format: {form!r} is not known; choose one of {', '.join(_FORMATS)}")
-    return form or "text"
+def _one_of(option: str, word: str, known: Sequence[str]) -> Any:
+    if word not in known:
+        raise InputError(f"{option}: {word!r} is not known; choose one of {', '.join(known)}")
+    return word
 
 
 def _check_out(out: Path) -> None:

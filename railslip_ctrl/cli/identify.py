@@ -18,7 +18,7 @@ from railslip_ctrl.identification.identify import Identification, LogSeries, ide
 from railslip_ctrl.identification.logs import STANDARD_INPUT, UNITS
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import check_file
@@ -32,53 +32,41 @@ from railslip_ctrl.report.identification import (
     series_toml,
 )
 
-from .options import Number, from_file
+from .options import from_file, number_option, tell_remarks
 from .output import print_json, print_text, progress
-from .settings import HELP, option, options_named
+from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 
 
 @click.command(context_settings=HELP)
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG.csv...")
-@click.option(
+@preset(
     "--model",
-    default="best",
-    show_default=True,
-    metavar="|".join(("best", *MODELS)),
-    help="Model to fit. best: all but bristle_rest; of those with a formula the one with the lowest BIC.",
+    "|".join(("best", *MODELS)),
+    "Model to fit. best: all but bristle_rest; of those with a formula the one with the lowest BIC.",
+    "best",
 )
-@click.option("--rail", default="dry", show_default=True, metavar="dry|wet", help="Rail condition of the log.")
-@option("--vehicle", "FILE", "Vehicle.", "the published", type=click.Path(path_type=Path))
-@click.option("--loaded", is_flag=True, help="Use the vehicle's loaded wheel load.")
-@option(
-    "--initial-speed",
-    "KMH",
-    "Speed v0 at which the brake was applied, km/h.",
-    "the log's highest",
-    type=Number("km/h", gt=0),
-)
-@option(
+@preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
+@path_option("--vehicle", "FILE", "Vehicle.", "the published")
+@switch("--loaded", "Use the vehicle's loaded wheel load.")
+@number_option("--initial-speed", "km/h", "Speed v0 at which the brake was applied, km/h.", "the log's highest", gt=0)
+@number_option(
     "--slip-acceleration",
-    "X",
+    "m/s^2",
     "Slip acceleration R of the ramps, m/s^2, for bristle and curve.",
     "the log's; curve: 2.93",
-    type=Number("m/s^2", gt=0),
+    gt=0,
 )
-@option(
-    "--tau",
-    "S",
-    "Time constant of the observer, s.",
-    "0.05, or five intervals of the log if that is more",
-    type=Number("s", gt=0),
+@number_option(
+    "--tau", "s", "Time constant of the observer, s.", "0.05, or five intervals of the log if that is more", gt=0
 )
-@click.option(
+@preset(
     "--observer",
-    default="corrected",
-    show_default=True,
-    metavar="|".join(Observer),
-    help="Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
+    "|".join(Observer),
+    "Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
     "table); prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects.",
+    "corrected",
 )
 @option(
     "--column",
@@ -108,17 +96,15 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 @option(
     "--bound", "PARAMETER=LOW:HIGH", "Bounds of a parameter, SI or with units; repeatable.", "its own", multiple=True
 )
-@option("--out", "DIR", "Folder for the model's file, reports and pictures.", "none", type=click.Path(path_type=Path))
-@option(
+@path_option("--out", "DIR", "Folder for the model's file, reports and pictures.")
+@path_option(
     "--observed",
     "FILE",
     "CSV for the observed adhesion torque and coefficient, a line for each row under brake, beside slip, speed "
     "and load behind the observer's filter, with its regime: adhesion below the slip of the chosen model's peak, "
     "sliding from there on.",
-    "none",
-    type=click.Path(path_type=Path),
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@json_option
 def command(
     logs: tuple[Path, ...],
     vehicle: Path | None,
@@ -236,8 +222,7 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
 
 def _vehicle(path: Path | None, loaded: bool) -> Vehicle:
     chosen = PARK2008 if path is None else from_file("--vehicle", path, load_vehicle)
-    for note in remarks(chosen):
-        click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+    tell_remarks(chosen)
     return chosen.loaded() if loaded else chosen
 
 

@@ -9,17 +9,13 @@ from railslip_ctrl.report import linear_plant_json, linearize_text
 
 from .options import CaseOptions, case_options
 from .output import print_json, print_text
-from .settings import HELP
+from .settings import HELP, switch
 
 
 @click.command(context_settings=HELP)
 @case_options
-@click.option("--speed-state", is_flag=True, help="Keep the train speed as a state instead of freezing it.")
-def command(
-    cases: CaseOptions,
-    as_json: bool,
-    speed_state: bool,
-) -> None:
+@switch("--speed-state", "Keep the train speed as a state instead of freezing it.")
+def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
     """Operating point and linearisation, from brake torque at the wheel to sigma, lambda and the tracking error. Exit
     status 0, or 2 for bad input.
 

@@ -36,19 +36,17 @@ from .options import (
     warn,
 )
 from .output import print_json, print_text
-from .settings import HELP, option
+from .settings import HELP, option, switch
 
 
 @click.command(context_settings=HELP)
 @case_options
 @envelope_options("the points of those options")
 @gain_options
-@controller_option(None, otherwise="a PI of --kp, --ki and --lead")
+@controller_option("a PI of --kp, --ki and --lead")
 @option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Number("s", ge=0))
 @option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Number("s", ge=0))
-@click.option(
-    "--certify", is_flag=True, help="Enclosures of all margins by ball arithmetic, relative width at most 1e-9."
-)
+@switch("--certify", "Enclosures of all margins by ball arithmetic, relative width at most 1e-9.")
 @click.pass_context
 def command(
     ctx: click.Context,

@@ -48,6 +48,7 @@ from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
 
 from .output import progress
+from .settings import Option, json_option, option, path_option, preset, switch
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
@@ -93,6 +94,16 @@ class Number(click.ParamType[float]):
                 unit = "" if self.unit == "1" else f" {self.unit}"
                 raise InputError(f"{option}: {number:g}{unit} is not allowed; give a value {sign} {bound:g}{unit}")
         return number
+
+
+def whole_number(option: str, text: str, least: int, largest: int) -> int:
+    """The number that an option was given as `text`; InputError, which names it, for one out of range or no number."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
+        raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
+    return int(text)
+
+
+SLIP = Number("1", gt=0, lt=1)
 
 
 @dataclass(frozen=True)
@@ -170,9 +181,9 @@ class CaseOptions:
             ("--loaded", "loads", self.loaded and "loaded"),
             ("--initial-speed", "initial_speed", _is_given("initial_speed") and self.initial_speed),
         )
-        for option, name, value in named:
+        for flag, name, value in named:
             if value:
-                found = naming(option, functools.partial(found.at, **{name: value}))
+                found = naming(flag, functools.partial(found.at, **{name: value}))
         laws_of = "--adhesion" if path is None or _is_given("adhesion") else f"{source}: {file_name(path)}: envelope"
         naming(laws_of, found.check_files)
         return found
@@ -317,6 +328,12 @@ def tell_remarks(vehicle: Vehicle) -> None:
         progress(f"note: {vehicle.name}: {note}")
 
 
+def number_option(name: str, unit: str, text: str, left_out: str, *, to: str | None = None, **bounds: float) -> Option:
+    """As `option`, for a `Number` in a unit, after which the help calls it."""
+    metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
+    return option(name, metavar, text, left_out, to=to, type=Number(unit, **bounds))
+
+
 def case_options(function: F) -> F:
     """The options that name a vehicle and its operating points, handed to the command as one `CaseOptions`."""
     return _collected(function, _options())
@@ -337,7 +354,7 @@ def run_options(function: F) -> F:
     return _collected(function, [*_options(run=True), *_controller_options()], control=True)
 
 
-def _collected(function: F, options: list[Any], *, control: bool = False) -> F:
+def _collected(function: F, options: list[Option], *, control: bool = False) -> F:
     @functools.wraps(function)
     def wrapped(**given: Any) -> Any:
         def made(kind: type) -> Any:
@@ -351,162 +368,94 @@ def _collected(function: F, options: list[Any], *, control: bool = False) -> F:
         return function(**records, **given)
 
     command = cast(F, wrapped)
-    for option in reversed(options):
-        command = option(command)
+    for add in reversed(options):
+        command = add(command)
     return command
 
 
-def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Any]:
+def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Option]:
     """Without `speeds` for whole stops, with several `masses`, or for a `run`, which takes one of each."""
-    scenario = _scenario_options() if run else []
-    speed = [_speed_option(run=run)] if speeds else []
-    slip = [] if run else [_slip_option(of_point=speeds)]
-    return [*scenario, *_point_options(run=run), *speed, *slip, *_vehicle_options(masses=masses, run=run)]
-
-
-def _several(name: str, to: str, *, many: bool, text: str, default: str, **kind: Any) -> Any:
-    told = f"{text}{'; repeatable' if many else ''}.  [default: {default}]"
-    return click.option(name, to, multiple=many, help=told, **kind)
-
-
-def _number(name: str, unit: str, text: str, default: str, **bounds: float) -> Any:
-    metavar = "X" if unit == "1" else unit.upper()
-    return click.option(name, type=Number(unit, **bounds), metavar=metavar, help=f"{text}  [default: {default}]")
-
-
-def _speed_option(*, run: bool) -> Any:
-    return _several(
-        "--speed",
-        "speeds",
-        many=not run,
-        text="Speed at which the brake is applied, km/h" if run else "Train speed, km/h",
-        default=_SCENARIO if run else "100",
-        type=Number("km/h", gt=0),
-        metavar="KMH",
-    )
-
-
-def _point_options(*, run: bool) -> list[Any]:
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
+    rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", "both")
+    v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
+    scale = "Factor on M, J and B, in runs also on the stiffness of a published dynamic law"
+    mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
     return [
-        click.option(
-            "--adhesion",
+        *(_scenario_options() if run else ()),
+        option(
+            *("--adhesion", "LAW|FILE.toml|FILE.py", f"Adhesion law: {laws}, which is run."),
+            _SCENARIO if run else "bristle",
             default="bristle",
-            show_default=not run,
-            metavar="LAW|FILE.toml|FILE.py",
-            help=f"Adhesion law: {laws}, which is run." + (f"  [default: {_SCENARIO}]" if run else ""),
         ),
-        _several(
-            "--rail",
-            "rails",
-            many=not run,
-            text="Rail at the start" if run else "Rail condition",
-            default=_SCENARIO if run else "both",
-            metavar="dry|wet",
-        ),
-        click.option(
-            "--initial-speed",
+        option("--rail", "dry|wet", *rail, to="rails", multiple=not run),
+        option(
+            *("--initial-speed", "KMH", v0, "--speed" if run else f"{INITIAL_SPEED_KMH}"),
             default=INITIAL_SPEED_KMH,
-            show_default=not run,
             type=Number("km/h", gt=0),
-            metavar="KMH",
-            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
-            + ("  [default: --speed]" if run else ""),
         ),
-    ]
-
-
-def _vehicle_options(*, masses: bool, run: bool) -> list[Any]:
-    return [
-        click.option(
-            "--vehicle",
-            type=click.Path(path_type=Path),
-            metavar="FILE",
-            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.  "
-            f"[default: {_SCENARIO if run else 'the published vehicle'}]",
+        *([_speed_option(run=run)] if speeds else ()),
+        *(() if run else [_slip_option(of_point=speeds)]),
+        path_option(
+            *("--vehicle", "FILE"),
+            "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.",
+            _SCENARIO if run else "the published vehicle",
         ),
-        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
-        _several(
-            "--mass",
-            "masses",
-            many=masses,
-            text="Quarter-car mass M, kg; the wheel load stays",
-            default="the vehicle's",
-            type=Number("kg", gt=0),
-            metavar="KG",
-        ),
-        _number(
-            "--inertia-scale",
-            "1",
-            "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
-            "as-published reading.",
+        switch("--loaded", "Use the vehicle's loaded mass and wheel load."),
+        option("--mass", "KG", mass, "the vehicle's", to="masses", multiple=masses, type=Number("kg", gt=0)),
+        number_option(
+            *("--inertia-scale", "1", f"{scale}: 1 is SI, 3.6 the as-published reading."),
             _SCENARIO if run else "the vehicle's, 1",
             gt=0,
         ),
-        _number("--dead-time", "s", "Actuator dead time, s; no part of the linearised plant.", "the vehicle's", ge=0),
-        _number("--lag", "s", "Actuator lag, s.", "the vehicle's", ge=0),
-        click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
-    ]
-
-
-def _scenario_options() -> list[Any]:
-    return [
-        click.option(
-            "--scenario",
-            default=BUILT_IN[0],
-            show_default=True,
-            metavar=f"{'|'.join(BUILT_IN)}|FILE.toml",
-            help="The published run in the as-published reading or in SI, or a file.",
+        number_option(
+            "--dead-time", "s", "Actuator dead time, s; no part of the linearised plant.", "the vehicle's", ge=0
         ),
-        _number("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
+        number_option("--lag", "s", "Actuator lag, s.", "the vehicle's", ge=0),
+        json_option,
     ]
 
 
-def _slip_option(*, of_point: bool) -> Any:
+def _speed_option(*, run: bool) -> Option:
+    told = (
+        ("Speed at which the brake is applied, km/h.", _SCENARIO) if run else ("Train speed, km/h; repeatable.", "100")
+    )
+    return option("--speed", "KMH", *told, to="speeds", multiple=not run, type=Number("km/h", gt=0))
+
+
+def _scenario_options() -> list[Option]:
+    text = "The published run in the as-published reading or in SI, or a file."
+    return [
+        preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", text, BUILT_IN[0]),
+        number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
+    ]
+
+
+def _slip_option(*, of_point: bool) -> Option:
     """The slip of an operating point, or that held through whole stops."""
     static = ", ".join(name for name, law in law_classes().items() if not law.has_state)
     point = f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
-    text = point if of_point else "Reference slip ratio held, 0 < X < 1."
-    return click.option(
-        "--slip",
-        type=Number("1", ge=0, lt=1) if of_point else Number("1", gt=0, lt=1),
-        metavar="X",
-        help=f"{text}  [default: the law's published reference]",
-    )
+    text, kind = (point, Number("1", ge=0, lt=1)) if of_point else ("Reference slip ratio held, 0 < X < 1.", SLIP)
+    return option("--slip", "X", text, "the law's published reference", type=kind)
 
 
 def envelope_options(left_out: str) -> Callable[[F], F]:
     """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
-    nominal = click.option(
-        "--nominal", is_flag=True, help="Judge its operating points alone, without tolerances around them."
-    )
-    envelope = click.option(
-        "--envelope",
-        metavar="default|FILE",
-        help="Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML "
-        f"file; --rail, --adhesion, --speed, --slip and --loaded narrow it.  [default: {left_out}]",
+    nominal = switch("--nominal", "Judge its operating points alone, without tolerances around them.")
+    envelope = option(
+        *("--envelope", "default|FILE"),
+        "Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML file; "
+        "--rail, --adhesion, --speed, --slip and --loaded narrow it.",
+        left_out,
     )
     return lambda function: envelope(nominal(function))
 
 
 def gain_options(function: F) -> F:
     """The options that give the PI gains."""
-    for option in (
-        click.option(
-            "--ki",
-            type=Number("N*m/m"),
-            metavar="X",
-            help='Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.  [default: Table 4\'s]',
-        ),
-        click.option(
-            "--kp",
-            type=Number("N*m/(m/s)"),
-            metavar="X",
-            help='Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").  [default: Table 4\'s]',
-        ),
-    ):
-        function = option(function)
-    return function
+    kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
+    ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.'
+    of_kp, of_ki = number_option("--kp", "N*m/(m/s)", kp, "Table 4's"), number_option("--ki", "N*m/m", ki, "Table 4's")
+    return cast(F, of_kp(of_ki(function)))
 
 
 def naming(option: str, made: Callable[[], R]) -> R:
@@ -659,7 +608,7 @@ class ControllerOptions:
         return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
     def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
-        for option, given in (
+        for flag, given in (
             ("--gains", self.gains),
             ("--kp", self.kp),
             ("--ki", self.ki),
@@ -669,22 +618,17 @@ class ControllerOptions:
             ("--adaptive", self.adaptive or None),
         ):
             if given is not None:
-                raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
+                raise InputError(f"{flag}: does not go with a controller from a file; put it into {self.controller}")
         return controller_from_file(self.controller, scenario.vehicle, scenario.adhesion.reference, law_speed)
 
 
-def controller_option(default: str | None, *, multiple: bool = False, otherwise: str = "") -> Callable[[F], F]:
-    """`--controller`, the same in every command; `otherwise` says what holds where it is not given."""
-    told = f"  [default: {otherwise}]" if otherwise else ""
-    return click.option(
-        "--controller",
-        default=default,
-        show_default=default is not None,
-        multiple=multiple,
-        metavar=f"{'|'.join(NAMES)}|FILE.toml|FILE.py",
-        help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a controller's "
-        f"numbers, or a Python file with one of your own, which is run.{told}",
+def controller_option(left_out: str, **kind: Any) -> Option:
+    """`--controller`, the same in every command; `left_out` says what holds where it is not given."""
+    text = (
+        "Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a controller's "
+        "numbers, or a Python file with one of your own, which is run."
     )
+    return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, left_out, **kind)
 
 
 def is_controller_file(text: str) -> bool:
@@ -716,29 +660,17 @@ def controller_name(text: str) -> str:
     return name
 
 
-def _controller_options() -> list[Any]:
+def _controller_options() -> list[Option]:
+    column = "gains of beam for the beam law, else of bristle; slip of the law"
+    reference = "the adhesion law's; with --gains the column's"
     return [
-        controller_option("pi"),
-        click.option(
-            "--gains",
-            metavar="|".join(COLUMNS),
-            help="Column of Table 4: gains and reference slip.  [default: gains of beam for the beam law, else of "
-            "bristle; slip of the law]",
-        ),
-        click.option(
-            "--slip",
-            type=Number("1", gt=0, lt=1),
-            metavar="X",
-            help="Reference slip on either rail.  [default: the adhesion law's; with --gains the column's]",
-        ),
-        click.option(
-            "--unknown-rail", is_flag=True, help="asmc: its adhesion model stays dry when the rail turns wet."
-        ),
-        click.option("--adaptive", is_flag=True, help="asmc: with the printed adaptation."),
-        click.option(
-            "--period",
-            type=Number("s", ge=LEAST_STEP),
-            metavar="S",
-            help="The controller's sampling period, s.  [default: every step; slide-protection 0.01]",
+        controller_option("pi", default="pi"),
+        option("--gains", "|".join(COLUMNS), "Column of Table 4: gains and reference slip.", column),
+        option("--slip", "X", "Reference slip on either rail.", reference, type=SLIP),
+        switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet."),
+        switch("--adaptive", "asmc: with the printed adaptation."),
+        number_option(
+            *("--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01"),
+            ge=LEAST_STEP,
         ),
     ]

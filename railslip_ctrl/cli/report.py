@@ -41,7 +41,7 @@ from .options import (
     gain_options,
 )
 from .output import print_json, print_text, progress, provenance
-from .settings import HELP
+from .settings import HELP, preset, switch
 
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
@@ -52,14 +52,13 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 @case_options
 @envelope_options("the vehicle's own, or the default")
 @gain_options
-@controller_option(None, otherwise="only the recommended design is judged and run")
-@click.option(
+@controller_option("only the recommended design is judged and run")
+@preset(
     "--out",
-    default="railslip-report",
-    show_default=True,
+    "DIR",
+    f"Folder for {RECOMMENDED}, report.html, report.txt, report.json and every picture as PNG and SVG.",
+    "railslip-report",
     type=click.Path(path_type=Path),
-    metavar="DIR",
-    help=f"Folder for {RECOMMENDED}, report.html, report.txt, report.json and every picture as PNG and SVG.",
 )
 @click.option(
     "--html/--no-html",
@@ -68,10 +67,9 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
     show_default=True,
     help="Write report.html, and decide the conditions of a sliding-mode law for it.",
 )
-@click.option(
+@switch(
     "--fresh",
-    is_flag=True,
-    help="Decide the conditions of the sliding-mode law again; what an earlier report of this version found of the "
+    "Decide the conditions of the sliding-mode law again; what an earlier report of this version found of the "
     "same vehicle is taken otherwise.",
 )
 @click.pass_context
@@ -150,12 +148,7 @@ def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Call
 
 
 def _made(
-    found: DesignReport,
-    pictures: dict[str, dict[str, bytes]],
-    whole: bool,
-    source: Provenance,
-    rest: str,
-    again: str,
+    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, source: Provenance, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
@@ -22,36 +22,29 @@ from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
+from .options import whole_number
 from .output import print_json, print_text, progress, provenance
-from .settings import HELP, option
+from .settings import HELP, json_option, path_option, preset, switch
 
 _PAGE = "reproduce.html"
 
 
 @click.command(context_settings=HELP)
-@click.option(
-    "--seeds",
-    default=str(tables.DEFAULT_SEEDS),
-    show_default=True,
-    metavar="N",
-    help="Number of noise seeds, runs of each column.",
-)
-@click.option(
+@preset("--seeds", "N", "Number of noise seeds, runs of each column.", str(tables.DEFAULT_SEEDS))
+@switch(
     "--sensitivity",
-    "with_sensitivity",
-    is_flag=True,
-    help="Put each rule of the reading to its alternatives, one at a time, with fewer seeds "
+    "Put each rule of the reading to its alternatives, one at a time, with fewer seeds "
     f"(N, at most {SENSITIVITY_SEEDS}). The first time this compiles for a minute or two.",
+    to="with_sensitivity",
 )
-@option(
+@path_option(
     "--out",
     "DIR",
     "Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
     "reproduction.json and the figures redrawn (PNG).",
     "nothing is written",
-    type=click.Path(path_type=Path),
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@json_option
 @click.pass_context
 def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | None, as_json: bool) -> None:
     """The tables and figures of [Park2008] beside what this software obtains: Table 5's sixteen numbers, the reading
@@ -60,7 +53,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
 
     Example: railslip reproduce --seeds 16 --out reproduced
     """
-    count = _seeds(seeds)
+    count = whole_number("--seeds", seeds, 2, tables.MOST_SEEDS)
     names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in FIGURES)]
     if out is not None:
         check_extra("html", "--out")
@@ -78,15 +71,6 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     else:
         print_text(reproduction_text, comparison, tables.table3(), found, worth)
     ctx.exit(0 if comparison.within else 1)
-
-
-def _seeds(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= len(str(tables.MOST_SEEDS))):
-        raise InputError(f"--seeds: {text[:60]!r} is not allowed; give a whole number from 2 to {tables.MOST_SEEDS}")
-    try:
-        return tables.checked_seeds(int(text))
-    except InputError as error:
-        raise InputError(f"--{error}") from None
 
 
 def _files(

@@ -8,15 +8,14 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
 from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import CaseOptions, ControllerOptions, Number, gain_options, run_options
+from .options import CaseOptions, ControllerOptions, Number, gain_options, run_options, whole_number
 from .output import print_json, print_text, progress
-from .settings import HELP
+from .settings import HELP, path_option, preset, switch
 
 LOG_PERIOD = 0.01
 """s, between the rows of the CSV and the points of the pictures, unless given."""
@@ -28,13 +27,9 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @click.command(context_settings=HELP)
 @run_options
 @gain_options
-@click.option(
-    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and of the sensor noise."
-)
-@click.option("--no-noise", is_flag=True, help="No random force and no sensor noise.")
-@click.option(
-    "--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.  [default: none]"
-)
+@preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
+@switch("--no-noise", "No random force and no sensor noise.")
+@path_option("--csv", "FILE", "Write the time series.")
 @click.option(
     "--out",
     "--plot",
@@ -43,13 +38,12 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     metavar="DIR",
     help="Write report, JSON, time series and pictures (PNG and SVG) into a folder.  [default: none]",
 )
-@click.option(
+@preset(
     "--log-period",
-    default=LOG_PERIOD,
-    show_default=True,
+    "S",
+    "Time between rows of the time series, s; at least the sampling period.",
+    LOG_PERIOD,
     type=Number("s", ge=LEAST_STEP),
-    metavar="S",
-    help="Time between rows of the time series, s; at least the sampling period.",
 )
 @click.pass_context
 def command(
@@ -72,7 +66,7 @@ def command(
         check_file(csv, "--csv")
     if out is not None:
         check_directory(out, _FILES)
-    noise = None if no_noise else _seed(seed)
+    noise = None if no_noise else whole_number("--seed", seed, 0, LARGEST_SEED)
     scenario = cases.run_scenario()
     law_speed = cases.law_speed(scenario.initial_speed)
     controller, column = control.chosen(scenario, law_speed)
@@ -96,12 +90,6 @@ def command(
     else:
         print_text(simulation_text, run, law_speed)
     ctx.exit(0 if run.stopped else 1)
-
-
-def _seed(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= LARGEST_SEED):
-        raise InputError(f"--seed: {text[:60]!r} is not allowed; give a whole number from 0 to {LARGEST_SEED}")
-    return int(text)
 
 
 def _files(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, FileContent]:

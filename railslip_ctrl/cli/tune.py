@@ -21,43 +21,39 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options
+from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options, number_option
 from .output import print_json, print_text, progress
-from .settings import HELP, option
+from .settings import HELP, path_option, preset, switch
 
 
 @click.command(context_settings=HELP)
 @family_options
 @envelope_options("the vehicle's own or the default, unless points are named")
-@click.option(
+@preset(
     "--structure",
-    default="pi",
-    show_default=True,
-    metavar="pi|pi-lead|pid|seeking",
-    help="PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
+    "pi|pi-lead|pid|seeking",
+    "PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
     "seeking controller, whose gains go by rules and are judged.",
+    "pi",
 )
-@option("--ms-max", "X", "Largest Ms allowed, a ratio; ki is maximised.", "none", type=Number("1", gt=1))
-@option("--phase-min", "DEG", "Least phase margin allowed, deg.", "none", type=Number("deg", ge=0))
-@option("--delay-min", "S", "Least delay margin allowed, s.", "none", type=Number("s", ge=0))
-@click.option("--minimise-ms", is_flag=True, help="Minimise the worst Ms instead; needs --ki-min.")
-@option("--ki-min", "X", "Least integral gain, N*m/m.", "none", type=Number("N*m/m", gt=0))
-@option("--lead", "S", "Lead of pi-lead, s.", "the actuator's lag", type=Number("s", gt=0))
-@option("--lead-filter", "S", "Its filter, s.", "a tenth of it", type=Number("s", gt=0))
-@click.option(
+@number_option("--ms-max", "1", "Largest Ms allowed, a ratio; ki is maximised.", "none", gt=1)
+@number_option("--phase-min", "deg", "Least phase margin allowed, deg.", "none", ge=0)
+@number_option("--delay-min", "s", "Least delay margin allowed, s.", "none", ge=0)
+@switch("--minimise-ms", "Minimise the worst Ms instead; needs --ki-min.")
+@number_option("--ki-min", "N*m/m", "Least integral gain, N*m/m.", "none", gt=0)
+@number_option("--lead", "s", "Lead of pi-lead, s.", "the actuator's lag", gt=0)
+@number_option("--lead-filter", "s", "Its filter, s.", "a tenth of it", gt=0)
+@preset(
     "--period",
-    default=PERIOD,
-    show_default=True,
+    "S",
+    "Sampling period of the controller, s; twice the lead's filter where that is less.",
+    PERIOD,
     type=Number("s", ge=LEAST_STEP),
-    metavar="S",
-    help="Sampling period of the controller, s; twice the lead's filter where that is less.",
 )
-@option(
+@path_option(
     "--out",
     "FILE.toml|FILE.c",
     "Write the controller, as every command takes it with --controller; of the seeking one also its C99 program.",
-    "none",
-    type=click.Path(path_type=Path),
 )
 @click.pass_context
 def command(

@@ -10,60 +10,51 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.verification import conclusion_text, verification_json, verification_text
-from railslip_ctrl.verification.joint_verification import (
-    LARGEST_GAIN,
-    LARGEST_SEED,
-    LEAST_D,
-    Law,
-    verify_with_actuator,
-)
+from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, Number, is_law_file, stop_options
+from .options import CaseOptions, is_law_file, number_option, stop_options, whole_number
 from .output import print_json, print_text
-from .settings import HELP, option
+from .settings import HELP, preset
 
 LAWS: tuple[Law, ...] = get_args(Law)
 _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the package calls a quantity that an option gives
 
 
 @click.command(context_settings=HELP)
-@click.option(
+@preset(
     "--law",
-    default="paper",
-    show_default=True,
-    metavar="|".join(LAWS),
-    help="The published law with the robust variants after it, the robust variants alone, or the layered law that "
+    "|".join(LAWS),
+    "The published law with the robust variants after it, the robust variants alone, or the layered law that "
     "accounts for the actuator.",
+    "paper",
 )
-@option(
+@number_option(
     "--K",
-    "X",
+    "N*m",
     f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.",
     "Table 4's 70; "
     "robust: 1.1 times what (40) asks for with Ta and v' known to 10 %; layered: 1.05 times what its bound and a "
     "holding torque known to 10 % ask for",
     to="gain",
-    type=Number("N*m", ge=0),
+    ge=0,
 )
-@option(
+@number_option(
     "--D",
-    "X",
+    "N*m/(m/s)",
     f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.",
     "Table 4's 1.53 N*m/(km/h)",
     to="damping",
-    type=Number("N*m/(m/s)", gt=0),
+    gt=0,
 )
-@option(
+@number_option(
     "--ki-min",
-    "X",
+    "N*m/m",
     "Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.",
     "100 times the inertia scale",
-    type=Number("N*m/m", gt=0),
+    gt=0,
 )
-@click.option(
-    "--seed", default="2008", show_default=True, metavar="N", help="First seed of samples and simulated runs."
-)
+@preset("--seed", "N", "First seed of samples and simulated runs.", "2008")
 @stop_options
 @click.pass_context
 def command(
@@ -94,7 +85,7 @@ def command(
             vehicle=vehicle,
             K=gain,
             D=damping,
-            seed=_seed(seed),
+            seed=whole_number("--seed", seed, 0, LARGEST_SEED),
             adhesion=adhesion,
             ki_min=ki_min,
         )
@@ -131,10 +122,3 @@ def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str],
     if adhesion != PUBLISHED_ADHESION:
         about += [("Adhesion", f"{adhesion.text}{source}"), ("Reference slip", slips)]
     return tuple(about)
-
-
-def _seed(text: str) -> int:
-    """The seed as a whole number within its range."""
-    if not (text.isascii() and text.isdigit() and len(text) <= 10 and int(text) <= LARGEST_SEED):
-        raise InputError(f"--seed: {text[:60]!r} is not allowed; give a whole number from 0 to {LARGEST_SEED}")
-    return int(text)

@@ -41,25 +41,8 @@ from .stabilizing import (
 from .tuning import CommonPI, common_pi, gain_for_crossover, most_phase
 
 __all__ = [
-    "CommonPI",
-    "IntersectionRegion",
-    "MarginGrid",
-    "PIController",
-    "PolynomialController",
-    "Region",
-    "StabilizingRegion",
-    "StateSpaceController",
-    "Strip",
-    "actuated_plant",
-    "common_pi",
-    "controller_system",
-    "gain_for_crossover",
-    "intersection",
-    "linear_controller",
-    "margin_grid",
-    "most_phase",
-    "outline",
-    "stabilizing_pi",
-    "stabilizing_pid",
-    "wheel_slip_loop",
-]
+    "CommonPI", "IntersectionRegion", "MarginGrid", "PIController", "PolynomialController", "Region",
+    "StabilizingRegion", "StateSpaceController", "Strip", "actuated_plant", "common_pi", "controller_system",
+    "gain_for_crossover", "intersection", "linear_controller", "margin_grid", "most_phase", "outline",
+    "stabilizing_pi", "stabilizing_pid", "wheel_slip_loop",
+]  # fmt: skip

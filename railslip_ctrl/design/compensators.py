@@ -102,10 +102,7 @@ def filtered_smith_predictor(
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     num_f, den_f = _prediction_filter(plant.poles, dead_time, filter_time, roll_off)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
-    inner = QuasiPolynomial(
-        [np.polymul(np.polyadd(base, forward), den_f), -np.polymul(forward, num_f)],
-        dead_time,
-    )
+    inner = QuasiPolynomial([np.polymul(np.polyadd(base, forward), den_f), -np.polymul(forward, num_f)], dead_time)
     feedback = np.polymul(num0, num_f)
     c = DelayedRatio(QuasiPolynomial([np.polymul(feedback, den)], dead_time), inner)
     kept = np.real(np.poly(plant.poles[plant.poles.real < 0]))  # modes of the model that stay in the predictor
@@ -132,11 +129,7 @@ def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, r
 
 
 def observer_compensator(
-    plant: Any,
-    dead_time: float,
-    *,
-    feedback_poles: Sequence[complex],
-    observer_poles: Sequence[complex],
+    plant: Any, dead_time: float, *, feedback_poles: Sequence[complex], observer_poles: Sequence[complex]
 ) -> Compensator:
     """State feedback through the dead time, with observer, prediction and integral action.
 
@@ -176,10 +169,7 @@ def observer_compensator(
     model = _adjugate_form(observer, b, k_x)
     measured = np.polyadd(np.append(_adjugate_form(observer, gain_o, k_x), 0.0), k_i * den_o)
     inner = QuasiPolynomial(
-        [
-            np.polymul(np.polyadd(den_e, now), den_o),
-            np.polysub(np.polymul(den_e, model), np.polymul(before, den_o)),
-        ],
+        [np.polymul(np.polyadd(den_e, now), den_o), np.polysub(np.polymul(den_e, model), np.polymul(before, den_o))],
         dead_time,
     )
     controller = DelayedRatio(QuasiPolynomial([np.polymul(measured, den)], dead_time), inner)

@@ -279,12 +279,7 @@ class Effort:
 
 
 def control_effort(
-    controller: Any,
-    plant: Any,
-    dead_time: float,
-    *,
-    lag: float,
-    sampling_period: float = SAMPLING_PERIOD,
+    controller: Any, plant: Any, dead_time: float, *, lag: float, sampling_period: float = SAMPLING_PERIOD
 ) -> Effort:
     """Effort of C(s) in a loop that the caller knows to be stable (the numbers mean nothing otherwise).
 

@@ -12,5 +12,6 @@ below it in this order, of which later ones import earlier ones.
 - `curves`: sums by cell of slip and speed: the adhesion curve
 - `models`, `fits`, `prediction`: what can be fitted; least squares over the cells; prediction-error fits
 - `results`: comparison, regimes, the peak and the slip to hold, parameters over the initial speed
+- `words`: the sentences of warnings, doubts and notes, from `words.toml`
 - `virtual_rig`: a brake rig and brake trials of known truth, to try all this on
 """

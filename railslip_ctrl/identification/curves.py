@@ -26,6 +26,7 @@ from . import log_checks
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
 from .logs import BLOCK_BYTES, Broken, Column, Log, Rows
 from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedRows, Observed, Observer, Survey
+from .words import told
 
 
 @dataclass(frozen=True)
@@ -332,10 +333,7 @@ class AdhesionCurve:
         """Which rows the prediction-error fits are of, where that is not every row under brake; else empty."""
         if self.record_stride == 1:
             return ""
-        return (
-            f"{len(self.record)}: prediction-error fits take {MOST_ROWS} rows at most, in whole runs spread evenly "
-            f"over the log, here one run of {self.record_stride}; the observed curve and the fits to it are of all rows"
-        )
+        return told("rows followed", rows=len(self.record), most=MOST_ROWS, stride=self.record_stride)
 
 
 def read_curve(
@@ -411,17 +409,14 @@ class _Gathered:
         self._check()
 
     def _check(self) -> None:
-        survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
+        survey = self._stream.survey
         clock = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull)
         if clock is not None:
             raise InputError(f"{self._name}: {clock}")
         try:
             self._stream.check(self._name)
             if survey.used < _LEAST_SAMPLES:
-                raise InputError(
-                    f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
-                    "give a log with braking, and check columns, units, `vehicle` and the wheel's radius"
-                )
+                raise InputError(told("too few rows", name=self._name, survey=survey, slips=SLIP_RANGE))
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)
             wheel = [finding.text for finding in log_checks.rolling_findings(self._rolling, self._known())]
@@ -438,8 +433,8 @@ class _Gathered:
             return (hint,) if hint else ()
         if not 0.0 < pull < LEAST_PULL:
             return ()
-        text = f"the highest brake torque is {pull:.2g} of wheel load times radius, where a brake has {LEAST_PULL:g}"
-        return (f"{text} or more; {hint}" if hint else f"{text} or more",)
+        text = told("weak brake", pull=pull, least=LEAST_PULL)
+        return (f"{text}; {hint}" if hint else text,)
 
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> log_checks.Known:
         return log_checks.Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
@@ -455,7 +450,7 @@ class _Gathered:
         free = [*log_checks.rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
         ratio = log_checks.deceleration_ratio(record, self._vehicle)
         differs = log_checks.deceleration_differs(ratio) and not free  # else the cause is told
-        other = (log_checks.Finding("deceleration", log_checks.OTHER_DECELERATION.format(ratio)),) if differs else ()
+        other = (log_checks.Finding("deceleration", told("other deceleration", ratio=ratio)),) if differs else ()
         findings = (
             *self._left_out(broken, stamps),
             *log_checks.survey_findings(survey),
@@ -496,11 +491,8 @@ class _Gathered:
         """Lines that were no rows, stray time stamps, outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
-            more = f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used"
-            yield log_checks.Finding("lines", more)
+            yield log_checks.Finding("lines", told("broken lines", broken=broken))
         yield from (log_checks.Finding("time stamps", text) for text in stamps.warnings)
         if count := self._outliers.count:
             rows = "1 row" if count == 1 else f"{count} rows"
-            yield log_checks.Finding(
-                "outliers", f"{rows} with outliers left out, the first in line {self._outliers.first_line}"
-            )
+            yield log_checks.Finding("outliers", told("outliers", rows=rows, line=self._outliers.first_line))

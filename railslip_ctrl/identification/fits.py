@@ -22,6 +22,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .curves import Cells, Stretches
 from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
+from .words import told
 
 # --- the search ----------------------------------------------------------------------------------------------------
 
@@ -621,10 +622,7 @@ def fit(
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
-        raise InputError(
-            f"model: {used.sum()} distinct slips are too few for the {len(model.names)} parameters of {model.name!r}; "
-            "give a log with more slip"
-        )
+        raise InputError(told("too few slips", slips=used.sum(), parameters=len(model.names), model=model.name))
     problem = _Problem(model, cells, used)
     x = problem.solve()
     mean, _ = in_cells(model, problem.coordinates.values(x), cells)
@@ -745,10 +743,8 @@ def _remarks(parameters: Sequence[Parameter], variance: float) -> tuple[str, ...
     remarks = []
     dead = [p.name for p in parameters if p.status == "not identifiable"]
     if dead:
-        remarks.append(
-            f"{', '.join(dead)}: not identifiable from this log, as the curve stays the same when "
-            f"{'it changes' if len(dead) == 1 else 'they change together'}"
-        )
+        change = "it changes" if len(dead) == 1 else "they change together"
+        remarks.append(told("not identifiable", names=", ".join(dead), change=change))
     remarks += [p.remark for p in sorted(parameters, key=lambda p: p.is_open) if p.remark]
     loose = [p.name for p in parameters if p.stderr > abs(p.value) and not p.is_open]
     if loose:

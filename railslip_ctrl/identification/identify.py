@@ -33,6 +33,7 @@ from .log_checks import (
     HIGHEST_MU,
     LOADS_DIFFER,
     LOWEST_MU,
+    ORDINARY,
     TrainLag,
     deceleration_differs,
     is_wrong_wheel,
@@ -41,6 +42,7 @@ from .log_checks import (
 )
 from .observed import BrakedRows, Observed
 from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
+from .words import told
 
 # --- can a fit be? ---------------------------------------------------------------------------------------------------
 
@@ -80,9 +82,7 @@ def highest_mu(found: Fit, setting: models.Setting) -> tuple[str, float]:
     try:
         top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
-        raise InputError(
-            "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load (`vehicle`)"
-        ) from None
+        raise InputError(told("nowhere positive")) from None
     given: dict[str, Any] = {**found.model.known, **{p.name: p.value for p in found.parameters}}
     match found.model.name:
         case "beam" | "polach" as name:
@@ -107,18 +107,10 @@ def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None
         # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
         name = _LIMITS.get(found.model.name, "")
         bound = f"`bounds` {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another `model`"
-        cause = (
-            f"the log itself shows {seen:.2g}, so that it does not tell this model, or the vehicle is another one; "
-            f"check `vehicle` and the wheel load, give a log with more slip, or {bound}"
-        )
-    given = [name for name in setting.fixed if name in found.model.known]
-    if given:
-        values = ", ".join(f"`fixed` {name}={setting.fixed[name]:g}" for name in given)
-        cause = f"{values} is given: leave it out, or give another value; else {cause}"
-    raise ImpossibleFitError(
-        f"fitted to this log its highest adhesion coefficient, the {what}, is {value:.3g}, above {IMPOSSIBLE_MU:g}, "
-        f"which no steel on steel in air has; {cause}"
-    )
+        cause = told("log is ordinary", seen=seen, bound=bound)
+    given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in found.model.known]
+    cause = told("fixed is given", values=", ".join(given), cause=cause) if given else cause
+    raise ImpossibleFitError(told("impossible mu", what=what, value=value, limit=IMPOSSIBLE_MU, cause=cause))
 
 
 def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
@@ -127,27 +119,17 @@ def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tup
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
     doubts = []
     if not ordinary:
-        doubts.append(
-            f"the fitted {found.model.name} has a highest adhesion coefficient, its {what}, of {value:.3g}, where "
-            f"steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(value, curve.factors)}"
-        )
-    cause = (
-        "likely this log does not tell it, or the model is not this log's; a wrong unit of the brake torque (`units`), "
-        "wheel load or vehicle (`vehicle`) does the same"
-        if ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
-        else "likely by a wrong unit of the brake torque (`units`), wheel load or vehicle (`vehicle`)"
-    )
+        cause = units_or(value, curve.factors)
+        doubts.append(told("fitted mu", model=found.model.name, what=what, value=value, **ORDINARY, cause=cause))
     untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
     if untold:
-        doubts.append(
-            f"the fitted {', '.join(untold)} may as well be any other by this log, and is near to where it was first "
-            "looked for: give a log with more slip, a known value (`fixed`), or another `model`"
-        )
+        doubts.append(told("any other", parameters=", ".join(untold)))
+    log_ordinary = ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
     for p, low, high in zip(found.parameters, found.model.lower, found.model.upper, strict=True):
         if "bound" in p.status:
             side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
             by_user = bound in setting.bounds.get(p.name, ())
-            why = "which is given by `bounds`: the log asks for a value beyond it" if by_user else cause
+            why = told("bound given" if by_user else "bound, log ordinary" if log_ordinary else "bound, units")
             # the smallest number stands for a 0 that is open
             end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
             doubts.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
@@ -253,14 +235,11 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
     beside = f", more than the `delays` {wheel_column}={given:.4g} that is given" if given else ""
     cause = ""
     if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
-        late, cause = interval / 2.0, " half an interval, as a difference of counts is:"
-    remedy = f"{cause} `delays` {wheel_column}={given + late:.3g} undoes it"
-    if abs(given + late) > LONGEST_DELAY:
-        remedy = " no delay is so long: check the unit of the time, and that the columns are of one recording"
-    return (
-        f"the wheel's speed seems to be {'late' if late > 0 else 'early'} by {abs(lag.seconds):.3g} s{error} beside "
-        f"the other columns{beside}, which falsifies the fits;{remedy}"
-    )
+        late, cause = interval / 2.0, "half an interval, as a difference of counts is: "
+    remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} undoes it"
+    remedy = told("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
+    side, seconds = "late" if late > 0 else "early", abs(lag.seconds)
+    return told("wheel is late", side=side, seconds=seconds, error=error, beside=beside, remedy=remedy)
 
 
 # --- the models of a log ---------------------------------------------------------------------------------------------
@@ -411,12 +390,7 @@ class Identification:
         if self.reference is not None:
             return None
         seen = float(self.curve.cells.slip.max())
-        if self.own_peak.slip > seen:
-            return (
-                f"the slip of this log goes up to {seen:.3g}, and the model's peak lies beyond; give a log that goes "
-                "past the peak"
-            )
-        return "this model falls from the start, or nearly so; take the slip to hold from another model"
+        return told("peak beyond", seen=seen) if self.own_peak.slip > seen else told("no peak")
 
     @property
     def peak_notes(self) -> tuple[str, ...]:
@@ -472,14 +446,8 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     if not found.fits:
         raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
     scores, chosen, peaks, without = _chosen(results.compare(found.fits, curve.cells), candidates)
-    left_out: tuple[str, ...] = ()
-    if found.impossible:
-        left_out = (
-            f"{curve.name}: {', '.join(found.impossible)}: left out, as fitted to this log their adhesion cannot be; "
-            "unless it has too little slip for them, the brake torque's unit (`units`), wheel load or vehicle "
-            "(`vehicle`) is wrong",
-        )
-    told = (*curve.warnings, *_against_the_log(curve, setting, options), *_late(chosen.fit, candidates, options))
+    left_out = (told("left out", log=curve.name, models=", ".join(found.impossible)),) if found.impossible else ()
+    warnings = (*curve.warnings, *_against_the_log(curve, setting, options), *_late(chosen.fit, candidates, options))
     of_model = _of_model(chosen, peaks, candidates)
     return Identification(
         vehicle=vehicle,
@@ -489,7 +457,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
         scores=scores,
         not_fitted=(*found.failures, *without),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(*told, *left_out),
+        warnings=(*warnings, *left_out),
         train_lag=train_lag(curve.record, vehicle.wheel.radius, of_model["regimes"].boundary),
         **of_model,
     )
@@ -533,16 +501,10 @@ def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Opt
     """A sentence for each value that is given and that the log shows to be another."""
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
-        found.append(
-            f"`initial_speed` is {v0 / KMH:.4g} km/h, and the highest train speed of the log {seen / KMH:.4g} km/h: "
-            "the model is written as one of the speed that is given"
-        )
+        found.append(told("other initial speed", given=v0 / KMH, seen=seen / KMH))
     given, ramp = options.slip_acceleration, setting.slip_acceleration
     if given is not None and ramp is not None and not 1.0 / _OTHER_RAMP < given / ramp < _OTHER_RAMP:
-        found.append(
-            f"`slip_acceleration` is {given:.4g} m/s^2, and the slip of the log rises by {ramp:.4g} m/s^2 on its way "
-            "to the peak: the peak of a bristle model is that of the ramp that is given"
-        )
+        found.append(told("other ramp", given=given, seen=ramp))
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
@@ -555,18 +517,11 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
     if lag is None:
         return ()
     if deceleration_differs(curve.deceleration_ratio):
-        return (
-            f"{curve.name}: the wheel's motion is followed best with its speed shifted by {lag.seconds:.3g} s, which "
-            "a torque of the wrong scale, or a wrong vehicle, makes too: no `delays` is advised while the train's "
-            "deceleration does not fit",
-        )
+        return (told("shifted, deceleration", log=curve.name, seconds=lag.seconds),)
     better = candidates.better_followed(fit) if options.model != "best" else fit
     if better is not fit and lag_of(better, curve.record, candidates.vehicle, load) is None:
-        return (
-            f"{curve.name}: {fit.model.name} follows the wheel's motion best with its speed shifted by "
-            f"{lag.seconds:.3g} s, which {better.model.name}, a better fit, does not: the law is not that of the log, "
-            "and no column is late",
-        )
+        models = {"model": fit.model.name, "better": better.model.name}
+        return (told("shifted, other law", log=curve.name, seconds=lag.seconds, **models),)
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
 
 
@@ -634,12 +589,10 @@ def identify_several(
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):
         if path in whole[:i]:
-            raise InputError(
-                f"LOG.csv: {paths[i]} is given twice; give each log once, as each counts as a test of its own"
-            )
+            raise InputError(told("given twice", path=paths[i]))
     for first, second in itertools.combinations([path for path in paths if path.is_file()], 2):
         if first.stat().st_size == second.stat().st_size and filecmp.cmp(first, second, shallow=False):
-            raise InputError(f"LOG.csv: {second} is a copy of {first}; give each log once, as each counts as a test")
+            raise InputError(told("a copy", path=second, other=first))
     done = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
@@ -660,12 +613,8 @@ def _different_loads(done: Sequence[Identification]) -> tuple[str, ...]:
     least, most = min(loads, key=lambda name: loads[name]), max(loads, key=lambda name: loads[name])
     if loads[least] * LOADS_DIFFER >= loads[most]:
         return ()
-    mean = sum(each.setting.wheel_load for each in done) / len(done)
-    return (
-        f"the logs' wheel loads lie between {loads[least]:.4g} N ({least}) and {loads[most]:.4g} N ({most}): what "
-        f"changes with the load is taken to change with v0, and model.toml is of their mean, {mean:.4g} N; give logs "
-        "of one load",
-    )
+    low, high, mean = loads[least], loads[most], sum(each.setting.wheel_load for each in done) / len(done)
+    return (told("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
 
 
 def _with_one_model(done: Sequence[Identification]) -> list[Identification]:

@@ -21,6 +21,7 @@ from railslip_ctrl.model.vehicle import Vehicle
 from .cleaning import Resolution
 from .logs import UNITS, Column, Rows
 from .observed import LOWEST_SPEED, BrakedRows, Survey
+from .words import told
 
 
 @dataclass(frozen=True)
@@ -251,15 +252,11 @@ def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]
     load = known.vehicle.wheel.radius * rolling.load
     if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
         given = known.zeros.get("brake_torque", 0.0)
-        beside = f" beside the {given:.4g} N*m that is taken off" if given else ""
-        option = f"`zeros` brake_torque={rolling.torque + given:.4g} takes it off"
-        if abs(rolling.torque + given) < _LEAST_MU * load:
-            option = "leave `zeros` brake_torque out"
-        yield Finding(
-            "torque offset",
-            f"the brake torque reads {rolling.torque:.4g} N*m{beside} where the wheel rolls freely, which is "
-            f"{rolling.torque / load:.2g} of mu: {option}",
-        )
+        beside = f" {told('offset given', zero=given)}" if given else ""
+        nothing = abs(rolling.torque + given) < _LEAST_MU * load
+        option = told("offset, none" if nothing else "offset, another", zero=rolling.torque + given)
+        text = told("torque offset", torque=rolling.torque, mu=rolling.torque / load, beside=beside, option=option)
+        yield Finding("torque offset", text)
 
 
 def _wrong_wheel(rolling: Rolling, known: Known) -> str:
@@ -278,17 +275,13 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     for name, zero in known.zeros.items():
         without = 1.0 - again[name](zero) if name in again else math.inf
         if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
-            given = f"the `zeros` {name}={zero:.4g} that is given {100.0 * without:.2g} %"
-            return f"{shown}, and without {given}: leave it out"
-    likely = f"the wheel radius may be {radius / (1.0 - slip + known.creep(rolling)):.4g} m, not {radius:.4g} m"
+            return shown + told("zero makes slip", name=name, zero=zero, percent=100.0 * without)
+    likely = told("other radius", likely=radius / (1.0 - slip + known.creep(rolling)), radius=radius)
     ratio = 1.0 - slip
     if abs(slip) < _OTHER_UNIT:
         return f"{shown}: {likely}"
     apart = next((f" ({units} are {x:.3g} apart)" for x, units in _UNITS_APART if _is_ratio(abs(ratio), x)), "")
-    text = (
-        f"{shown}, the wheel's speed is {ratio:.3g} times the train's: "
-        f"check the units of {known.wheel_column} and train_speed{apart}, and that no columns are swapped"
-    )
+    text = shown + told("other units", ratio=ratio, column=known.wheel_column, apart=apart)
     return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
 
 
@@ -308,6 +301,8 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
 
 HIGHEST_MU, LOWEST_MU = 0.7, 0.01
 """Adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves."""
+
+ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: these two, as sentences name them
 
 _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
@@ -332,16 +327,14 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
     """`unit_hint`, or what to check else."""
-    check = "check the unit of the brake torque (`units`), the wheel load and the wheel's radius (`vehicle`)"
-    return unit_hint(mu, factors) or check
+    return unit_hint(mu, factors) or told("check the units")
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
     """Whether the highest mean of mu, by bins, is one of steel on steel; `factors` as of `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
-        ordinary = f"where steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(highest, factors)}"
-        yield Finding("adhesion", f"the highest mean adhesion coefficient is {highest:.3g}, {ordinary}")
+        yield Finding("adhesion", told("highest mean mu", mu=highest, **ORDINARY, cause=units_or(highest, factors)))
 
 
 # --- the train's deceleration, and the unit of the time ------------------------------------------------------------
@@ -375,13 +368,6 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     return _lost(record) / asked if asked > 0.0 else math.nan
 
 
-OTHER_DECELERATION = (
-    "the train slows down {:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the scale of "
-    "the brake torque (`units` brake_torque=), or the mass (`vehicle`), is wrong and mu with it, unless other brakes "
-    "or a slope act on the train"
-)
-
-
 def deceleration_differs(ratio: float) -> bool:
     """Whether a ratio of decelerations is another than 1; not where it is not known."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
@@ -399,11 +385,9 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str
     ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
     if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
         return None
-    likely, read, shown, less = ("ms", "s", 1.0 / ratio, "less") if ratio < 1.0 else ("s", "ms", ratio, "more")
-    return (
-        f"the train slows down {shown:.2g} times {less} than the brake torque on it makes it: the time seems to be in "
-        f"{likely}, and is read as {read}; give `units` time={likely}"
-    )
+    if ratio < 1.0:
+        return told("other clock", ratio=1.0 / ratio, less="less", likely="ms", read="s")
+    return told("other clock", ratio=ratio, less="more", likely="s", read="ms")
 
 
 # --- loads, two wheel speeds, steps --------------------------------------------------------------------------------
@@ -424,20 +408,11 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
     rows = np.bincount(run)
     loads = np.bincount(run, record.load)[rows > 0] / rows[rows > 0]
     if loads.min() * LOADS_DIFFER < loads.max():
-        yield Finding(
-            "loads",
-            f"the wheel load lies between {loads.min():.4g} and {loads.max():.4g} N from run to run: parameters that "
-            f"are forces are of the mean, {np.average(loads, weights=rows[rows > 0]):.4g} N, and a law whose force "
-            "does not follow the load, as bristles, fits none of them; a log for each load shows the difference",
-        )
+        mean = np.average(loads, weights=rows[rows > 0])
+        yield Finding("loads", told("loads of runs", least=loads.min(), most=loads.max(), mean=mean))
     logged = float(record.load.mean())
     if not of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
-        yield Finding(
-            "load",
-            f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by "
-            "the log's; check the unit of the column (`units` wheel_load=), whether it is one wheel's, and the "
-            "vehicle (`vehicle`), empty or loaded",
-        )
+        yield Finding("load", told("other load", logged=logged, of_vehicle=of_vehicle))
 
 
 class WheelSpeeds:
@@ -457,11 +432,7 @@ class WheelSpeeds:
         """Whether they are one, of a wheel with a radius in m."""
         ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
         if abs(ratio - 1.0) > _OTHER_SPEED:
-            yield Finding(
-                "wheel speeds",
-                f"the log has two wheel speeds, and wheel speed is {ratio:.3g} times the angular speed by the wheel's "
-                "radius: the angular speed is used; check the units of both and the wheel's radius (`vehicle`)",
-            )
+            yield Finding("wheel speeds", told("two wheel speeds", ratio=ratio))
 
 
 @dataclass(frozen=True)
@@ -527,11 +498,7 @@ class TrainLag:
     speed: float
 
     def __str__(self) -> str:
-        return (
-            f"a lag of {1e3 * self.lag:g} ms, which this log cannot show, moves slip by {self.slip_shift:.2g} at the "
-            f"peak (slip of peak {self.peak_slip:.3g}), and that of a fit by up to three times as much; give "
-            "`delays` train_speed= if there is one"
-        )
+        return told("train lag", milliseconds=1e3 * self.lag, lag=self)
 
 
 def train_lag(record: BrakedRows, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
@@ -566,27 +533,14 @@ _LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it i
 def survey_findings(survey: Survey) -> Iterator[Finding]:
     """Impossible rows, gaps, braking that is not used, runs from several speeds."""
     if survey.implausible:
-        yield Finding("rows", f"{survey.implausible} impossible rows left out; {survey.first_implausible}")
+        yield Finding("rows", told("impossible rows", survey=survey))
     if survey.bridged:
-        yield Finding(
-            "gaps",
-            f"{survey.bridged} long intervals, up to {survey.longest_bridged:.4g} s, are bridged: the observer's time "
-            "constant is no shorter",
-        )
-    for line, seconds in survey.gaps:
-        yield Finding("gaps", f"gap of {seconds:.4g} s before line {line}: the observer starts anew")
+        yield Finding("gaps", told("bridged", survey=survey))
+    yield from (Finding("gaps", told("gap", line=line, seconds=seconds)) for line, seconds in survey.gaps)
     if survey.gap_count > len(survey.gaps):
         yield Finding("gaps", f"{survey.gap_count} gaps in all")
     if survey.lost_share >= _LEAST_LOST:
-        yield Finding(
-            "settling",
-            f"{100.0 * survey.lost_share:.2g} % of the braking data ({survey.lost} rows) lies within the settling time "
-            "after gaps or the start, and is not used",
-        )
+        yield Finding("settling", told("settling", percent=100.0 * survey.lost_share, rows=survey.lost))
     if survey.is_mixed:
-        yield Finding(
-            "initial speed",
-            f"braking begins between {survey.slowest_start / KMH:.4g} and {survey.fastest_start / KMH:.4g} km/h: "
-            f"v0, with which the parameters change, is taken as {survey.initial_speed / KMH:.4g} km/h "
-            "(`initial_speed`); a log for each speed shows the change",
-        )
+        slowest, fastest, v0 = (x / KMH for x in (survey.slowest_start, survey.fastest_start, survey.initial_speed))
+        yield Finding("initial speed", told("initial speeds", slowest=slowest, fastest=fastest, v0=v0))

@@ -31,6 +31,7 @@ from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import Cells
+from .words import told
 
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
@@ -292,14 +293,12 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
         for parameter in given:
             if parameter not in known:
                 raise InputError(
-                    f"{option}: {shown(parameter)} is no parameter here; choose one of {', '.join(sorted(known))}"
+                    told("no parameter", option=option, name=shown(parameter), known=", ".join(sorted(known)))
                 )
     for name in fixed.keys() & bounds.keys():
         low, high = bounds[name]
         if not low <= fixed[name] <= high:
-            raise InputError(
-                f"`fixed` {name}: {fixed[name]:g} is outside `bounds` {name}, {low:g} to {high:g}; give one of the two"
-            )
+            raise InputError(told("fixed outside", name=name, value=fixed[name], low=low, high=high))
 
 
 def _restricted(model: FitModel, setting: Setting) -> FitModel:
@@ -370,8 +369,7 @@ def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[s
 def _curve(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = SLIP_ACCELERATION if setting.given_acceleration is None else setting.given_acceleration
     built = _built_up(cells, shape, setting, R)
-    note = f"alpha and R, {R:.4g} m/s^2, count by their ratio alone: the curve is a function of the slip"
-    return replace(built, notes=(note,))
+    return replace(built, notes=(told("alpha by R", R=R),))
 
 
 def _built_up(cells: Cells, shape: Shape, setting: Setting, R: float) -> FitModel:
@@ -384,16 +382,9 @@ def _built_up(cells: Cells, shape: Shape, setting: Setting, R: float) -> FitMode
 def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = setting.given_acceleration or setting.slip_acceleration
     if R is None:
-        raise InputError(
-            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give `slip_acceleration` "
-            "(m/s^2), or `model` bristle_rest"
-        )
+        raise InputError(told("no ramp"))
     built = _built_up(cells, shape, setting, R)
-    note = (
-        f"fitted as built up along steady ramps of slip of {R:.4g} m/s^2, as the log is too short to follow its slip; "
-        "where the slip runs away instead, beta and gamma of bristle_rest are the right ones"
-    )
-    return replace(built, name="bristle", law=law_class("bristle"), notes=(note,))
+    return replace(built, name="bristle", law=law_class("bristle"), notes=(told("built up", R=R),))
 
 
 def _stiffness(setting: Setting) -> float:
@@ -403,8 +394,7 @@ def _stiffness(setting: Setting) -> float:
 
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
-    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (`fixed` changes it)"
-    return replace(model, name=name, notes=("fitted to the sliding regime", note))
+    return replace(model, name=name, notes=("fitted to the sliding regime", told("kept", names=kept)))
 
 
 def _bristle_rest(cells: Cells, shape: Shape, setting: Setting) -> FitModel:

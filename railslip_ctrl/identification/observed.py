@@ -25,6 +25,7 @@ from railslip_ctrl.model.vehicle import Vehicle
 
 from .logs import Lines, Rows
 from .observer import FilterObserver, Form, KalmanObserver, ObserverState, TorqueObserver
+from .words import told
 
 # --- the observer's filter -----------------------------------------------------------------------------------------
 
@@ -320,22 +321,13 @@ class AdhesionStream:
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
             raise InputError(f"{name}: {survey.first_implausible}{more}; check columns and units")
         if survey.forward < _TOLERATED_SHARE * survey.backward:
-            raise InputError(
-                f"{name}: train speed is negative in {survey.backward} rows, and positive in {survey.forward}; reverse "
-                "its sign, and that of the wheel's speed if need be: the direction of travel is positive"
-            )
+            raise InputError(told("speed reversed", name=name, survey=survey))
         if survey.used < _TOLERATED_SHARE * survey.reversed:
-            raise InputError(
-                f"{name}: brake torque is negative in {survey.reversed} rows with slip, and positive in {survey.used}; "
-                "reverse its sign: torque that brakes is positive"
-            )
+            raise InputError(told("torque reversed", name=name, survey=survey))
         if survey.used < _TOLERATED_SHARE * survey.lost:
-            gaps = f" and each of {survey.gap_count} gaps" if survey.gap_count else ""
-            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller `time_constant`, or a longer log"
-            raise InputError(
-                f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start"
-                f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"
-            )
+            of, seconds = survey.used + survey.lost, _SETTLING * self.time_constant
+            which = "lost to gaps" if survey.gap_count else "lost to the start"
+            raise InputError(told(which, name=name, survey=survey, of=of, seconds=seconds))
 
     def signals(self, rows: Rows) -> Floats:
         """Time, s, train speed, m/s, angular speed, rad/s, brake torque, N*m, and wheel load, N, of rows: (5, k)."""
@@ -356,23 +348,18 @@ class AdhesionStream:
         self.survey.highest_pull = max(self.survey.highest_pull, float(pull.max(initial=0.0)))
         # a wheel let go overshoots, as its contact is a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
-        checks = (
-            (np.abs(v) > _FASTEST, v / KMH, "train speed", "km/h is beyond any train"),
-            (np.abs(wheel) > _FASTEST, wheel / KMH, "wheel speed", "km/h is beyond any train"),
-            (np.abs(torque) > _LARGEST_TORQUE, torque, "brake torque", "N*m is beyond any wheel"),
-            (load <= 0.0, load, "wheel load", "N does not press on the rail"),
-            (
-                (v - wheel < least * v) & (v > LOWEST_SPEED),
-                wheel / KMH,
-                "wheel speed",
-                "km/h is far above the train's, which braking cannot cause",
-            ),
-        )
+        checks = {
+            "train too fast": (np.abs(v) > _FASTEST, v / KMH),
+            "wheel too fast": (np.abs(wheel) > _FASTEST, wheel / KMH),
+            "torque too large": (np.abs(torque) > _LARGEST_TORQUE, torque),
+            "no load": (load <= 0.0, load),
+            "wheel ahead": ((v - wheel < least * v) & (v > LOWEST_SPEED), wheel / KMH),
+        }
         bad = np.zeros(len(rows), dtype=bool)
-        for wrong, value, what, why in checks:
+        for name, (wrong, value) in checks.items():
             if wrong.any() and not self.survey.first_implausible:
                 at = int(np.argmax(wrong))
-                self.survey.first_implausible = f"line {rows.line[at]}: {what} {value[at]:.4g} {why}"
+                self.survey.first_implausible = told(name, line=rows.line[at], value=value[at])
             bad |= wrong
         self.survey.implausible += int(bad.sum())
         return rows.line[~bad], signals[:, ~bad]

@@ -39,6 +39,7 @@ from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes
 from .models import FitModel, Setting
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
+from .words import told
 
 STATIC = ("beam", "polach", "burckhardt", "curve")
 """Models whose force is a function of slip and speed that is fitted over its whole range."""
@@ -397,9 +398,7 @@ def prediction_error_fit(
     except RailslipError:
         raise
     except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
-        raise InputError(
-            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (`vehicle`)"
-        ) from error
+        raise InputError(told("cannot follow")) from error
 
 
 def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
@@ -475,13 +474,6 @@ def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitMo
 
     chosen, slip = at(R)
     low, high = (at(ramp)[1] for ramp in (R / _RAMP_RANGE, R * _RAMP_RANGE))
-    if spread is None:
-        counted = "beside which its standard error is of alpha, beta and gamma alone"
-    else:
-        counted = f"and its standard error counts the ramp's scatter from run to run, {spread:.2g} m/s^2"
-    note = (
-        "fitted, and compared, along the slip as it went; the peak depends on how fast the slip rises, and is that of "
-        f"a ramp of {R:.4g} m/s^2 ({source}; `slip_acceleration` changes it): slip {slip:.4g}, {low:.4g} at half and "
-        f"{high:.4g} at twice that ramp, {counted}"
-    )
+    counted = told("no scatter") if spread is None else told("scatter", spread=spread)
+    note = told("ramp of the peak", R=R, source=source, slip=slip, low=low, high=high, counted=counted)
     return replace(chosen, notes=(note,)), spread

@@ -18,6 +18,7 @@ from railslip_ctrl.model.vehicle import Rail
 from .curves import BINS, Cells, peak_slip
 from .fits import NORMAL_QUANTILE, Fit, Parameter, differences
 from .models import FitModel
+from .words import told
 
 # --- the two regimes: mu rises with slip up to its peak, and falls beyond --------------------------------------------
 
@@ -113,10 +114,7 @@ def too_few(scores: Sequence[Score]) -> str:
     """A sentence where some model has so many parameters that the criteria cannot weigh it; else empty."""
     if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
         return ""
-    return (
-        f"AIC and BIC are of {scores[0].independent:.3g} independent samples, too few for them to weigh these models: "
-        "compare the errors"
-    )
+    return told("too few samples", independent=scores[0].independent)
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
@@ -218,19 +216,13 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
         own = f"{high} km/h" if low == high else f"{low} to {high} km/h"
-        notes.append(f"extrapolated: the log is of v0 = {own}; at other speeds it shows neither peak nor slip to hold")
+        notes.append(told("extrapolated", own=own))
     ruled = [peak for peak in peaks if peak.by_rule]
     if ruled:
-        notes.append(
-            f"wet rail: not from this log but from the dry law by the rule of {model}, and so without an uncertainty; "
-            "a log on wet rail (`rail` wet) tells it"
-        )
+        notes.append(told("wet by rule", model=model))
     slips = {(peak.speed, peak.by_rule): peak.slip for peak in peaks}
     if ruled and all(math.isclose(slips[p.speed, False], p.slip, rel_tol=_SAME_SLIP) for p in ruled):
-        notes.append(
-            f"wet rail: the rule of {model} lessens mu by one factor at every slip, so that the slip of the peak is "
-            "that on dry rail, which is the rule's alone"
-        )
+        notes.append(told("one factor", model=model))
     return tuple(notes)
 
 
@@ -340,10 +332,7 @@ class ParameterPolynomial:
         """A sentence where the logs' values are farther from it than their errors allow; empty where they are not."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
-        return (
-            f"{self.name}: the polynomial passes the logs' values by more than their errors allow; errors as large "
-            f"come about with probability {self.misfit_probability:.1g}"
-        )
+        return told("misses", name=self.name, probability=self.misfit_probability)
 
     @property
     def stderrs(self) -> Floats:

@@ -27,6 +27,7 @@ from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenari
 
 from .logs import Rows
 from .observer import Encoder, TorqueObserver, TorqueSensor, noise_deviation
+from .words import told
 
 TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)
 """[Park2008] Table 1."""
@@ -149,15 +150,9 @@ def _one_test(
     assert signals is not None, "the run was recorded"
     released = (signals.command == 0.0) & (signals.time > _BEGIN)
     if run.outcome is Outcome.OUTSIDE_DOMAIN:
-        raise InputError(
-            f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
-            "a lower one, or a lower initial_speed"
-        )
+        raise InputError(told("rig leaves the law", slip=test.release_slip, law=test.law.name))
     if not released.any():
-        raise InputError(
-            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
-            "stopped; give a steeper ramp (N*m/s)"
-        )
+        raise InputError(told("rig stops", test=test))
     end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
     torque = signals.torque[:end] + test.torque_offset + test.torque_noise * generator.standard_normal(end)
     load = np.full(end, vehicle.wheel_load)

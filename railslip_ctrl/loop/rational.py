@@ -318,9 +318,7 @@ class Rational:
         if not isinstance(other, Rational):
             other = Rational(np.array([]), np.array([]), float(other))
         product = Rational(
-            np.concatenate([self.zeros, other.zeros]),
-            np.concatenate([self.poles, other.poles]),
-            self.gain * other.gain,
+            np.concatenate([self.zeros, other.zeros]), np.concatenate([self.poles, other.poles]), self.gain * other.gain
         )
         if self.from_coefficients or other.from_coefficients:
             (n, d), (m, e) = self.polynomials, other.polynomials

@@ -26,25 +26,7 @@ from .seeking import SeekingControl
 from .step_objects import StepControl
 
 __all__ = [
-    "BrakeLimits",
-    "Disturbances",
-    "Energies",
-    "Event",
-    "LinearControl",
-    "Measurement",
-    "Outcome",
-    "Run",
-    "Scenario",
-    "ScheduledControl",
-    "SeekingControl",
-    "Signals",
-    "Simulator",
-    "SlideProtection",
-    "SlidingControl",
-    "StepControl",
-    "TorqueProfile",
-    "built_in_scenario",
-    "published_scenario",
-    "simulate",
-    "stop",
-]
+    "BrakeLimits", "Disturbances", "Energies", "Event", "LinearControl", "Measurement", "Outcome", "Run",
+    "Scenario", "ScheduledControl", "SeekingControl", "Signals", "Simulator", "SlideProtection", "SlidingControl",
+    "StepControl", "TorqueProfile", "built_in_scenario", "published_scenario", "simulate", "stop",
+]  # fmt: skip

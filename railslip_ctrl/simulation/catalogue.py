@@ -32,14 +32,7 @@ from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, ope
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.design.seeking import seeking_gains
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
-from railslip_ctrl.model.vehicle import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    PARK2008,
-    TABLE4_PI,
-    PIGains,
-    Rail,
-    Vehicle,
-)
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI, PIGains, Rail, Vehicle
 from railslip_ctrl.sliding.law import TABLE4_LAWS, LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl

@@ -26,14 +26,7 @@ from railslip_ctrl.core.arguments import Floats, check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
-from railslip_ctrl.design.controllers import (
-    PERIOD,
-    has_step,
-    is_function,
-    is_system,
-    linear_controller,
-    linear_of,
-)
+from railslip_ctrl.design.controllers import PERIOD, has_step, is_function, is_system, linear_controller, linear_of
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Vehicle

@@ -135,8 +135,7 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     _decorate_near(near)
     near.set_ylabel("Im L (-)")
     for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
-        ax.set_ylabel(label)
-        ax.set_xlabel("frequency ω (rad/s)")
+        ax.set(ylabel=label, xlabel="frequency ω (rad/s)")
         sparse_log_ticks(ax.xaxis)
     told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
     legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
@@ -250,21 +249,17 @@ def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, An
 def _decorate_whole(ax: Any) -> None:
     ax.plot(_CIRCLE.real, _CIRCLE.imag, color="0.6", linewidth=0.8)
     ax.plot(0.5 * _CIRCLE.real, 0.5 * _CIRCLE.imag, color="0.8", linewidth=0.8, linestyle=":")
-    ax.set_xlim(-1.05, 1.05)
-    ax.set_ylim(-1.05, 1.05)
+    ax.set(xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
     ax.plot(-0.5, 0, **_CRITICAL)
-    ax.set_aspect("equal")
-    ax.set_xlabel("Re, radius |L|/(1 + |L|) (-)")
+    ax.set(aspect="equal", xlabel="Re, radius |L|/(1 + |L|) (-)")
 
 
 def _decorate_near(ax: Any) -> None:
     ax.plot(_CIRCLE.real, _CIRCLE.imag, color="0.7", linewidth=0.8, linestyle=":")
     ax.plot(_TWO.real, _TWO.imag, color="0.5", linewidth=0.8, linestyle="-.")
-    ax.set_xlim(-3.0, 1.2)
-    ax.set_ylim(-2.1, 2.1)
+    ax.set(xlim=(-3.0, 1.2), ylim=(-2.1, 2.1))
     ax.plot(-1, 0, **_CRITICAL)
-    ax.set_aspect("equal")
-    ax.set_xlabel("Re L (-)")
+    ax.set(aspect="equal", xlabel="Re L (-)")
 
 
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
@@ -281,8 +276,7 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
             ax.plot(centre, 0, **_CRITICAL)
             ax.plot(centre + contour_phase, 20 * np.log10(np.abs(_TWO)), "-.", color="0.5", linewidth=0.8)
         ax.axhline(0, color="black", linewidth=0.6)
-        ax.set_xlim(low - 30, high + 30)
-        ax.set_ylim(-42, 42)
+        ax.set(xlim=(low - 30, high + 30), ylim=(-42, 42))
         ax.xaxis.set_major_locator(MultipleLocator(90 if _column(groups) > 3.0 else 180))
         ax.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
         ax.set_xlabel("phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=SMALL)
@@ -583,8 +577,7 @@ def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
 def _gains(found: GainMap, vehicle: str) -> Figure:
     figure = new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
     ax = panels(figure)[0, 0]
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(xscale="log", yscale="log")
     inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
     ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
     levels = {1 / level: f"{level:.3g}" for level in _MS_LEVELS if inverse.min() < 1 / level < inverse.max()}
@@ -594,8 +587,7 @@ def _gains(found: GainMap, vehicle: str) -> Figure:
     ax.plot(*found.chosen, marker="*", markersize=11, color=line_style(1)["color"], linestyle="none")
     for axis in (ax.xaxis, ax.yaxis):
         plain_log_ticks(axis)
-    ax.set_xlabel("kp (N·m/(m/s)); star: recommended, grey: unstable")
-    ax.set_ylabel("ki (N·m/m)")
+    ax.set(xlabel="kp (N·m/(m/s)); star: recommended, grey: unstable", ylabel="ki (N·m/m)")
     return figure
 
 
@@ -624,9 +616,7 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
             ax.plot(top.slip, top.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False)
             ax.plot(curve.point.slip, curve.point.adhesion_coefficient, color=style["color"], **_POINT)
         ax.set_title(f"{rail} rail", fontsize=TEXT)
-        ax.set_xlabel("slip ratio λ (-)")
-        ax.set_xlim(left=0.0)
-        ax.set_ylim(bottom=0.0)
+        ax.set(xlabel="slip ratio λ (-)", xlim=(0.0, None), ylim=(0.0, None))
         legend_below(ax, 0.18, columns=2)
     axes[0].set_ylabel("adhesion coefficient μ (-)")
     return figure

@@ -160,8 +160,7 @@ def braking_figure(found: Identification) -> Figure:
             ax.legend(fontsize=SMALL)
     speed.set_ylabel("speed (km/h)")
     torque.set_ylabel("torque at the\nwheel (kN·m)")
-    slip.set_ylabel("slip ratio λ (-)")
-    slip.set_xlabel("time from the brake's application (s)")
+    slip.set(ylabel="slip ratio λ (-)", xlabel="time from the brake's application (s)")
     return figure
 
 
@@ -184,8 +183,7 @@ def coefficients_figure(
         if beside is not None:
             ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **line_style(1))
         unit = parameter_unit(p.name)
-        ax.set_ylabel(f"{p.name} (-)" if unit == "1" else f"{p.name} ({unit})")
-        ax.set_xlabel("initial speed v0 (km/h)")
+        ax.set(ylabel=f"{p.name} (-)" if unit == "1" else f"{p.name} ({unit})", xlabel="initial speed v0 (km/h)")
     legend_of_figure(figure, axes[0], columns=3)
     return figure
 
@@ -266,6 +264,5 @@ def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:
     slip.plot(time, 1.0 - radius * omega / v, **line_style(0))
     slip.set_ylabel("slip ratio λ (-)")
     torque.plot(time, brake / 1e3, **line_style(0))
-    torque.set_ylabel("brake torque (kN·m)")
-    torque.set_xlabel("time (s)")
+    torque.set(ylabel="brake torque (kN·m)", xlabel="time (s)")
     return figure

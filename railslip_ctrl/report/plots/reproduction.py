@@ -105,10 +105,12 @@ def wet_and_dry_figure(curves: Sequence[ModelCurve]) -> Figure:
 
 
 def _adhesion_axes(ax: Any) -> None:
-    ax.set_xlabel("slip ratio λ (-)")
-    ax.set_ylabel("adhesion coefficient μ (-)")
-    ax.set_xlim(0.0, max(line.get_xdata()[-1] for line in ax.lines if len(line.get_xdata()) > 2))
-    ax.set_ylim(bottom=0.0)
+    ax.set(
+        xlabel="slip ratio λ (-)",
+        ylabel="adhesion coefficient μ (-)",
+        xlim=(0.0, max(line.get_xdata()[-1] for line in ax.lines if len(line.get_xdata()) > 2)),
+        ylim=(0.0, None),
+    )
     ax.label_outer()
 
 
@@ -173,8 +175,7 @@ def _by_controller(
 
 def _time_axes(axes: Any) -> None:
     for ax in axes:
-        ax.set_xlim(left=0.0)
-        ax.set_ylim(bottom=0.0)
+        ax.set(xlim=(0.0, None), ylim=(0.0, None))
     axes[-1].set_xlabel("time (s)")
 
 

@@ -97,8 +97,7 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
         for one in events:
             ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
     told = "\n".join(("time (s)", *(f"dotted, {one.text}" for one in events)))
-    axes[3, 0].set_xlabel(style.folded(told, 0.8 * style.PAGE_WIDTH))
-    axes[3, 0].set_xlim(0.0, float(signals.time[-1]))
+    axes[3, 0].set(xlabel=style.folded(told, 0.8 * style.PAGE_WIDTH), xlim=(0.0, float(signals.time[-1])))
     return figure
 
 
@@ -140,8 +139,9 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
 
 def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
     """Axes of a row from 0 up to what is enough, if there is more."""
-    row[0].set_ylim(0.0, top if highest > top else None)
-    row[0].set_ylabel(f"{label}\n{what} cut off" if highest > top else label)
+    row[0].set(
+        ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} cut off" if highest > top else label
+    )
     style.legend_beside(row[-1])
 
 

@@ -11,20 +11,6 @@ from .specification import Campaign, Choice, Grid, LogNormal, Normal, Quantity, 
 from .statistics import CampaignSummary, campaign, summarise
 
 __all__ = [
-    "Campaign",
-    "CampaignSummary",
-    "Choice",
-    "Grid",
-    "LogNormal",
-    "Normal",
-    "Quantity",
-    "Replay",
-    "Sampling",
-    "Store",
-    "Triangular",
-    "Uniform",
-    "campaign",
-    "execute",
-    "replay",
-    "summarise",
-]
+    "Campaign", "CampaignSummary", "Choice", "Grid", "LogNormal", "Normal", "Quantity", "Replay", "Sampling",
+    "Store", "Triangular", "Uniform", "campaign", "execute", "replay", "summarise",
+]  # fmt: skip
