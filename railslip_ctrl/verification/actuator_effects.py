@@ -435,7 +435,7 @@ def _conditions(effects: tuple[ActuatorEffect, ...]) -> tuple[Condition, ...]:
     runs = {effect.name: law_runs(effect.loop) for effect in effects}
     slides = all(effect.existence.exists for effect in effects)
     spares = all(effect.holds_the_wheel for effect in effects)
-    law_spares = all(one.spared for pair in runs.values() for one in pair)
+    law_spares = all(one.held for pair in runs.values() for one in pair.values())
     stable = all(effect.unstable_actual == 0 for effect in effects)
     acting = {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence}
     ran = {"runs": runs, "K": gains.K, "k": gains.k}

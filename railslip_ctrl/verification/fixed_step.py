@@ -314,6 +314,30 @@ def slip_range(run: FineRun) -> tuple[float, float]:
     return float(slip.min()), float(slip.max())
 
 
+@dataclass(frozen=True)
+class HeldRun:
+    """Whether a run held the wheel: the slip's range, the time, s, at the end; NaN where the wheel is `lost`, and how.
+
+    `held`: the slip stayed between 0 and twice the reference, to the end asked for, at which the run `ended`.
+    """
+
+    slip_range: tuple[float, float]
+    time: float
+    held: bool
+    lost: str | None = None
+    ended: bool = True
+
+
+def held_run(simulated: Callable[[], FineRun], reference: float, *, before: float = math.inf) -> HeldRun:
+    """How a simulation went about a reference slip ratio; it has not ended where it goes on to `before`, s."""
+    try:
+        run = simulated()
+    except DomainError as error:
+        return HeldRun((math.nan, math.nan), math.nan, False, str(error), ended=False)
+    (low, high), end = slip_range(run), float(run.time[-1])
+    return HeldRun((low, high), end, end < before and low > 0.0 and high < 2.0 * reference, ended=end < before)
+
+
 class PublishedLaw:
     """The generated law with the plant's own parameters, for `simulate_fine`: [Park2008] (45) with (49).
 

@@ -191,10 +191,7 @@ class LayeredDesign:
     @property
     def controller(self) -> Rational:
         """C(s) within the layer."""
-        zero, pole = ([-self.rho], [0.0]) if self.ki > 0 else ([], [])
-        zeros = np.array([-1 / self.lead]) if self.lead > 0 else np.array([])
-        lead = Rational(zeros, np.array([-1 / self.lead_filter]), (self.lead or 1.0) / self.lead_filter)
-        return Rational(np.array(zero), np.array(pole), self.kp) * lead
+        return PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter).transfer_function
 
 
 def layer_loop(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> DeadTimeLoop:

@@ -24,7 +24,7 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehic
 from railslip_ctrl.simulation.catalogue import is_published
 from railslip_ctrl.verification import layered
 
-from .fixed_step import END_SPEED, FineRun, SteppedLaw, simulate_fine, slip_range
+from .fixed_step import END_SPEED, FineRun, HeldRun, SteppedLaw, held_run, simulate_fine, slip_range
 from .reaching import with_friction
 from .robust import LOWEST_FRICTION
 from .verdict import Condition, Verification
@@ -183,20 +183,6 @@ _LOWEST_KMH = END_SPEED / KMH
 _FRICTION_FALL = PARK2008.wheel.viscous_friction - LOWEST_FRICTION  # N m s, over the longest published stop
 
 
-@dataclass(frozen=True)
-class LayeredStop:
-    """One stop: range of the slip ratio, time (s) at its end, and where the wheel was lost, or None.
-
-    `ended`: `END_SPEED` was reached. `held`: it was, and the slip stayed between 0 and twice the reference.
-    """
-
-    slip_range: tuple[float, float]
-    time: float
-    lost: str | None
-    held: bool
-    ended: bool = True
-
-
 @lru_cache(maxsize=64)
 def hold_table(point: OperatingPoint) -> Callable[[float], float]:
     """The torque that keeps the point's slip ratio, N*m, as a function of the speed, m/s, up to the point's."""
@@ -209,7 +195,7 @@ def hold_table(point: OperatingPoint) -> Callable[[float], float]:
 
 def stop(
     design: layered.LayeredDesign, point: OperatingPoint, *, known: OperatingPoint | None = None, share: float = 1.0
-) -> LayeredStop:
+) -> HeldRun:
     """Brake the wheel of `point` from its speed, undisturbed.
 
     The law knows the vehicle and rail of `known` (left out: of `point`) and applies `share` of the torque that holds
@@ -218,14 +204,7 @@ def stop(
     believed = known or point
     hold = hold_table(believed)
     law = layered.LayeredLaw(believed.slip, lambda v: share * hold(v), design=design)
-    try:
-        run = _run(point, law)
-    except DomainError as error:
-        return LayeredStop((0.0, 1.0), float("nan"), str(error), False, ended=False)
-    low, high = slip_range(run)
-    end = float(run.time[-1])
-    ended = end < _longest(point) - 2.0 * layered.STEP
-    return LayeredStop((low, high), end, None, ended and low > 0.0 and high < 2.0 * believed.slip, ended)
+    return held_run(lambda: _run(point, law), believed.slip, before=_longest(point) - 2.0 * layered.STEP)
 
 
 def _run(point: OperatingPoint, law: SteppedLaw, torque: layered.Torque | None = None) -> FineRun:
@@ -358,7 +337,7 @@ class Uncertainties:
     """
 
     errors: tuple[TorqueError, ...]
-    mistaken: Mapping[Rail, LayeredStop]
+    mistaken: Mapping[Rail, HeldRun]
     mistaken_errors: Mapping[Rail, float]
 
     @property

@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
-from .fixed_step import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
+from .fixed_step import END_SPEED, HeldRun, PublishedLaw, held_run, simulate_fine, slip_velocity_limit, whole_periods
 from .relay_loop import SurfaceLoop, actuator_response
 
 # W falls at least as 1/omega^2 with the lag, so that s misses about 1/(2 n^2) of itself beyond n harmonics
@@ -269,9 +269,8 @@ class _Equations:
     Unknowns: sigma/scale, z/z_rest - 1 (left out for a static law), log omega, share, mean of s/scale.
     """
 
-    def __init__(self, loop: SurfaceLoop, K: float, load: float, scale: float) -> None:
-        self.loop, self.point, self.K, self.scale = loop, loop.plant.point, K, scale
-        self.torque = loop.load - load  # at the wheel, what stands between the load asked for and the vehicle's own
+    def __init__(self, loop: SurfaceLoop, K: float) -> None:
+        self.loop, self.point, self.K, self.scale = loop, loop.plant.point, K, loop.plant.point.sigma
         self.functions = numeric_plant(type(self.point.law))
         self.p = plant_parameters(self.point.law, self.point.vehicle)
         self.k = np.fft.rfftfreq(_INSTANTS, 1.0 / _INSTANTS)
@@ -341,7 +340,7 @@ class _Equations:
         return np.concatenate([2 * share - 1, (1 - np.exp(-2j * np.pi * k * share)) / (1j * np.pi * k)], axis=-1)
 
     def _rates(self, sigma: Floats, z: Floats, torque: Floats) -> tuple[Floats, Floats]:
-        at = (self.point.speed, self.point.sigma + sigma, z, torque, self.torque, 0.0, self.p)
+        at = (self.point.speed, self.point.sigma + sigma, z, torque, 0.0, 0.0, self.p)
         _, sigma_rate, z_rate = self.functions.rates(*at)
         return sigma_rate, z_rate
 
@@ -373,31 +372,31 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
     return max(changes)
 
 
-def nonlinear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float | None = None) -> LimitCycle | None:
+def nonlinear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> LimitCycle | None:
     """The limit cycle of the wheel with its adhesion curve; None where it leaves 0 to v or the adhesion law's domain.
 
     It may yet exist on both sides of 0, where the brake releases the wheel once a period: `simulated_limit_cycle`. The
-    series' truncation leaves out 2e-4 of the swing. K and errors as of `linear_limit_cycle`; the load left out is the
-    vehicle's own.
+    series' truncation leaves out 2e-4 of the swing. K and errors as of `linear_limit_cycle`; the load is the vehicle's
+    own.
     """
-    height, torque = loop.gains.K if K is None else K, loop.load if load is None else load
-    linear, found = linear_limit_cycle(loop, K=height, load=torque), None
+    height, found = loop.gains.K if K is None else K, None
+    linear = linear_limit_cycle(loop, K=height, load=loop.load)
     if linear.sigma_amplitude < loop.plant.point.sigma:
-        found = _solve(loop, height, torque, _start(loop, linear))
+        found = _solve(loop, height, _start(loop, linear))
     if found is None:
-        found = _climb(loop, height, torque, linear)
-    return None if found is None else _cycle(loop, height, torque, found)
+        found = _climb(loop, height, linear)
+    return None if found is None else _cycle(loop, height, found)
 
 
-def _climb(loop: SurfaceLoop, K: float, load: float, linear: LimitCycle) -> Floats | None:
+def _climb(loop: SurfaceLoop, K: float, linear: LimitCycle) -> Floats | None:
     """The solution for K by way of lower relays; None where it leaves the range on the way."""
-    lowest = max(_LEAST_OVER_LOAD * abs(load), K * _SMALL * loop.plant.point.sigma / linear.sigma_amplitude)
+    lowest = max(_LEAST_OVER_LOAD * abs(loop.load), K * _SMALL * loop.plant.point.sigma / linear.sigma_amplitude)
     if lowest >= K:
         return None
     height, ratio = lowest, _RATIO
-    x = _solve(loop, height, load, _start(loop, linear_limit_cycle(loop, K=height, load=load)))
+    x = _solve(loop, height, _start(loop, linear_limit_cycle(loop, K=height, load=loop.load)))
     while x is not None and height < K and ratio > _LEAST_RATIO:
-        found = _solve(loop, min(height * ratio, K), load, x)
+        found = _solve(loop, min(height * ratio, K), x)
         if found is None:
             ratio = math.sqrt(ratio)
         else:
@@ -405,11 +404,11 @@ def _climb(loop: SurfaceLoop, K: float, load: float, linear: LimitCycle) -> Floa
     return x if height == K else None
 
 
-def _solve(loop: SurfaceLoop, K: float, load: float, start: Floats) -> Floats | None:
+def _solve(loop: SurfaceLoop, K: float, start: Floats) -> Floats | None:
     """Newton's method from a start; None where it finds nothing within the range of the model."""
     from scipy.optimize import root
 
-    equations, evaluations = _Equations(loop, K, load, loop.plant.point.sigma), 0
+    equations, evaluations = _Equations(loop, K), 0
     best, least = np.zeros(0), np.full(1, np.inf)
 
     def count(more: int) -> None:
@@ -441,8 +440,8 @@ class _TooLong(Exception):
 
 def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:
     """Unknowns of the linearised cycle."""
-    scale = loop.plant.point.sigma
-    equations = _Equations(loop, linear.K, linear.load, scale)
+    equations = _Equations(loop, linear.K)
+    scale = equations.scale
     share = 0.5 + 0.5 * (linear.load - loop.gains.D * linear.surface_mean) / linear.K
     k = np.maximum(equations.k, 1.0)
     swing = linear.K * equations.relay_series(np.array([share])) * loop.slip_response(k * linear.frequency)
@@ -452,15 +451,14 @@ def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:
     return np.array([*sigma / scale, *adhesion, math.log(linear.frequency), share, linear.surface_mean / scale])
 
 
-def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats) -> LimitCycle:
-    point = loop.plant.point
-    equations = _Equations(loop, K, load, point.sigma)
+def _cycle(loop: SurfaceLoop, K: float, x: Floats) -> LimitCycle:
+    equations = _Equations(loop, K)
     sigma, _, omega, share, mean = equations.split(x)
     surface = equations.surface_series(sigma, omega, mean)
     phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
-    slips = point.sigma + equations.at(equations.series(sigma), phase)
+    slips = equations.scale + equations.at(equations.series(sigma), phase)
     torques = equations.at(equations.torque_series(x), phase)
-    known = (K, load, float(omega[0]), K * abs(complex(equations.relay_series(share)[1] / surface[1])))
+    known = (K, loop.load, float(omega[0]), K * abs(complex(equations.relay_series(share)[1] / surface[1])))
     return _of_signals(loop, known, equations.at(surface, phase), slips, torques, mean=float(mean[0]))
 
 
@@ -495,36 +493,15 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     return _of_signals(loop, known, run.surface, run.sigma, run.torque, mean=float(run.surface.mean()))
 
 
-@dataclass(frozen=True)
-class LawRun:
-    """The slip in a run of the whole law: its range, and where the wheel was lost (a sentence; None: it was not).
-
-    `spared`: the slip stayed between 0 and twice the reference. Ranges of a lost wheel are NaN.
-    """
-
-    name: str
-    slip_range: tuple[float, float]
-    lost: str | None
-    spared: bool
-
-
-def law_runs(loop: SurfaceLoop) -> tuple[LawRun, LawRun]:
+def law_runs(loop: SurfaceLoop) -> dict[str, HeldRun]:
     """The law with relay, adaptation and actuator, from 5 % above the reference, undisturbed and with known parameters.
 
     At the loop's speed, frozen, for 60 s times the inertia scale; and with the speed falling from it to 5 km/h.
     """
-    return _law_run(loop, frozen=True), _law_run(loop, frozen=False)
-
-
-def _law_run(loop: SurfaceLoop, *, frozen: bool) -> LawRun:
-    point = loop.plant.point
-    name = f"{point.speed / KMH:.3g} km/h frozen" if frozen else "speed falling"
-    law = PublishedLaw(point, loop.gains, frozen=frozen)
-    duration = (_FROZEN if frozen else _STOP) * point.vehicle.inertia_scale
-    known: dict[str, Any] = {"offset": _OFFSET * point.sigma, "frozen": frozen, "end_speed": END_SPEED}
-    try:
-        run = simulate_fine(point, law, loop.actuator, duration=duration, step=_LAW_STEP, **known)
-    except DomainError as error:
-        return LawRun(name, (math.nan, math.nan), str(error), False)
-    low, high = slip_range(run)
-    return LawRun(name, (low, high), None, low > 0.0 and high < 2.0 * point.slip)
+    point, runs = loop.plant.point, {}
+    for name, frozen in ((f"{point.speed / KMH:.3g} km/h frozen", True), ("speed falling", False)):
+        law = PublishedLaw(point, loop.gains, frozen=frozen)
+        known: dict[str, Any] = {"offset": _OFFSET * point.sigma, "frozen": frozen, "end_speed": END_SPEED}
+        known |= {"duration": (_FROZEN if frozen else _STOP) * point.vehicle.inertia_scale, "step": _LAW_STEP}
+        runs[name] = held_run(partial(simulate_fine, point, law, loop.actuator, **known), point.slip)
+    return runs

@@ -21,6 +21,8 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.sliding.derivation import THETA_HAT_RATE as RATE
+from railslip_ctrl.sliding.derivation import THETA_TILDE as TILDE
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import LawGains
@@ -43,7 +45,7 @@ from .reaching import (
     true_theta,
     with_friction,
 )
-from .robust import LAYER_WIDTH, RATE, TILDE, gain_units
+from .robust import LAYER_WIDTH, gain_units
 from .verdict import Condition
 
 AXES = ("speed_kmh", "slip", "mass_kg", "random_force_n", "torque_fraction", "s")

@@ -20,19 +20,17 @@ import sympy as sp
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
-from railslip_ctrl.sliding.derivation import Derivation, derive
+from railslip_ctrl.sliding.derivation import THETA, D, Derivation, K, derive, k1, k2, s
+from railslip_ctrl.sliding.derivation import THETA_HAT as HAT
+from railslip_ctrl.sliding.derivation import THETA_HAT_RATE as RATE
+from railslip_ctrl.sliding.derivation import THETA_TILDE as TILDE
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
-from railslip_ctrl.sliding.proof import identical, sliding_symbol
+from railslip_ctrl.sliding.proof import identical
 from railslip_ctrl.verification import reaching
 
 from .fixed_step import PUBLISHED, RUNS, IdealRun, simulate_ideal
 from .verdict import Condition, How
 
-s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
-THETA = tuple(sliding_symbol(f"theta{i}") for i in (1, 2))
-HAT = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
-TILDE = tuple(sliding_symbol(f"theta{i}_tilde") for i in (1, 2))
-RATE = tuple(sliding_symbol(f"theta{i}_hat_rate") for i in (1, 2))
 GAINS = (k1, k2)
 LAYER = sp.Symbol("Phi", positive=True)
 LEAK = sp.Symbol("ell", positive=True)
