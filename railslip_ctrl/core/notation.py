@@ -29,8 +29,7 @@ def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 
-NOTATION = notation_in(texts(__package__, "notation.toml"))
-"""The table, by name."""
+NOTATION = notation_in(texts(__package__, "notation.toml"))  #: the table, by name
 
 
 def symbol(name: str) -> Any:

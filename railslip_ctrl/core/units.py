@@ -37,14 +37,7 @@ _MOST_POWERS = 6
 
 # What Pint raises on an unknown name or on words in an impossible order, besides its own errors.
 _FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    LookupError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    TokenError,
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, SyntaxError, TypeError, ValueError, TokenError),
 )
 
 

@@ -61,8 +61,7 @@ class RowFilter(ABC):
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
 
-BESIDE = 16
-"""Rows on either side among which a stamp that is left out must be the only one out of order."""
+BESIDE = 16  #: rows on either side among which a stamp that is left out must be the only one out of order
 
 FAR = 100.0
 """How far from both its neighbours a stamp that is left out must be, in usual intervals: the median of those beside it.
@@ -195,11 +194,9 @@ class Resolution:
 
 # --- outliers ------------------------------------------------------------------------------------------------------
 
-HALF_WINDOW = 4
-"""Rows on either side with which a row is compared."""
+HALF_WINDOW = 4  #: rows on either side with which a row is compared
 
-NOISE_ROWS = 64
-"""Rows before a row, and as many after it, whose noise it is compared with."""
+NOISE_ROWS = 64  #: rows before a row, and as many after it, whose noise it is compared with
 
 # All of them must be passed. Of normal noise one row in some 200 passes the local limit, as the spread of nine values
 # is a poor estimate: it is there for slopes and corners. The overall limit is of the log's first rows, and a wheel
@@ -222,8 +219,7 @@ _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "b
 # and a count more or less is another two, so that what is further off is none of it.
 _LEAST_STEPS = 3.5
 
-PIECE = 4096
-"""Rows judged together: from the first, the noise of the log is known."""
+PIECE = 4096  #: rows judged together: from the first, the noise of the log is known
 
 
 class OutlierFilter(RowFilter):
@@ -288,8 +284,7 @@ def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
 
 # --- alignment -----------------------------------------------------------------------------------------------------
 
-LONGEST_DELAY = 2.0
-"""s, of a column; what is later is another event, not a delay."""
+LONGEST_DELAY = 2.0  #: s, of a column; what is later is another event, not a delay
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")  # the first of them in a log is the one used
 

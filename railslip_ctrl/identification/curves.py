@@ -60,14 +60,12 @@ class Options:
 # --- sums over the samples -----------------------------------------------------------------------------------------
 
 
-SLIP_CELLS = 400
-"""Cells over the slip ratio, of equal width in its square root: narrow where the curve rises."""
+SLIP_CELLS = 400  #: cells over the slip ratio, of equal width in its square root: narrow where the curve rises
 
 SPEED_CELL = 10.0 * KMH
 _SPEED_CELLS = 80
 
-STRETCH = 5.0
-"""Length of the shortest stretches, in time constants of the observer."""
+STRETCH = 5.0  #: length of the shortest stretches, in time constants of the observer
 
 _MOST_STRETCHES = 8192
 _MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still

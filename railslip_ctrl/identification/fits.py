@@ -108,8 +108,7 @@ def differences(
 # degrees of freedom as there are tests, less one. It holds for any correlation within a test.
 
 
-LEAST_TESTS = 5
-"""With fewer, Student's quantile is so large that nothing is told."""
+LEAST_TESTS = 5  #: with fewer, Student's quantile is so large that nothing is told
 
 _ALONE = 0.99  # share of what is known of a direction: a test with more stands alone, and cannot be left out
 _DISAGREE = 0.01  # probability of runs that differ as these do, or more, by the noise within them
@@ -327,11 +326,9 @@ class _Profile:
 # --- what is known of the parameters -------------------------------------------------------------------------------
 
 
-CONFIDENCE = 0.99
-"""Of the intervals given."""
+CONFIDENCE = 0.99  #: of the intervals given
 
-NORMAL_QUANTILE = 2.5758293035489004
-"""Half width of a normal 99 % interval in standard errors."""
+NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in standard errors
 
 SINGULAR = 1e-6
 """Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can move

@@ -245,8 +245,7 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 # --- the models of a log ---------------------------------------------------------------------------------------------
 
 
-DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Speeds at which a fit is looked at, of the initial speed."""
+DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which a fit is looked at, of the initial speed
 
 OF_EACH_KIND = ("bristle", "beam", "burckhardt")
 """Models with a prediction-error fit: one that builds up, one with a kink, a smooth one."""

@@ -199,8 +199,7 @@ _LEAST_SLIP = 5e-4  # 0.2 mm of a radius; below, a log's speeds have errors of t
 _LEAST_OF_PEAK = 0.003  # of the slip at the peak: what is less shifts a fit by less than its errors
 _LEAST_MU = 0.001  # a torque's zero by wheel load and radius: as the errors of a good fit
 _OTHER_UNIT = 0.15  # slip ratio: no wheel wears so much
-MOST_FREE_SLIP = 0.5
-"""Slip ratio of a wheel without brake beyond which a log is refused: no radius is so wrong."""
+MOST_FREE_SLIP = 0.5  #: slip ratio of a wheel without brake beyond which a log is refused: no radius is so wrong
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
 _ALIKE = 0.05  # relative, of a ratio: more than a radius is wrong by
@@ -299,8 +298,7 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
 
 # --- the adhesion --------------------------------------------------------------------------------------------------
 
-HIGHEST_MU, LOWEST_MU = 0.7, 0.01
-"""Adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves."""
+HIGHEST_MU, LOWEST_MU = 0.7, 0.01  #: adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves
 
 ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: these two, as sentences name them
 
@@ -473,8 +471,7 @@ def column_steps(
 
 # --- the train's speed ---------------------------------------------------------------------------------------------
 
-TRAIN_LAG = 0.01
-"""s, of the train's speed, that is told what it would do: a message of a bus, or a short filter."""
+TRAIN_LAG = 0.01  #: s, of the train's speed, that is told what it would do: a message of a bus, or a short filter
 
 _ABOUT_PEAK = (0.7, 1.3)  # of the slip of the peak, between which the deceleration is taken
 _LEAST_ROWS_ABOUT_PEAK = 3  # of a run between them, to have a slope

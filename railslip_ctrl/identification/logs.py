@@ -42,14 +42,12 @@ from railslip_ctrl.core.user_files import close_match, file_name
 
 Lines = Integers
 
-BLOCK_BYTES = 4 << 20
-"""Bytes read at a time; a block and the numbers in it take some 30 MB."""
+BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and the numbers in it take some 30 MB
 
 LONGEST_LINE = 1 << 20
 """Bytes of a line, beyond which it is no row whatever it holds: a file without line ends takes no more memory."""
 
-STANDARD_INPUT = "-"
-"""The path that stands for standard input."""
+STANDARD_INPUT = "-"  #: the path that stands for standard input
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {
@@ -234,8 +232,7 @@ def _cells(header: Sequence[str]) -> str:
 
 COMMENT = b"#"
 
-BLANKS = " "
-"""The separator of cells apart by any number of spaces and tabs."""
+BLANKS = " "  #: the separator of cells apart by any number of spaces and tabs
 
 _SEPARATORS = (";", "\t", ",")
 _LONGEST_HEADER = 64 << 10  # bytes, with the comments before it

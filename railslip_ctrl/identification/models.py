@@ -36,8 +36,7 @@ from .words import told
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
 
-FLAT = 1e-6
-"""Fall of the bristles' force, relative, at the least gamma, below which it is none: 1/gamma ends there."""
+FLAT = 1e-6  #: fall of the bristles' force, relative, at the least gamma, below which it is none: 1/gamma ends there
 
 _TINY = 1e-12  # stands for the 0 that a level and a slope must stay above
 _SMALL = 0.01  # of what is typical: a coordinate that tends to 0 is small beside it
@@ -156,8 +155,7 @@ class Coordinates:
 # --- a model and what is known ---------------------------------------------------------------------------------------
 
 
-TABLE_KNOTS = 12
-"""Knots of a fitted table, equally spaced in the square root of the slip ratio."""
+TABLE_KNOTS = 12  #: knots of a fitted table, equally spaced in the square root of the slip ratio
 
 
 @dataclass(frozen=True)
@@ -462,8 +460,7 @@ _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name fo
 SLIDING_ALONE = ("lugre", "bristle_rest")
 """Those that are fitted to the sliding regime alone, data before the peak left out."""
 
-MODELS = tuple(_MODELS)
-"""Names of the models that can be fitted."""
+MODELS = tuple(_MODELS)  #: names of the models that can be fitted
 
 CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
 """Those among which the best is looked for: "bristle_rest" is fitted to a part of the data."""

@@ -78,8 +78,7 @@ class Readhesion:
 # --- rows kept as they came ----------------------------------------------------------------------------------------
 
 
-MOST_ROWS = 20_000
-"""Rows kept; a hundred rig tests at 100 rows a second."""
+MOST_ROWS = 20_000  #: rows kept; a hundred rig tests at 100 rows a second
 
 _LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take all the room for ever
 
@@ -193,14 +192,11 @@ class Survey:
 # --- adhesion over slip --------------------------------------------------------------------------------------------
 
 
-LOWEST_SPEED = 5.0 * KMH
-"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
+LOWEST_SPEED = 5.0 * KMH  #: m/s, below which the slip ratio is a quotient of noises; the published stop ends there
 
-DEFAULT_TIME_CONSTANT = 0.05
-"""tau of the observer, s, where the log is sampled fast enough."""
+DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, where the log is sampled fast enough
 
-INTERVALS_PER_TIME_CONSTANT = 5.0
-"""Least tau, in intervals of the log, that is chosen by itself."""
+INTERVALS_PER_TIME_CONSTANT = 5.0  #: least tau, in intervals of the log, that is chosen by itself
 
 SLIP_RANGE = (0.005, 0.98)
 """Slip ratios used: below, noise of the speeds is most of it; above, the wheel is locked and its torque unknown."""

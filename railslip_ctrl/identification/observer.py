@@ -36,21 +36,10 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
 __all__ = [
-    "Encoder",
-    "Estimates",
-    "FilterObserver",
-    "Form",
-    "KalmanObserver",
-    "NoiseGains",
-    "ObserverResponses",
-    "ObserverState",
-    "SampledForm",
-    "TorqueObserver",
-    "TorqueSensor",
-    "adhesion_coefficient",
-    "noise_deviation",
+    "Encoder", "Estimates", "FilterObserver", "Form", "KalmanObserver", "NoiseGains", "ObserverResponses",
+    "ObserverState", "SampledForm", "TorqueObserver", "TorqueSensor", "adhesion_coefficient", "noise_deviation",
     "observer_responses",
-]
+]  # fmt: skip
 
 
 # --- sensors -------------------------------------------------------------------------------------------------------
@@ -444,14 +433,7 @@ class KalmanObserver(TorqueObserver):
 
     @classmethod
     def of(
-        cls,
-        vehicle: Vehicle,
-        encoder: Encoder,
-        sensor: TorqueSensor,
-        *,
-        interval: float,
-        change: float,
-        within: float,
+        cls, vehicle: Vehicle, encoder: Encoder, sensor: TorqueSensor, *, interval: float, change: float, within: float
     ) -> Self:
         """The filter of a vehicle's wheel and its sensors.
 

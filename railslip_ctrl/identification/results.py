@@ -16,7 +16,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
-from .fits import NORMAL_QUANTILE, Fit, Parameter, differences
+from .fits import NORMAL_QUANTILE, Fit, differences
 from .models import FitModel
 from .words import told
 
@@ -130,8 +130,7 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
 # --- the slip of highest adhesion, how well it is known, and the slip to hold ----------------------------------------
 
 
-LARGEST_LOSS = 0.02
-"""Share of the highest adhesion that a reference slip may give away for the peak's uncertainty."""
+LARGEST_LOSS = 0.02  #: share of the highest adhesion that a reference slip may give away for the peak's uncertainty
 
 OFF_THE_PEAK = 0.8
 """Largest reference slip over that of the peak: on the peak the slip's pole changes sign, and margins say nothing of
@@ -303,8 +302,7 @@ def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, 
 # --- parameters over the initial speed: [Park2008] (30)-(32) ---------------------------------------------------------
 
 
-HIGHEST_DEGREE = 2
-"""As in (30)-(32)."""
+HIGHEST_DEGREE = 2  #: as in (30)-(32)
 
 _IMPROBABLE = 0.01  # a misfit told
 
@@ -360,7 +358,9 @@ def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> 
     found = []
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
-        stderrs = np.array([_stderr(fit.parameters[i]) for fit in fits])
+        # infinite for a parameter that rests where there is no end
+        own = (fit.parameters[i] for fit in fits)
+        stderrs = np.array([math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr for p in own])
         coefficients, covariance = _weighted(v0, values, stderrs, degree)
         misfit = _misfit_probability(coefficients, v0, values, stderrs)
         found.append(ParameterPolynomial(name, coefficients, covariance, v0, values, misfit))
@@ -390,11 +390,6 @@ def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, 
             constant = bool(np.all(numbers == numbers[0]))
             found[name] = numbers[:1] if constant else _weighted(v0, numbers, np.full(len(v0), np.nan), _degree(v0))[0]
     return found
-
-
-def _stderr(p: Parameter) -> float:
-    """Infinite for a parameter that rests where there is no end."""
-    return math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr
 
 
 def _degree(v0: Floats) -> int:

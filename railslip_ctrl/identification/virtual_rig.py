@@ -29,8 +29,7 @@ from .logs import Rows
 from .observer import Encoder, TorqueObserver, TorqueSensor, noise_deviation
 from .words import told
 
-TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)
-"""[Park2008] Table 1."""
+TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: [Park2008] Table 1
 
 COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "brake torque [kN*m]", "wheel load [kN]")
 """Header of a written log."""

@@ -60,8 +60,9 @@ def compared(
     where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, text: str | None = None, **numbers: Any
 ) -> Erratum:
     """An erratum by comparing expressions, one or a column of them; `numbers` of its text, found by `text` or where."""
-    difference = tuple(_tidy(a - b) for a, b in zip(printed, derived, strict=True))
-    agrees = all(vanishes(entry) for entry in difference)
+    differences = (a - b for a, b in zip(printed, derived, strict=True))
+    difference = [sp.Integer(0) if vanishes(one) else sp.factor_terms(sp.expand(one)) for one in differences]
+    agrees = not any(difference)
     words = texts(__package__, "errata.toml")[text or where]
     return Erratum(
         where=where,
@@ -75,10 +76,6 @@ def compared(
         sign_and_size=filled(words["size"], {"agrees": agrees, **numbers}),
         explanation=filled(words["explanation"], {"agrees": agrees, **numbers}),
     )
-
-
-def _tidy(difference: sp.Expr) -> sp.Expr:
-    return sp.Integer(0) if vanishes(difference) else sp.factor_terms(sp.expand(difference))
 
 
 def column(entries: Sequence[sp.Expr]) -> str:

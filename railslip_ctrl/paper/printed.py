@@ -73,8 +73,7 @@ reaching_product = _s * (_disturbance - _r / _J * _D * _s - _r / _J * _K * sp.si
 control_law = equivalent_control + robust_control  #: (43).
 theta = (1 / (_r * _Mp), -_r * _Bp / _J)  #: (44): theta.
 
-adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control
-"""(45)."""
+adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control  #: (45)
 
 lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)  #: (46).
 
@@ -119,5 +118,4 @@ TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
 The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the latter is meant.
 """
 
-TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())
-"""Braking times, s."""
+TABLE5_TIMES = tuple(row[0] for row in TABLE5.values())  #: braking times, s

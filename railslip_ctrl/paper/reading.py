@@ -76,8 +76,7 @@ def _rules() -> tuple[ReadingRule, ...]:
     )
 
 
-READING = _rules()
-"""The rules, in the order of what they bear on."""
+READING = _rules()  #: the rules, in the order of what they bear on
 
 
 # --- alternatives -----------------------------------------------------------------------------------------------------

@@ -233,8 +233,7 @@ def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
 # --- Table 3 ----------------------------------------------------------------------------------------------------------
 
 
-ADHESION_REGIME = (0.0193, 0.0138)
-"""Beam and bristle, where adhesion rises with slip: [Park2008] Figs. 14 and 15."""
+ADHESION_REGIME = (0.0193, 0.0138)  #: beam and bristle, where adhesion rises with slip: [Park2008] Figs. 14 and 15.
 
 NOT_REPRODUCIBLE = (
     "The eight errors themselves cannot be computed again: they are against the mean of the rig's measurements, which "
@@ -285,11 +284,9 @@ def _improvement(before: float, after: float) -> float:
 # --- adhesion curves --------------------------------------------------------------------------------------------------
 
 
-SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)
-"""Initial braking speeds of the rig tests, [Park2008] Table 1."""
+SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: initial braking speeds of the rig tests, [Park2008] Table 1
 
-LAWS = ("beam", "curve", "bristle")
-"""Laws drawn: the beam model, the bristle model along a slip ramp, and at rest."""
+LAWS = ("beam", "curve", "bristle")  #: laws drawn: the beam model, the bristle model along a slip ramp, and at rest
 
 _POINTS = 801
 
@@ -358,8 +355,7 @@ SLIDING_SHARES = (0.65, 0.85)
 SLOW = 3.0
 """A stop so many times longer than without the adaptation counts as lost: no stopping distance allows for it."""
 
-LATE_SHARE = 0.5
-"""Locking in this last share of the stop's time counts as late."""
+LATE_SHARE = 0.5  #: locking in this last share of the stop's time counts as late
 
 _SEED = 0  # of the noise
 

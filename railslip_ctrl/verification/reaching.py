@@ -37,14 +37,12 @@ from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
 
-ADHESION_NOISE = RANDOM_FORCE / RIG_WHEEL_LOAD
-"""Standard deviation of the random adhesion force over the wheel load."""
+ADHESION_NOISE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random adhesion force over the wheel load
 
 TORQUE_FRACTION = 0.05
 """Td = 0.05 Tb exp(-4t) sin(10 pi t): its bound as a fraction of the acting brake torque ([Park2008] p. 55)."""
 
-TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
-"""Its decay, 1/s, and frequency, rad/s."""
+TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: its decay, 1/s, and frequency, rad/s
 
 
 def torque_share(time: Floats) -> Floats:

@@ -25,22 +25,10 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Recor
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
 
 __all__ = [
-    "INITIAL_SPEED_RANGE_KMH",
-    "RIG_WHEEL_LOAD",
-    "AdhesionLaw",
-    "Kink",
-    "ReferenceSlip",
-    "Statement",
-    "initial_speeds_in",
-    "is_over_initial_speed",
-    "law_class",
-    "law_classes",
-    "law_in",
-    "law_names",
-    "load_law",
-    "published_law",
-    "wheel_load_in",
-]
+    "INITIAL_SPEED_RANGE_KMH", "RIG_WHEEL_LOAD", "AdhesionLaw", "Kink", "ReferenceSlip", "Statement",
+    "initial_speeds_in", "is_over_initial_speed", "law_class", "law_classes", "law_in", "law_names", "load_law",
+    "published_law", "wheel_load_in",
+]  # fmt: skip
 
 
 def _laws() -> Iterator[type[AdhesionLaw]]:
@@ -75,10 +63,7 @@ def law_class(name: str) -> type[AdhesionLaw]:
 
 @checked
 def published_law(
-    name: str,
-    rail: Rail | str,
-    initial_speed_kmh: float = INITIAL_SPEED_KMH,
-    wheel_load: float = PARK2008.wheel_load,
+    name: str, rail: Rail | str, initial_speed_kmh: float = INITIAL_SPEED_KMH, wheel_load: float = PARK2008.wheel_load
 ) -> AdhesionLaw:
     """The published parameter set of a law by name.
 
