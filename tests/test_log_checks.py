@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import itertools
 import re
+from string import Formatter
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from project import refused
+from project import ROOT, refused
 from rig_logs import BEAM, changed, identified, rig_rows, two_runs
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.cleaning import Alignment, OutlierFilter, Resolution, step_of
@@ -348,3 +351,18 @@ def test_what_leaves_no_row_is_refused_with_its_cause(rows, recwarn, factors, op
     with pytest.raises(InputError, match=message):
         told(scaled(rows, **factors), **options)
     assert not list(recwarn)
+
+
+def test_every_sentence_is_used_and_has_its_numbers():
+    sentences = texts("railslip_ctrl.identification", "words.toml")
+    sources = [path.read_text("utf-8") for path in (ROOT / "railslip_ctrl" / "identification").glob("*.py")]
+    calls = [node for text in sources for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    used = set()
+    for call in (call for call in calls if getattr(call.func, "id", "") == "told"):
+        given = {keyword.arg for keyword in call.keywords}
+        for name in {part.value for part in ast.walk(call.args[0]) if isinstance(part, ast.Constant)}:
+            wanted = {re.split(r"[.\[]", field)[0] for _, field, *_ in Formatter().parse(sentences[name]) if field}
+            assert None in given or wanted <= given, name  # None: a mapping of numbers
+            used.add(name)
+    others = [name for name in sentences.keys() - used if not any(f'"{name}"' in text for text in sources)]
+    assert not others

@@ -349,7 +349,7 @@ def read_curve(
     """
     log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
 
-    def told() -> Iterator[Rows]:
+    def blocks() -> Iterator[Rows]:
         for rows in log.rows():
             yield rows
             if progress is not None:
@@ -359,7 +359,7 @@ def read_curve(
 
     stamps = StampFilter(log.name)
     try:
-        gathered = _Gathered(log.name, vehicle, options, stamps.rows(told()), log.columns, observed)
+        gathered = _Gathered(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
     except InputError as error:  # what was assumed may be what is wrong
         raise InputError("; ".join([str(error), *log.notes])) from None
     finally:
