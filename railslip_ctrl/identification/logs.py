@@ -37,6 +37,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import shown, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 
@@ -49,30 +50,11 @@ LONGEST_LINE = 1 << 20
 
 STANDARD_INPUT = "-"  #: the path that stands for standard input
 
-UNITS: Mapping[str, str] = MappingProxyType(
-    {
-        "time": "s",
-        "train_speed": "m/s",
-        "wheel_speed": "m/s",
-        "wheel_angular_speed": "rad/s",
-        "brake_torque": "N*m",
-        "wheel_load": "N",
-    }
-)
+_QUANTITIES = texts(__package__, "quantities.toml")
+UNITS = MappingProxyType({quantity: known["unit"] for quantity, known in _QUANTITIES.items()})
 """The quantities of a log and their SI units."""
 
-NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "time": ("time", "t", "timestamp"),
-        "train_speed": ("train speed", "v", "vehicle speed", "speed", "reference speed"),
-        "wheel_speed": ("wheel speed", "v wheel", "vw", "circumferential speed", "rolling speed"),
-        "wheel_angular_speed": (
-            *("wheel angular speed", "omega", "w", "angular speed", "angular velocity", "rotational speed", "n"),
-        ),
-        "brake_torque": ("brake torque", "tb", "torque", "braking torque"),
-        "wheel_load": ("wheel load", "n", "load", "normal force", "axle load"),
-    }
-)
+NAMES = MappingProxyType({quantity: tuple(known["names"]) for quantity, known in _QUANTITIES.items()})
 """Accepted names by quantity, the first the one this package writes."""
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")

@@ -110,7 +110,6 @@ def simulate_ideal(
     disturbances: IdealDisturbances = UNDISTURBED,
     seeds: Sequence[int] = (0,),
     held_speed: float | None = None,
-    start_estimate: tuple[float, float] = (0.0, 0.0),
     change: tuple[float, Vehicle] | None = None,
 ) -> IdealRun:
     """Runs on the bristle model, dry rail, for `duration` seconds, or until 5 km/h.
@@ -152,7 +151,7 @@ def simulate_ideal(
         lambda_d=slip,
     )
     left = kernel(type(law)).run(
-        *(rows, np.array([speed, sigma, z, *start_estimate]), force, noise, plants, changed),
+        *(rows, np.array([speed, sigma, z]), force, noise, plants, changed),
         settings,
         np.array(parameters),
         np.zeros(1),  # the bristle model is in closed form

@@ -67,14 +67,14 @@ def run(rows, start, force, noise, plants, change, given, law, table):
     """Fill rows (runs, steps, `COLUMNS`), given as NaN, to the end of each stop; the slip velocity that left the law's
     domain, m/s, 0 if none did.
 
-    start: v, sigma, z, theta1_hat, theta2_hat. force, N, and noise, m/s: (runs, steps). plants: the parameters before
+    start: v, sigma, z; theta_hat starts at 0. force, N, and noise, m/s: (runs, steps). plants: the parameters before
     and from step `change` on. law: numbers of the generated `Parameters`.
     """
     h, frozen = given.step, given.frozen
     parameters = law_parameters(law, 0)
     for k in range(rows.shape[0]):
-        v, sigma, z, theta1, theta2 = start[0], start[1], start[2], start[3], start[4]
-        e_integral = 0.0
+        v, sigma, z = start[0], start[1], start[2]
+        theta1 = theta2 = e_integral = 0.0
         for i in range(rows.shape[1]):
             p = plants[0] if i < change else plants[1]
             if not abs(sigma) < given.slip_limit:
