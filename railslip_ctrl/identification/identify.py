@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -54,14 +53,14 @@ Clean dry steel on steel in air has 0.6 to 0.8 in every handbook; more than the 
 bare metals seize, as in vacuum. A law that has it would lead every command that takes it astray.
 """
 
-_LIMITS: Mapping[str, str] = MappingProxyType(
-    {
-        "beam": "mu_max",
-        "polach": "mu0",
-        "lugre": "Fs by wheel load",
-        **dict.fromkeys(("bristle", "bristle_rest", "curve"), "gamma/beta by wheel load"),
-    }
-)
+# what mu tends to as a model slides slowly: what that is called, and how it follows from parameters and wheel load, N
+_LIMITS: dict[str, tuple[str, Callable[[Mapping[str, Any], float], float]]] = {
+    "beam": ("mu_max", lambda p, load: p["mu_max"]),
+    "polach": ("mu0", lambda p, load: p["mu0"]),
+    "lugre": ("Fs by wheel load", lambda p, load: p["Fs"] / load),
+}
+for _name in ("bristle", "bristle_rest", "curve"):
+    _LIMITS[_name] = ("gamma/beta by wheel load", lambda p, load: p["gamma"] / p["beta"] / load)
 
 
 class ImpossibleFitError(InputError):
@@ -83,17 +82,11 @@ def highest_mu(found: Fit, setting: models.Setting) -> tuple[str, float]:
         top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
         raise InputError(told("nowhere positive")) from None
-    given: dict[str, Any] = {**found.model.known, **{p.name: p.value for p in found.parameters}}
-    match found.model.name:
-        case "beam" | "polach" as name:
-            limit = given[_LIMITS[name]]
-        case "lugre":
-            limit = given["Fs"] / setting.wheel_load
-        case "bristle" | "bristle_rest" | "curve":
-            limit = given["gamma"] / given["beta"] / setting.wheel_load
-        case _:
-            limit = -math.inf
-    return (f"limit of friction ({_LIMITS[found.model.name]})", limit) if limit > top else ("peak", top)
+    if found.model.name not in _LIMITS:
+        return "peak", top
+    called, limit_of = _LIMITS[found.model.name]
+    limit = limit_of({**found.model.known, **{p.name: p.value for p in found.parameters}}, setting.wheel_load)
+    return (f"limit of friction ({called})", limit) if limit > top else ("peak", top)
 
 
 def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
@@ -105,7 +98,7 @@ def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None
     cause = units_or(seen, curve.factors)
     if LOWEST_MU <= seen <= HIGHEST_MU:
         # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
-        name = _LIMITS.get(found.model.name, "")
+        name, _ = _LIMITS.get(found.model.name, ("", None))
         bound = f"`bounds` {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another `model`"
         cause = told("log is ordinary", seen=seen, bound=bound)
     given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in found.model.known]
