@@ -63,7 +63,7 @@ _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Tab
 
 DEFAULT_ENVELOPE = "default"
 
-_SCENARIO = "the scenario's"
+_SCENARIO, _LAW = "the scenario's", "LAW|FILE.toml|FILE.py"
 
 LAW_FILES = (".toml", ".py")
 """How the name of a file ends that --adhesion takes."""
@@ -328,10 +328,20 @@ def tell_remarks(vehicle: Vehicle) -> None:
         progress(f"note: {vehicle.name}: {note}")
 
 
-def number_option(name: str, unit: str, text: str, left_out: str, *, to: str | None = None, **bounds: float) -> Option:
+def number_option(
+    name: str,
+    unit: str,
+    text: str,
+    left_out: str,
+    *,
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    **kind: Any,
+) -> Option:
     """As `option`, for a `Number` in a unit, after which the help calls it."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
-    return option(name, metavar, text, left_out, to=to, type=Number(unit, **bounds))
+    return option(name, metavar, text, left_out, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
 def case_options(function: F) -> F:
@@ -376,50 +386,38 @@ def _collected(function: F, options: list[Option], *, control: bool = False) -> 
 def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Option]:
     """Without `speeds` for whole stops, with several `masses`, or for a `run`, which takes one of each."""
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
+    law = f"Adhesion law: {laws}, which is run."
     rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", "both")
     v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
-    scale = "Factor on M, J and B, in runs also on the stiffness of a published dynamic law"
+    of_run = ("Speed at which the brake is applied, km/h.", _SCENARIO)
+    speed = of_run if run else ("Train speed, km/h; repeatable.", "100")
+    vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
-    return [
-        *(_scenario_options() if run else ()),
-        option(
-            *("--adhesion", "LAW|FILE.toml|FILE.py", f"Adhesion law: {laws}, which is run."),
-            _SCENARIO if run else "bristle",
-            default="bristle",
-        ),
+    scale = (
+        "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
+        "as-published reading."
+    )
+    late = "Actuator dead time, s; no part of the linearised plant."
+    own = "the vehicle's"
+    of_law = [
+        option("--adhesion", _LAW, law, _SCENARIO if run else "bristle", default="bristle"),
         option("--rail", "dry|wet", *rail, to="rails", multiple=not run),
-        option(
-            *("--initial-speed", "KMH", v0, "--speed" if run else f"{INITIAL_SPEED_KMH}"),
-            default=INITIAL_SPEED_KMH,
-            type=Number("km/h", gt=0),
+        number_option(
+            "--initial-speed", "km/h", v0, "--speed" if run else str(INITIAL_SPEED_KMH), default=INITIAL_SPEED_KMH, gt=0
         ),
-        *([_speed_option(run=run)] if speeds else ()),
-        *(() if run else [_slip_option(of_point=speeds)]),
-        path_option(
-            *("--vehicle", "FILE"),
-            "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.",
-            _SCENARIO if run else "the published vehicle",
-        ),
+    ]
+    of_speed = [number_option("--speed", "km/h", *speed, to="speeds", multiple=not run, gt=0)] if speeds else []
+    of_vehicle = [
+        path_option("--vehicle", "FILE", vehicle, _SCENARIO if run else "the published vehicle"),
         switch("--loaded", "Use the vehicle's loaded mass and wheel load."),
-        option("--mass", "KG", mass, "the vehicle's", to="masses", multiple=masses, type=Number("kg", gt=0)),
-        number_option(
-            *("--inertia-scale", "1", f"{scale}: 1 is SI, 3.6 the as-published reading."),
-            _SCENARIO if run else "the vehicle's, 1",
-            gt=0,
-        ),
-        number_option(
-            "--dead-time", "s", "Actuator dead time, s; no part of the linearised plant.", "the vehicle's", ge=0
-        ),
-        number_option("--lag", "s", "Actuator lag, s.", "the vehicle's", ge=0),
+        number_option("--mass", "kg", mass, own, to="masses", multiple=masses, gt=0),
+        number_option("--inertia-scale", "1", scale, _SCENARIO if run else f"{own}, 1", gt=0),
+        number_option("--dead-time", "s", late, own, ge=0),
+        number_option("--lag", "s", "Actuator lag, s.", own, ge=0),
         json_option,
     ]
-
-
-def _speed_option(*, run: bool) -> Option:
-    told = (
-        ("Speed at which the brake is applied, km/h.", _SCENARIO) if run else ("Train speed, km/h; repeatable.", "100")
-    )
-    return option("--speed", "KMH", *told, to="speeds", multiple=not run, type=Number("km/h", gt=0))
+    slip = [] if run else [_slip_option(of_point=speeds)]
+    return [*(_scenario_options() if run else ()), *of_law, *of_speed, *slip, *of_vehicle]
 
 
 def _scenario_options() -> list[Option]:
@@ -441,12 +439,11 @@ def _slip_option(*, of_point: bool) -> Option:
 def envelope_options(left_out: str) -> Callable[[F], F]:
     """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
     nominal = switch("--nominal", "Judge its operating points alone, without tolerances around them.")
-    envelope = option(
-        *("--envelope", "default|FILE"),
+    text = (
         "Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML file; "
-        "--rail, --adhesion, --speed, --slip and --loaded narrow it.",
-        left_out,
+        "--rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
+    envelope = option("--envelope", "default|FILE", text, left_out)
     return lambda function: envelope(nominal(function))
 
 
@@ -662,15 +659,12 @@ def controller_name(text: str) -> str:
 
 def _controller_options() -> list[Option]:
     column = "gains of beam for the beam law, else of bristle; slip of the law"
-    reference = "the adhesion law's; with --gains the column's"
+    reference, period = "the adhesion law's; with --gains the column's", "every step; slide-protection 0.01"
     return [
         controller_option("pi", default="pi"),
         option("--gains", "|".join(COLUMNS), "Column of Table 4: gains and reference slip.", column),
         option("--slip", "X", "Reference slip on either rail.", reference, type=SLIP),
         switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet."),
         switch("--adaptive", "asmc: with the printed adaptation."),
-        number_option(
-            *("--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01"),
-            ge=LEAST_STEP,
-        ),
+        number_option("--period", "s", "The controller's sampling period, s.", period, ge=LEAST_STEP),
     ]

@@ -22,7 +22,7 @@ from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options, number_option
-from .output import print_json, print_text, progress
+from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
 
@@ -117,10 +117,7 @@ def command(
                 progress(f"below {hand_over:g} km/h the file holds a torque, without slip control")
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
-    if as_json:
-        print_json(tuning_json(tuned, judgement))
-    else:
-        print_text(tuning_text, tuned, judgement)
+    show(as_json, lambda: tuning_json(tuned, judgement), lambda: tuning_text(tuned, judgement))
     ctx.exit(0 if tuned.design is not None else 1)
 
 
@@ -142,10 +139,7 @@ def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: b
     if out is not None and not found.reason:
         found.save(out)
         progress(f"wrote {out}")
-    if as_json:
-        print_json(seeking_json(found))
-    else:
-        print_text(seeking_text, found)
+    show(as_json, lambda: seeking_json(found), lambda: seeking_text(found))
     ctx.exit(1 if found.reason else 0)
 
 

@@ -14,7 +14,7 @@ from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
 from .options import CaseOptions, is_law_file, number_option, stop_options, whole_number
-from .output import print_json, print_text
+from .output import show
 from .settings import HELP, preset
 
 LAWS: tuple[Law, ...] = get_args(Law)
@@ -94,10 +94,11 @@ def command(
             _OPTION.sub(lambda name: "--" + name[0].replace(" ", "-").replace("_", "-"), str(error))
         ) from None
     result = full.verification
-    if as_json:
-        print_json(verification_json(result))
-    else:
-        print_text(verification_text, result, conclusion_text(full), _about(cases, adhesion))
+    show(
+        as_json,
+        lambda: verification_json(result),
+        lambda: verification_text(result, conclusion_text(full), _about(cases, adhesion)),
+    )
     ctx.exit(0 if result.all_hold else 1)
 
 

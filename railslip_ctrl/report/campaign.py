@@ -164,13 +164,10 @@ def _quantity_texts(summary: CampaignSummary) -> list[str]:
 def _quantity_text(quantity: Quantity, unit: str) -> str:
     given = described(quantity.distribution)
     del given["kind"]
-    numbers = ", ".join(f"{name} {_value_text(value)}" for name, value in given.items() if value is not None)
+    lists = {name: value if isinstance(value, list) else [value] for name, value in given.items() if value is not None}
+    numbers = ", ".join(f"{name} {' '.join(f'{v:g}' for v in values)}" for name, values in lists.items())
     factor = "factor on " if quantity.relative else ""
     return headed(f"{factor}{', '.join(quantity.paths)}: {quantity.distribution.kind}, {numbers}", unit)
-
-
-def _value_text(value: Any) -> str:
-    return " ".join(f"{v:g}" for v in value) if isinstance(value, list) else f"{value:g}"
 
 
 def _outcome_table(summary: CampaignSummary) -> RenderableType:
