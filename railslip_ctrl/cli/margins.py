@@ -32,7 +32,7 @@ from .options import (
     controller_option,
     envelope_options,
     gain_options,
-    is_controller_file,
+    is_file,
     warn,
 )
 from .output import show
@@ -122,7 +122,7 @@ def given_controller(
     from railslip_ctrl.simulation.catalogue import controller_named, default_column
 
     held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
-    if is_controller_file(text):
+    if is_file(text):
         if gains is not None:
             raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
         return controller_from_file(text, point.vehicle, held, point.speed)

@@ -40,9 +40,8 @@ from railslip_ctrl.simulation.catalogue import (
     Column,
     controller_named,
     default_column,
+    held_reference,
     is_tuned_when_asked,
-    published_reference,
-    reference_of,
 )
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
@@ -64,9 +63,6 @@ _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Tab
 DEFAULT_ENVELOPE = "default"
 
 _SCENARIO, _LAW = "the scenario's", "LAW|FILE.toml|FILE.py"
-
-LAW_FILES = (".toml", ".py")
-"""How the name of a file ends that --adhesion takes."""
 
 
 class Number(click.ParamType[float]):
@@ -191,7 +187,7 @@ class CaseOptions:
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""
         load = self.chosen_vehicle.wheel_load
-        if not is_law_file(self.adhesion):
+        if not is_file(self.adhesion):
             return published_law(self.adhesion, rail, self.initial_speed, load)
         assumed = not _is_given("initial_speed")
         return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
@@ -200,7 +196,7 @@ class CaseOptions:
         """Whether the law has parameters at another v0, km/h."""
         path = Path(self.adhesion)
         try:
-            if not is_law_file(self.adhesion):
+            if not is_file(self.adhesion):
                 published_law(self.adhesion, Rail.DRY, speed)
             elif path.suffix.lower() == ".toml":
                 load_law(path, initial_speed_kmh=speed)
@@ -294,7 +290,7 @@ class CaseOptions:
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
         """The adhesion law of a run; a complaint of v0, m/s, names the option that it came from."""
         try:
-            if is_law_file(name):
+            if is_file(name):
                 return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
             return named_law(name, vehicle, v0)
         except InputError as error:
@@ -477,9 +473,9 @@ def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
     return naming(option, lambda: load(path))
 
 
-def is_law_file(adhesion: str) -> bool:
-    """Whether --adhesion names a file."""
-    return adhesion.lower().endswith(LAW_FILES)
+def is_file(text: str) -> bool:
+    """Whether --adhesion or --controller names a file."""
+    return text.lower().endswith((".toml", ".py"))
 
 
 def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
@@ -566,12 +562,13 @@ class ControllerOptions:
 
         `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
         """
-        if is_controller_file(self.controller):
+        if is_file(self.controller):
             return self._from_file(scenario, law_speed), None
         name = controller_name(self.controller)
         gains = chosen_gains(self.kp, self.ki)
-        column = self._column(scenario)
-        reference = self._reference(scenario, column)
+        given, law = self._column(), scenario.adhesion
+        column = given or default_column(law)
+        reference = held_reference(law, self.slip, given, "--slip", "--slip X, or --gains for that of Table 4")
         if is_tuned_when_asked(name, scenario.vehicle.empty(), gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
         made = naming(
@@ -589,20 +586,13 @@ class ControllerOptions:
         )
         return made, column if name in _TABLE_4 and gains is None else None
 
-    def _column(self, scenario: Scenario) -> Column:
+    def _column(self) -> Column | None:
         if self.gains is None:
-            return default_column(scenario.adhesion)
+            return None
         for column in COLUMNS:
             if column == self.gains.lower():
                 return column
         raise InputError(f"--gains: {self.gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
-
-    def _reference(self, scenario: Scenario, column: Column) -> ReferenceSlip:
-        if self.slip is not None:
-            return ReferenceSlip(dry=self.slip, wet=self.slip)
-        if self.gains is not None:
-            return published_reference(column)
-        return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
     def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
         for flag, given in (
@@ -626,11 +616,6 @@ def controller_option(left_out: str, **kind: Any) -> Option:
         "numbers, or a Python file with one of your own, which is run."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, left_out, **kind)
-
-
-def is_controller_file(text: str) -> bool:
-    """Whether a controller is named by its file."""
-    return text.lower().endswith((".toml", ".py"))
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:

@@ -13,7 +13,7 @@ from railslip_ctrl.report.verification import conclusion_text, verification_json
 from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, is_law_file, number_option, stop_options, whole_number
+from .options import CaseOptions, is_file, number_option, stop_options, whole_number
 from .output import show
 from .settings import HELP, preset
 
@@ -105,7 +105,7 @@ def command(
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
     """The adhesion named. A file's parameters are for one rail, and say themselves what follows on the other."""
     rails = cases.chosen_rails()
-    if not is_law_file(cases.adhesion):
+    if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
     try:
         law = cases.law(Rail.DRY)
@@ -118,7 +118,7 @@ def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str],
     """Vehicle and adhesion with its reference slips, for the report's head, where any was named."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
-    source = f" ({cases.adhesion})" if is_law_file(cases.adhesion) else ""
+    source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""
     about = [] if cases.vehicle is None else [("Vehicle", vehicle.name)]
     if adhesion != PUBLISHED_ADHESION:
         about += [("Adhesion", f"{adhesion.text}{source}"), ("Reference slip", slips)]

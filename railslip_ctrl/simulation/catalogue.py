@@ -328,11 +328,8 @@ def published_vehicle() -> Vehicle:
 
 def is_published(vehicle: Vehicle) -> bool:
     """Whether a vehicle has the published masses, wheel and wheel load; its brake and its scale may differ."""
-    return (vehicle.mass_loaded, vehicle.wheel, vehicle.wheel_load_loaded) == (
-        PARK2008.mass_loaded,
-        PARK2008.wheel,
-        PARK2008.wheel_load_loaded,
-    )
+    own, published = ((car.mass_loaded, car.wheel, car.wheel_load_loaded) for car in (vehicle, PARK2008))
+    return own == published
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
@@ -441,11 +438,17 @@ def default_column(law: AdhesionLaw) -> Column:
     return "beam" if law.name == "beam" else "bristle"
 
 
-def reference_of(law: AdhesionLaw, name: str, remedy: str) -> ReferenceSlip:
-    """The slips that an adhesion law is to be held at.
+def held_reference(
+    law: AdhesionLaw, slip: float | None, column: Column | None, name: str, remedy: str
+) -> ReferenceSlip:
+    """The slips to be held: a given one, or those of a column of Table 4, or those of the adhesion law.
 
     InputError, which begins with `name` and ends with the `remedy`, where neither its source nor its file gives any.
     """
+    if slip is not None:
+        return ReferenceSlip(dry=slip, wet=slip)
+    if column is not None:
+        return published_reference(column)
     if law.reference is None:
         raise InputError(f"{name}: adhesion {law.name!r} has no reference slip; give {remedy}")
     return law.reference
