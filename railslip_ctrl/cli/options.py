@@ -216,17 +216,9 @@ class CaseOptions:
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
             try:
-                found += [
-                    operating_point(
-                        law,
-                        _with_mass(vehicle, mass),
-                        speed * KMH,
-                        held,
-                        rail=rail,
-                        initial_speed_kmh=self.initial_speed,
-                    )
-                    for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds)
-                ]
+                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
+                    car, v0 = _with_mass(vehicle, mass), self.initial_speed
+                    found.append(operating_point(law, car, speed * KMH, held, rail=rail, initial_speed_kmh=v0))
             except DomainError as error:
                 if self.slip is not None:
                     raise
@@ -571,19 +563,9 @@ class ControllerOptions:
         reference = held_reference(law, self.slip, given, "--slip", "--slip X, or --gains for that of Table 4")
         if is_tuned_when_asked(name, scenario.vehicle.empty(), gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
-        made = naming(
-            "--controller",
-            lambda: controller_named(
-                name,
-                scenario.vehicle,
-                column=column,
-                gains=gains,
-                reference=reference,
-                knows_rail=not self.unknown_rail,
-                adaptive=self.adaptive,
-                period=self.period,
-            ),
-        )
+        asked: dict[str, Any] = {"column": column, "gains": gains, "reference": reference, "period": self.period}
+        asked |= {"knows_rail": not self.unknown_rail, "adaptive": self.adaptive}
+        made = naming("--controller", lambda: controller_named(name, scenario.vehicle, **asked))
         return made, column if name in _TABLE_4 and gains is None else None
 
     def _column(self) -> Column | None:

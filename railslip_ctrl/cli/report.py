@@ -107,14 +107,9 @@ def command(
             wheel_slip_loop(plant, one)  # refuses what is not linear there
     pictures: dict[str, dict[str, bytes]] = {}
     with claimed(out):
+        draw = partial(_draw, pictures=pictures, told=told)
         found = design_report(
-            judged,
-            nominal=nominal,
-            given=given,
-            sliding=whole,
-            fresh=fresh,
-            progress=told,
-            meanwhile=lambda known: _draw(known, pictures, told),
+            judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told, meanwhile=draw
         )
         _draw(found, pictures, told)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"

@@ -80,6 +80,7 @@ def command(
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
     specification, judgement = Specification(ms_max, phase_min, delay_min), None
+    leads = {"lead": lead, "lead_filter": lead_filter}
     _check_out(out, structure)
     if structure == "seeking":
         _check_rules(minimise_ms, phase_min, delay_min, ki_min, lead, lead_filter)
@@ -88,27 +89,14 @@ def command(
     _check_asked(structure, specification, minimise_ms, ki_min)
     if envelope is None and cases.name_points():
         points = cases.points()
-        tuned = tune_cases(
-            [linearize(point) for point in points],
-            points[0].vehicle.actuator,
-            structure=structure,
-            specification=specification,
-            ki_min=ki_min,
-            lead=lead,
-            lead_filter=lead_filter,
-        )
+        plants, actuator = [linearize(point) for point in points], points[0].vehicle.actuator
+        tuned = tune_cases(plants, actuator, structure=structure, specification=specification, ki_min=ki_min, **leads)
         if out is not None and tuned.design is not None:
             _saved(tuned.controller(tuned.design), points, out, period)
     else:
+        judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         tuned, found = tune_over(
-            cases.envelope(envelope or DEFAULT_ENVELOPE),
-            specification,
-            structure,
-            ki_min=ki_min,
-            lead=lead,
-            lead_filter=lead_filter,
-            nominal=nominal,
-            period=period,
+            judged, specification, structure, ki_min=ki_min, nominal=nominal, period=period, **leads
         )
         judgement = None if found is None else found.judgement
         if found is not None and judgement is not None and out is not None:

@@ -237,28 +237,20 @@ def _interval_note(summary: CampaignSummary) -> str:
 
 def _grid_table(summary: CampaignSummary) -> RenderableType:
     names = summary.campaign.controller_names
-    rows = [
-        (
-            ", ".join(f"{name} {value:g}" for name, value in point.values.items()),
-            *(_with_interval(point.means[name, "braking_distance_m"]) for name in names),
-            *(_percent(point.not_stopped[name]) for name in names),
-        )
-        for point in summary.points
-    ]
+    rows = []
+    for point in summary.points:
+        where = ", ".join(f"{name} {value:g}" for name, value in point.values.items())
+        means = (_with_interval(point.means[name, "braking_distance_m"]) for name in names)
+        rows.append((where, *means, *(_percent(point.not_stopped[name]) for name in names)))
     return table(("point", *names, *(f"{name}, % not stopped" for name in names)), rows)
 
 
 def _paired_table(summary: CampaignSummary) -> RenderableType:
-    rows = [
-        (
-            measure_head(measured(pair.measure)),
-            f"{pair.second} - {pair.first}",
-            str(pair.pairs),
-            _with_interval(pair.difference, measured(pair.measure).scale),
-            _percent(pair.second_smaller),
-        )
-        for pair in summary.paired
-    ]
+    rows = []
+    for pair in summary.paired:
+        measure, names = measured(pair.measure), f"{pair.second} - {pair.first}"
+        difference = _with_interval(pair.difference, measure.scale)
+        rows.append((measure_head(measure), names, str(pair.pairs), difference, _percent(pair.second_smaller)))
     return table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
 
 

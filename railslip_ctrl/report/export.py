@@ -197,13 +197,8 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
     """What no controller beats, and what a PI, and a PI with a lead on the lag, may hope for; null without theorem."""
     limits = assessment.limits
-    found = exported(
-        limits,
-        unstable_pole_rad_s="unstable_pole",
-        pole_times_dead_time_and_lag="actuator_product",
-        mt_lower_bound="mt_bound",
-        ms_lower_bound="ms_bound",
-    )
+    names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
+    found = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
     for name, structure in (("pi", limits.pi), ("pi_lead", limits.pi_lead)):
         keys = {f"{name}_phase_margin_upper_bound_deg": "phase_deg", f"{name}_ms_lower_bound": "ms_bound"}
         found |= exported(structure, **keys)

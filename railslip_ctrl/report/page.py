@@ -53,10 +53,7 @@ def page(
         sections=chapters,
         software=software(),
         pictures={name: f"data:image/svg+xml;base64,{one}" for name, one in embedded.items()},
-        provenance=provenance,
-        version=__version__,
-        date=date.isoformat(),
-        seconds=seconds,
+        **{"provenance": provenance, "version": __version__, "date": date.isoformat(), "seconds": seconds},
     )
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 

@@ -24,6 +24,7 @@ from railslip_ctrl.verification.reaching import ADHESION_NOISE
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 from .document import facts, heading, indented, render, table
+from .export import exported
 
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",
@@ -92,15 +93,10 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     return {
         "conditions": [
             {
-                "name": one.name,
-                "statement": statement(one),
-                "holds": one.holds,
-                "how": one.how,
+                **{"name": one.name, "statement": statement(one)},
+                **exported(one, "holds", "how"),
                 "evidence": evidence(one),
-                "down_to_kmh": one.down_to_kmh,
-                "tolerated_errors": {
-                    name: share if math.isfinite(share) else None for name, share in one.tolerated.items()
-                },
+                **exported(one, "down_to_kmh", tolerated_errors="tolerated"),
             }
             for one in verification.conditions
         ],

@@ -90,14 +90,8 @@ def published_controller(
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
         design = PIController(TABLE4_PI[column])
         return LinearControl(design, held, period=period, rule=Rule.BACKWARD, tracking_time=math.inf)
-    return SlidingControl(
-        published_law_gains(column, adaptive=adaptive),
-        held,
-        period=period,
-        nominal_mass=PARK2008.mass,
-        filter_time=FILTER_TIME,
-        knows_rail=knows_rail,
-    )
+    law, mass = published_law_gains(column, adaptive=adaptive), PARK2008.mass
+    return SlidingControl(law, held, period=period, nominal_mass=mass, filter_time=FILTER_TIME, knows_rail=knows_rail)
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
@@ -254,14 +248,8 @@ def tuned_control(
     judged = design.judgement
     assert judged is not None, "a tuned controller has been judged"
     points = [plant.point for plant in operating_plants(judged.points)]
-    return braking_control(
-        design.as_run.design,
-        points,
-        held,
-        name=name or design.structure.lower(),
-        hand_over_kmh=hand_over_of(judged),
-        period=design.period,
-    )
+    own, hand_over = name or design.structure.lower(), hand_over_of(judged)
+    return braking_control(design.as_run.design, points, held, name=own, hand_over_kmh=hand_over, period=design.period)
 
 
 def recommended_schedule(
@@ -396,13 +384,8 @@ def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PI
     lead, lead_filter = lead_of(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     points = plants or design_points(vehicle)
-    design = tune_pi(
-        [actuated_plant(plant, vehicle.actuator) for plant in points],
-        vehicle.actuator.dead_time,
-        ms_max=MS_MAX,
-        compensator=compensator,
-        names=[plant.point.words for plant in points],
-    )
+    systems, names = [actuated_plant(one, vehicle.actuator) for one in points], [one.point.words for one in points]
+    design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
     return PIGains(kp=design.kp, ki=design.ki)
 
 
