@@ -20,7 +20,7 @@ from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_
 from railslip_ctrl.simulation.run import Run
 
 from .options import controller_option, tell_remarks
-from .output import print_json, print_text, progress
+from .output import progress, show
 from .settings import HELP, json_option, option, preset
 
 _REPORT = ("report.txt", "report.json")
@@ -78,10 +78,7 @@ def command(
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
     files = write_files(out, {"report.txt": text, "report.json": json_text(content), **_pictures(summary)})
-    if as_json:
-        print_json(content)
-    else:
-        print_text(campaign_text, summary)
+    show(as_json, lambda: content, lambda: campaign_text(summary))
     progress(f"wrote {len(files)} files to {out}")
 
 
@@ -94,10 +91,7 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
     again = replay(campaign, number, out)
     logs = {f"run-{number}-{name}.csv": partial(_write_csv, run) for name, run in again.runs.items()}
     files = write_files(out, {**logs, f"run-{number}.png": partial(save_figure, replay_figure(again))})
-    if as_json:
-        print_json(replay_json(again))
-    else:
-        print_text(replay_text, again)
+    show(as_json, lambda: replay_json(again), lambda: replay_text(again))
     progress(f"wrote {', '.join(str(file) for file in files)}")
 
 

@@ -59,7 +59,7 @@ def command(
     given = "json" if as_json else _one_of("--format", form or "text", _FORMATS)
     chosen = _one_of("--reference", reference, get_args(Reference)), name, law, file, given
     if out is None:
-        print_text(_text, *chosen)
+        print_text(lambda: _text(*chosen))
         return
     text = _text(*chosen)
     made = "" if out.parent.is_dir() else f", made the folder {out.parent}"

@@ -33,7 +33,7 @@ from railslip_ctrl.report.identification import (
 )
 
 from .options import from_file, number_option, tell_remarks
-from .output import print_json, print_text, progress
+from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
@@ -160,10 +160,7 @@ def command(
             told += ", to be taken at --initial-speed" if told else ""
             told += "; model-1.toml and so on are for the v0 of their log"
         progress(f"wrote {len(writers)} files to {out}{told}")
-    if as_json:
-        print_json(content)
-    else:
-        print_text(_report, found)
+    show(as_json, lambda: content, lambda: _report(found))
 
 
 def _report(found: Identification | LogSeries) -> str:

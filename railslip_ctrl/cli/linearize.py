@@ -8,7 +8,7 @@ from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.report import linear_plant_json, linearize_text
 
 from .options import CaseOptions, case_options
-from .output import print_json, print_text
+from .output import show
 from .settings import HELP, switch
 
 
@@ -22,7 +22,4 @@ def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
     Example: railslip linearize --rail dry --speed 100 --speed 40
     """
     plants = [linearize(point, speed_state=speed_state) for point in cases.points()]
-    if as_json:
-        print_json({"cases": [linear_plant_json(plant) for plant in plants]})
-    else:
-        print_text(linearize_text, plants)
+    show(as_json, lambda: {"cases": [linear_plant_json(plant) for plant in plants]}, lambda: linearize_text(plants))

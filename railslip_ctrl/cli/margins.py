@@ -32,10 +32,10 @@ from .options import (
     controller_option,
     envelope_options,
     gain_options,
-    is_controller_file,
+    is_file,
     warn,
 )
-from .output import print_json, print_text
+from .output import show
 from .settings import HELP, option, switch
 
 
@@ -84,10 +84,7 @@ def command(
             point = judged.points(nominal=True).plants[0].point
             given = given_controller(controller, point, gains, judged.reference)
         judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
-        if as_json:
-            print_json(judgement_json(judgement))
-        else:
-            print_text(judgement_text, judgement)
+        show(as_json, lambda: judgement_json(judgement), lambda: judgement_text(judgement))
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
     points = cases.points()
     if controller is not None:
@@ -101,11 +98,12 @@ def command(
     if certify and any(isinstance(assessment.loop, SampledLoop) for assessment in assessments):
         raise InputError("--certify: the loop of a discrete controller has no certificate; leave it out")
     certificates = [assessment.loop.certificate() for assessment in assessments] if certify else []
-    if as_json:
-        pairs = zip_longest(assessments, certificates)
-        print_json({"cases": [margins_json(*pair) for pair in pairs]})
-    else:
-        print_text(margins_text, assessments, certificates)
+    pairs = zip_longest(assessments, certificates)
+    show(
+        as_json,
+        lambda: {"cases": [margins_json(*pair) for pair in pairs]},
+        lambda: margins_text(assessments, certificates),
+    )
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
 
 
@@ -124,7 +122,7 @@ def given_controller(
     from railslip_ctrl.simulation.catalogue import controller_named, default_column
 
     held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
-    if is_controller_file(text):
+    if is_file(text):
         if gains is not None:
             raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
         return controller_from_file(text, point.vehicle, held, point.speed)

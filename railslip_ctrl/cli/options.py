@@ -40,9 +40,8 @@ from railslip_ctrl.simulation.catalogue import (
     Column,
     controller_named,
     default_column,
+    held_reference,
     is_tuned_when_asked,
-    published_reference,
-    reference_of,
 )
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
@@ -63,10 +62,7 @@ _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Tab
 
 DEFAULT_ENVELOPE = "default"
 
-_SCENARIO = "the scenario's"
-
-LAW_FILES = (".toml", ".py")
-"""How the name of a file ends that --adhesion takes."""
+_SCENARIO, _LAW = "the scenario's", "LAW|FILE.toml|FILE.py"
 
 
 class Number(click.ParamType[float]):
@@ -191,7 +187,7 @@ class CaseOptions:
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""
         load = self.chosen_vehicle.wheel_load
-        if not is_law_file(self.adhesion):
+        if not is_file(self.adhesion):
             return published_law(self.adhesion, rail, self.initial_speed, load)
         assumed = not _is_given("initial_speed")
         return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
@@ -200,7 +196,7 @@ class CaseOptions:
         """Whether the law has parameters at another v0, km/h."""
         path = Path(self.adhesion)
         try:
-            if not is_law_file(self.adhesion):
+            if not is_file(self.adhesion):
                 published_law(self.adhesion, Rail.DRY, speed)
             elif path.suffix.lower() == ".toml":
                 load_law(path, initial_speed_kmh=speed)
@@ -220,17 +216,9 @@ class CaseOptions:
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
             try:
-                found += [
-                    operating_point(
-                        law,
-                        _with_mass(vehicle, mass),
-                        speed * KMH,
-                        held,
-                        rail=rail,
-                        initial_speed_kmh=self.initial_speed,
-                    )
-                    for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds)
-                ]
+                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
+                    car, v0 = _with_mass(vehicle, mass), self.initial_speed
+                    found.append(operating_point(law, car, speed * KMH, held, rail=rail, initial_speed_kmh=v0))
             except DomainError as error:
                 if self.slip is not None:
                     raise
@@ -294,7 +282,7 @@ class CaseOptions:
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
         """The adhesion law of a run; a complaint of v0, m/s, names the option that it came from."""
         try:
-            if is_law_file(name):
+            if is_file(name):
                 return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
             return named_law(name, vehicle, v0)
         except InputError as error:
@@ -328,10 +316,20 @@ def tell_remarks(vehicle: Vehicle) -> None:
         progress(f"note: {vehicle.name}: {note}")
 
 
-def number_option(name: str, unit: str, text: str, left_out: str, *, to: str | None = None, **bounds: float) -> Option:
+def number_option(
+    name: str,
+    unit: str,
+    text: str,
+    left_out: str,
+    *,
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    **kind: Any,
+) -> Option:
     """As `option`, for a `Number` in a unit, after which the help calls it."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
-    return option(name, metavar, text, left_out, to=to, type=Number(unit, **bounds))
+    return option(name, metavar, text, left_out, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
 def case_options(function: F) -> F:
@@ -376,50 +374,38 @@ def _collected(function: F, options: list[Option], *, control: bool = False) -> 
 def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Option]:
     """Without `speeds` for whole stops, with several `masses`, or for a `run`, which takes one of each."""
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
+    law = f"Adhesion law: {laws}, which is run."
     rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", "both")
     v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
-    scale = "Factor on M, J and B, in runs also on the stiffness of a published dynamic law"
+    of_run = ("Speed at which the brake is applied, km/h.", _SCENARIO)
+    speed = of_run if run else ("Train speed, km/h; repeatable.", "100")
+    vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
-    return [
-        *(_scenario_options() if run else ()),
-        option(
-            *("--adhesion", "LAW|FILE.toml|FILE.py", f"Adhesion law: {laws}, which is run."),
-            _SCENARIO if run else "bristle",
-            default="bristle",
-        ),
+    scale = (
+        "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
+        "as-published reading."
+    )
+    late = "Actuator dead time, s; no part of the linearised plant."
+    own = "the vehicle's"
+    of_law = [
+        option("--adhesion", _LAW, law, _SCENARIO if run else "bristle", default="bristle"),
         option("--rail", "dry|wet", *rail, to="rails", multiple=not run),
-        option(
-            *("--initial-speed", "KMH", v0, "--speed" if run else f"{INITIAL_SPEED_KMH}"),
-            default=INITIAL_SPEED_KMH,
-            type=Number("km/h", gt=0),
+        number_option(
+            "--initial-speed", "km/h", v0, "--speed" if run else str(INITIAL_SPEED_KMH), default=INITIAL_SPEED_KMH, gt=0
         ),
-        *([_speed_option(run=run)] if speeds else ()),
-        *(() if run else [_slip_option(of_point=speeds)]),
-        path_option(
-            *("--vehicle", "FILE"),
-            "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.",
-            _SCENARIO if run else "the published vehicle",
-        ),
+    ]
+    of_speed = [number_option("--speed", "km/h", *speed, to="speeds", multiple=not run, gt=0)] if speeds else []
+    of_vehicle = [
+        path_option("--vehicle", "FILE", vehicle, _SCENARIO if run else "the published vehicle"),
         switch("--loaded", "Use the vehicle's loaded mass and wheel load."),
-        option("--mass", "KG", mass, "the vehicle's", to="masses", multiple=masses, type=Number("kg", gt=0)),
-        number_option(
-            *("--inertia-scale", "1", f"{scale}: 1 is SI, 3.6 the as-published reading."),
-            _SCENARIO if run else "the vehicle's, 1",
-            gt=0,
-        ),
-        number_option(
-            "--dead-time", "s", "Actuator dead time, s; no part of the linearised plant.", "the vehicle's", ge=0
-        ),
-        number_option("--lag", "s", "Actuator lag, s.", "the vehicle's", ge=0),
+        number_option("--mass", "kg", mass, own, to="masses", multiple=masses, gt=0),
+        number_option("--inertia-scale", "1", scale, _SCENARIO if run else f"{own}, 1", gt=0),
+        number_option("--dead-time", "s", late, own, ge=0),
+        number_option("--lag", "s", "Actuator lag, s.", own, ge=0),
         json_option,
     ]
-
-
-def _speed_option(*, run: bool) -> Option:
-    told = (
-        ("Speed at which the brake is applied, km/h.", _SCENARIO) if run else ("Train speed, km/h; repeatable.", "100")
-    )
-    return option("--speed", "KMH", *told, to="speeds", multiple=not run, type=Number("km/h", gt=0))
+    slip = [] if run else [_slip_option(of_point=speeds)]
+    return [*(_scenario_options() if run else ()), *of_law, *of_speed, *slip, *of_vehicle]
 
 
 def _scenario_options() -> list[Option]:
@@ -441,12 +427,11 @@ def _slip_option(*, of_point: bool) -> Option:
 def envelope_options(left_out: str) -> Callable[[F], F]:
     """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
     nominal = switch("--nominal", "Judge its operating points alone, without tolerances around them.")
-    envelope = option(
-        *("--envelope", "default|FILE"),
+    text = (
         "Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML file; "
-        "--rail, --adhesion, --speed, --slip and --loaded narrow it.",
-        left_out,
+        "--rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
+    envelope = option("--envelope", "default|FILE", text, left_out)
     return lambda function: envelope(nominal(function))
 
 
@@ -480,9 +465,9 @@ def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
     return naming(option, lambda: load(path))
 
 
-def is_law_file(adhesion: str) -> bool:
-    """Whether --adhesion names a file."""
-    return adhesion.lower().endswith(LAW_FILES)
+def is_file(text: str) -> bool:
+    """Whether --adhesion or --controller names a file."""
+    return text.lower().endswith((".toml", ".py"))
 
 
 def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
@@ -569,43 +554,27 @@ class ControllerOptions:
 
         `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
         """
-        if is_controller_file(self.controller):
+        if is_file(self.controller):
             return self._from_file(scenario, law_speed), None
         name = controller_name(self.controller)
         gains = chosen_gains(self.kp, self.ki)
-        column = self._column(scenario)
-        reference = self._reference(scenario, column)
+        given, law = self._column(), scenario.adhesion
+        column = given or default_column(law)
+        reference = held_reference(law, self.slip, given, "--slip", "--slip X, or --gains for that of Table 4")
         if is_tuned_when_asked(name, scenario.vehicle.empty(), gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
-        made = naming(
-            "--controller",
-            lambda: controller_named(
-                name,
-                scenario.vehicle,
-                column=column,
-                gains=gains,
-                reference=reference,
-                knows_rail=not self.unknown_rail,
-                adaptive=self.adaptive,
-                period=self.period,
-            ),
-        )
+        asked: dict[str, Any] = {"column": column, "gains": gains, "reference": reference, "period": self.period}
+        asked |= {"knows_rail": not self.unknown_rail, "adaptive": self.adaptive}
+        made = naming("--controller", lambda: controller_named(name, scenario.vehicle, **asked))
         return made, column if name in _TABLE_4 and gains is None else None
 
-    def _column(self, scenario: Scenario) -> Column:
+    def _column(self) -> Column | None:
         if self.gains is None:
-            return default_column(scenario.adhesion)
+            return None
         for column in COLUMNS:
             if column == self.gains.lower():
                 return column
         raise InputError(f"--gains: {self.gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
-
-    def _reference(self, scenario: Scenario, column: Column) -> ReferenceSlip:
-        if self.slip is not None:
-            return ReferenceSlip(dry=self.slip, wet=self.slip)
-        if self.gains is not None:
-            return published_reference(column)
-        return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
     def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
         for flag, given in (
@@ -629,11 +598,6 @@ def controller_option(left_out: str, **kind: Any) -> Option:
         "numbers, or a Python file with one of your own, which is run."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, left_out, **kind)
-
-
-def is_controller_file(text: str) -> bool:
-    """Whether a controller is named by its file."""
-    return text.lower().endswith((".toml", ".py"))
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
@@ -662,15 +626,12 @@ def controller_name(text: str) -> str:
 
 def _controller_options() -> list[Option]:
     column = "gains of beam for the beam law, else of bristle; slip of the law"
-    reference = "the adhesion law's; with --gains the column's"
+    reference, period = "the adhesion law's; with --gains the column's", "every step; slide-protection 0.01"
     return [
         controller_option("pi", default="pi"),
         option("--gains", "|".join(COLUMNS), "Column of Table 4: gains and reference slip.", column),
         option("--slip", "X", "Reference slip on either rail.", reference, type=SLIP),
         switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet."),
         switch("--adaptive", "asmc: with the printed adaptation."),
-        number_option(
-            *("--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01"),
-            ge=LEAST_STEP,
-        ),
+        number_option("--period", "s", "The controller's sampling period, s.", period, ge=LEAST_STEP),
     ]

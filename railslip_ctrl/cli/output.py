@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable
-from typing import Any, ParamSpec
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -15,26 +15,27 @@ from click.core import ParameterSource
 from railslip_ctrl.report.document import WIDTH, columns
 from railslip_ctrl.report.export import Provenance
 
-P = ParamSpec("P")
-
 _NARROWEST = 60
 """Columns; a narrower terminal breaks the lines itself."""
 
 
-def print_json(content: dict[str, Any]) -> None:
-    """One JSON object on standard output; a number that is not finite would be a defect here, and fails."""
-    click.echo(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
+def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
+    """One JSON object on standard output, if that is asked for, else the text.
+
+    A number that is not finite would be a defect here, and fails.
+    """
+    if as_json:
+        click.echo(json.dumps(content(), indent=2, allow_nan=False, ensure_ascii=False))
+    else:
+        print_text(text)
 
 
-def print_text(report: Callable[P, str], *arguments: P.args, **named: P.kwargs) -> None:
-    """What `report` says of its arguments, no wider than the terminal; of one width in a pipe or a file."""
-    with columns(_terminal_width() if sys.stdout.isatty() else WIDTH):
-        text = report(*arguments, **named)
-    click.echo(text, nl=False)
-
-
-def _terminal_width() -> int:
-    return min(max(shutil.get_terminal_size().columns, _NARROWEST), WIDTH)
+def print_text(text: Callable[[], str]) -> None:
+    """A text no wider than the terminal; of one width in a pipe or a file."""
+    terminal = min(max(shutil.get_terminal_size().columns, _NARROWEST), WIDTH)
+    with columns(terminal if sys.stdout.isatty() else WIDTH):
+        told = text()
+    click.echo(told, nl=False)
 
 
 def progress(message: str) -> None:

@@ -40,7 +40,7 @@ from .options import (
     envelope_options,
     gain_options,
 )
-from .output import print_json, print_text, progress, provenance
+from .output import progress, provenance, show
 from .settings import HELP, preset, switch
 
 _TEXTS = ("report.txt", "report.json")
@@ -107,23 +107,15 @@ def command(
             wheel_slip_loop(plant, one)  # refuses what is not linear there
     pictures: dict[str, dict[str, bytes]] = {}
     with claimed(out):
+        draw = partial(_draw, pictures=pictures, told=told)
         found = design_report(
-            judged,
-            nominal=nominal,
-            given=given,
-            sliding=whole,
-            fresh=fresh,
-            progress=told,
-            meanwhile=lambda known: _draw(known, pictures, told),
+            judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told, meanwhile=draw
         )
         _draw(found, pictures, told)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
         files, content, text = _made(found, pictures, whole, provenance(ctx), rest, _again(cases, found, out))
         written = write_files(out, {name: files[name] for name in content["files"]})
-    if as_json:
-        print_json(content)
-    else:
-        print_text(lambda: files["report.txt"].decode() if width() == WIDTH else text())
+    show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 

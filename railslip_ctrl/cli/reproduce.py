@@ -23,7 +23,7 @@ from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .options import whole_number
-from .output import print_json, print_text, progress, provenance
+from .output import progress, provenance, show
 from .settings import HELP, json_option, path_option, preset, switch
 
 _PAGE = "reproduce.html"
@@ -66,10 +66,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     if out is not None:
         write_files(out, _files(text, content, comparison, found, provenance(ctx)))
         progress(f"wrote {len(names)} files to {out}")
-    if as_json:
-        print_json(content)
-    else:
-        print_text(reproduction_text, comparison, tables.table3(), found, worth)
+    show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), found, worth))
     ctx.exit(0 if comparison.within else 1)
 
 

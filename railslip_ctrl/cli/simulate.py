@@ -14,7 +14,7 @@ from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import CaseOptions, ControllerOptions, Number, gain_options, run_options, whole_number
-from .output import print_json, print_text, progress
+from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
 LOG_PERIOD = 0.01
@@ -85,10 +85,7 @@ def command(
     if out is not None:
         files = write_files(out, _files(run, content, law_speed))
         progress(f"wrote {len(files)} files to {out}")
-    if as_json:
-        print_json(content)
-    else:
-        print_text(simulation_text, run, law_speed)
+    show(as_json, lambda: content, lambda: simulation_text(run, law_speed))
     ctx.exit(0 if run.stopped else 1)
 
 

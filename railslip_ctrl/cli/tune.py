@@ -22,7 +22,7 @@ from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options, number_option
-from .output import print_json, print_text, progress
+from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
 
@@ -80,6 +80,7 @@ def command(
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
     specification, judgement = Specification(ms_max, phase_min, delay_min), None
+    leads = {"lead": lead, "lead_filter": lead_filter}
     _check_out(out, structure)
     if structure == "seeking":
         _check_rules(minimise_ms, phase_min, delay_min, ki_min, lead, lead_filter)
@@ -88,27 +89,14 @@ def command(
     _check_asked(structure, specification, minimise_ms, ki_min)
     if envelope is None and cases.name_points():
         points = cases.points()
-        tuned = tune_cases(
-            [linearize(point) for point in points],
-            points[0].vehicle.actuator,
-            structure=structure,
-            specification=specification,
-            ki_min=ki_min,
-            lead=lead,
-            lead_filter=lead_filter,
-        )
+        plants, actuator = [linearize(point) for point in points], points[0].vehicle.actuator
+        tuned = tune_cases(plants, actuator, structure=structure, specification=specification, ki_min=ki_min, **leads)
         if out is not None and tuned.design is not None:
             _saved(tuned.controller(tuned.design), points, out, period)
     else:
+        judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         tuned, found = tune_over(
-            cases.envelope(envelope or DEFAULT_ENVELOPE),
-            specification,
-            structure,
-            ki_min=ki_min,
-            lead=lead,
-            lead_filter=lead_filter,
-            nominal=nominal,
-            period=period,
+            judged, specification, structure, ki_min=ki_min, nominal=nominal, period=period, **leads
         )
         judgement = None if found is None else found.judgement
         if found is not None and judgement is not None and out is not None:
@@ -117,10 +105,7 @@ def command(
                 progress(f"below {hand_over:g} km/h the file holds a torque, without slip control")
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
-    if as_json:
-        print_json(tuning_json(tuned, judgement))
-    else:
-        print_text(tuning_text, tuned, judgement)
+    show(as_json, lambda: tuning_json(tuned, judgement), lambda: tuning_text(tuned, judgement))
     ctx.exit(0 if tuned.design is not None else 1)
 
 
@@ -142,10 +127,7 @@ def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: b
     if out is not None and not found.reason:
         found.save(out)
         progress(f"wrote {out}")
-    if as_json:
-        print_json(seeking_json(found))
-    else:
-        print_text(seeking_text, found)
+    show(as_json, lambda: seeking_json(found), lambda: seeking_text(found))
     ctx.exit(1 if found.reason else 0)
 
 

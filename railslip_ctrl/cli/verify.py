@@ -13,8 +13,8 @@ from railslip_ctrl.report.verification import conclusion_text, verification_json
 from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, is_law_file, number_option, stop_options, whole_number
-from .output import print_json, print_text
+from .options import CaseOptions, is_file, number_option, stop_options, whole_number
+from .output import show
 from .settings import HELP, preset
 
 LAWS: tuple[Law, ...] = get_args(Law)
@@ -94,17 +94,18 @@ def command(
             _OPTION.sub(lambda name: "--" + name[0].replace(" ", "-").replace("_", "-"), str(error))
         ) from None
     result = full.verification
-    if as_json:
-        print_json(verification_json(result))
-    else:
-        print_text(verification_text, result, conclusion_text(full), _about(cases, adhesion))
+    show(
+        as_json,
+        lambda: verification_json(result),
+        lambda: verification_text(result, conclusion_text(full), _about(cases, adhesion)),
+    )
     ctx.exit(0 if result.all_hold else 1)
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
     """The adhesion named. A file's parameters are for one rail, and say themselves what follows on the other."""
     rails = cases.chosen_rails()
-    if not is_law_file(cases.adhesion):
+    if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
     try:
         law = cases.law(Rail.DRY)
@@ -117,7 +118,7 @@ def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str],
     """Vehicle and adhesion with its reference slips, for the report's head, where any was named."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
-    source = f" ({cases.adhesion})" if is_law_file(cases.adhesion) else ""
+    source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""
     about = [] if cases.vehicle is None else [("Vehicle", vehicle.name)]
     if adhesion != PUBLISHED_ADHESION:
         about += [("Adhesion", f"{adhesion.text}{source}"), ("Reference slip", slips)]

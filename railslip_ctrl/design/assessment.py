@@ -124,18 +124,14 @@ class Assessment:
             return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
             return f"{self.verdict.value} (Ms {ms_up(self.margins.ms)})"
-        how_many = (
-            "a chain of closed-loop poles"
-            if math.isinf(self.unstable_poles)
-            else f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
-        )
+        how_many = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
+        if math.isinf(self.unstable_poles):
+            how_many = "a chain of closed-loop poles"
         where = "on the imaginary axis" if self.marginal else "in the right half plane"
         usable = self.stabilizing_gain_range
-        remedy = (
-            "no loop gain of this controller stabilises it"
-            if usable is None
-            else f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
-        )
+        remedy = "no loop gain of this controller stabilises it"
+        if usable is not None:
+            remedy = f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
         return f"{self.verdict.value}: {how_many} {where}; {remedy}"
 
 

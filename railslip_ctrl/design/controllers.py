@@ -702,13 +702,8 @@ def sampled_margins(
     equivalent = continuous_equivalent(controller, plant, actuator, computation=computation)
     exact = sampled_loop(controller, plant, actuator, computation=computation)
     continuous = DeadTimeLoop(equivalent.system, actuator.dead_time)
-    return SampledMargins(
-        period=controller.period,
-        computation=computation,
-        continuous=continuous.margins() if continuous.is_stable() else None,
-        equivalent=equivalent.margins() if equivalent.is_stable() else None,
-        exact=exact.margins() if exact.is_stable() else None,
-    )
+    found = (loop.margins() if loop.is_stable() else None for loop in (continuous, equivalent, exact))
+    return SampledMargins(controller.period, computation, *found)
 
 
 @checked

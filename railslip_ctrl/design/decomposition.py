@@ -389,12 +389,8 @@ class Decomposition:
         end = self._kp_at_infinity() if self.dead_time == 0 else curve(high[-1:])[0]
         last = np.append(curve(high[:-1])[0], end)
         # the values at omega = 0 and infinity are not reached
-        return (
-            low,
-            high,
-            np.where(low == 0, np.nextafter(first, last), first),
-            np.where(np.isinf(high), np.nextafter(last, first), last),
-        )
+        start = np.where(low == 0, np.nextafter(first, last), first)
+        return low, high, start, np.where(np.isinf(high), np.nextafter(last, first), last)
 
     def _kp_at_infinity(self) -> float:
         """kp(omega) as omega tends to infinity, without dead time."""

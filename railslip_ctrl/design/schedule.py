@@ -87,22 +87,12 @@ class GainSchedule:
 
     def to_json(self) -> str:
         """The schedule as JSON, SI except where a key names a unit; `from_json` reads it back."""
-        content = {
-            "lead_s": self.lead,
-            "lead_filter_s": self.lead_filter,
-            "lowest_speed_kmh": self.lowest_speed_kmh,
-            "worst_ms": self.worst_ms,
-            "entries": [
-                {
-                    "rail": e.rail.value,
-                    "speed_kmh": e.speed_kmh,
-                    "kp_si": e.gains.kp,
-                    "ki_si": e.gains.ki,
-                    "worst_ms": e.worst_ms,
-                }
-                for e in self.entries
-            ],
-        }
+        entries = []
+        for e in self.entries:
+            gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
+            entries.append({"rail": e.rail.value, "speed_kmh": e.speed_kmh, **gains, "worst_ms": e.worst_ms})
+        limits = {"lowest_speed_kmh": self.lowest_speed_kmh, "worst_ms": self.worst_ms}
+        content = {"lead_s": self.lead, "lead_filter_s": self.lead_filter, **limits, "entries": entries}
         return json.dumps(content, indent=2, allow_nan=False)
 
     @classmethod
@@ -165,12 +155,8 @@ def schedule_gains(
         for speed in speeds_kmh:
             plants = [plant_at(law, loaded, rail, speed) for loaded in (vehicle, vehicle.loaded())]
             try:
-                design = tune_pi(
-                    [actuated_plant(plant, actuator) for plant in plants],
-                    actuator.dead_time,
-                    ms_max=ms_max,
-                    compensator=compensator,
-                )
+                systems = [actuated_plant(plant, actuator) for plant in plants]
+                design = tune_pi(systems, actuator.dead_time, ms_max=ms_max, compensator=compensator)
             except InfeasibleDesignError as error:
                 raise InfeasibleDesignError(f"{rail} rail, {speed:g} km/h: {error}") from None
             entries.append(ScheduleEntry(rail, float(speed), PIGains(kp=design.kp, ki=design.ki), design.worst.ms))

@@ -231,11 +231,8 @@ class StabilizingRegion(Region):
 
     @property
     def kp_intervals(self) -> Intervals:
-        return tuple(
-            (low, high)
-            for low, high in self.p_intervals
-            if self._integral_allowed(probe(low, high, self._reference_gain))
-        )
+        scale = self._reference_gain
+        return tuple((low, high) for low, high in self.p_intervals if self._integral_allowed(probe(low, high, scale)))
 
     @cached_property
     def p_intervals(self) -> Intervals:
@@ -564,11 +561,8 @@ def outline(
     least, most = region.kp_range or (math.nan, math.nan)
     cut = [float(columns[0])] if least < -kp_limit else []
     cut += [float(columns[-1])] if most > kp_limit else []
-    return tuple(
-        replace(strip, kp_cut=strip.kp[0] in cut or strip.kp[-1] in cut)
-        for strip in strips
-        if (strip.ki_low < ki_limit).any()
-    )
+    shown = (strip for strip in strips if (strip.ki_low < ki_limit).any())
+    return tuple(replace(strip, kp_cut=strip.kp[0] in cut or strip.kp[-1] in cut) for strip in shown)
 
 
 @checked

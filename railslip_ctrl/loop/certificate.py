@@ -117,11 +117,9 @@ def _ends(ball: arb) -> Enclosure:
     if not ball.is_finite():
         return math.inf, math.inf
     low, high = float(ball.lower()), float(ball.upper())
-    return (
-        (low, high)
-        if ball.is_exact() and low == high
-        else (math.nextafter(low, -math.inf), math.nextafter(high, math.inf))
-    )
+    if ball.is_exact() and low == high:
+        return low, high
+    return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
 
 def _narrow(ball: arb) -> Enclosure:
@@ -254,12 +252,8 @@ class _Cover:
         self._response, self._bits = response, bits
         zeros, poles = response.exact.roots()
         self._roots = zeros + poles
-        self._on_axis = [
-            (root.imag, size)
-            for of, size in ((poles, arb.pos_inf()), (zeros, arb(0)))
-            for root in of
-            if root.real.is_zero()
-        ]
+        sizes = ((poles, arb.pos_inf()), (zeros, arb(0)))
+        self._on_axis = [(root.imag, size) for of, size in sizes for root in of if root.real.is_zero()]
         self._frequencies = margins.ms_frequency, margins.mt_frequency
         self._near: list[arb] = []
         self.parts = 0

@@ -164,16 +164,11 @@ class Loop(ABC):
 
 def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:
     """The error of a loop of a kind that has no margins: its poles in words, their number, and the gains that do."""
-    remedy = (
-        "no factor on the loop gain alone stabilises it"
-        if usable is None
-        else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
-    )
-    return UnstableLoopError(
-        f"margins are not defined: the {kind} is unstable with {poles}; {remedy}",
-        unstable_poles=count,
-        stabilizing_gain_range=usable,
-    )
+    remedy = "no factor on the loop gain alone stabilises it"
+    if usable is not None:
+        remedy = f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
+    told = f"margins are not defined: the {kind} is unstable with {poles}; {remedy}"
+    return UnstableLoopError(told, unstable_poles=count, stabilizing_gain_range=usable)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -637,10 +637,5 @@ def _narrowed(boxes: Boxes, step: Step) -> Boxes:
 
     turned, half = ends(boxes.half, step.theta, step.theta_room)
     later, half_fraction = ends(boxes.half_fraction, step.fraction, step.fraction_room)
-    return boxes._replace(
-        theta=boxes.theta + turned,
-        half=half,
-        fraction=boxes.fraction + later,
-        half_fraction=half_fraction,
-        only=np.ones_like(boxes.only),
-    )
+    moved = boxes._replace(theta=boxes.theta + turned, fraction=boxes.fraction + later)
+    return moved._replace(half=half, half_fraction=half_fraction, only=np.ones_like(boxes.only))

@@ -133,13 +133,8 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
     if dead_time == 0 or system.gain == 0:
         return _ordered(rounded_roots(num + den))[:count]
     for attempt, points in enumerate(_POINTS):
-        start = np.concatenate(
-            [
-                _start_values(system, dead_time, points),
-                system.poles,
-                _chain(system, dead_time, (1 + attempt) * count + 8),
-            ]
-        )
+        chain = _chain(system, dead_time, (1 + attempt) * count + 8)
+        start = np.concatenate([_start_values(system, dead_time, points), system.poles, chain])
         poles = _ordered(_polished(system, dead_time, start))
         if poles.size >= count and _confirmed(system, dead_time, poles, count):
             return poles[:count]

@@ -164,13 +164,10 @@ def _quantity_texts(summary: CampaignSummary) -> list[str]:
 def _quantity_text(quantity: Quantity, unit: str) -> str:
     given = described(quantity.distribution)
     del given["kind"]
-    numbers = ", ".join(f"{name} {_value_text(value)}" for name, value in given.items() if value is not None)
+    lists = {name: value if isinstance(value, list) else [value] for name, value in given.items() if value is not None}
+    numbers = ", ".join(f"{name} {' '.join(f'{v:g}' for v in values)}" for name, values in lists.items())
     factor = "factor on " if quantity.relative else ""
     return headed(f"{factor}{', '.join(quantity.paths)}: {quantity.distribution.kind}, {numbers}", unit)
-
-
-def _value_text(value: Any) -> str:
-    return " ".join(f"{v:g}" for v in value) if isinstance(value, list) else f"{value:g}"
 
 
 def _outcome_table(summary: CampaignSummary) -> RenderableType:
@@ -240,28 +237,20 @@ def _interval_note(summary: CampaignSummary) -> str:
 
 def _grid_table(summary: CampaignSummary) -> RenderableType:
     names = summary.campaign.controller_names
-    rows = [
-        (
-            ", ".join(f"{name} {value:g}" for name, value in point.values.items()),
-            *(_with_interval(point.means[name, "braking_distance_m"]) for name in names),
-            *(_percent(point.not_stopped[name]) for name in names),
-        )
-        for point in summary.points
-    ]
+    rows = []
+    for point in summary.points:
+        where = ", ".join(f"{name} {value:g}" for name, value in point.values.items())
+        means = (_with_interval(point.means[name, "braking_distance_m"]) for name in names)
+        rows.append((where, *means, *(_percent(point.not_stopped[name]) for name in names)))
     return table(("point", *names, *(f"{name}, % not stopped" for name in names)), rows)
 
 
 def _paired_table(summary: CampaignSummary) -> RenderableType:
-    rows = [
-        (
-            measure_head(measured(pair.measure)),
-            f"{pair.second} - {pair.first}",
-            str(pair.pairs),
-            _with_interval(pair.difference, measured(pair.measure).scale),
-            _percent(pair.second_smaller),
-        )
-        for pair in summary.paired
-    ]
+    rows = []
+    for pair in summary.paired:
+        measure, names = measured(pair.measure), f"{pair.second} - {pair.first}"
+        difference = _with_interval(pair.difference, measure.scale)
+        rows.append((measure_head(measure), names, str(pair.pairs), difference, _percent(pair.second_smaller)))
     return table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
 
 

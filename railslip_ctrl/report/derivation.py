@@ -34,9 +34,7 @@ def derivation_json(
 ) -> dict[str, Any]:
     """The contract's keys, and beside them what was done, how each step was checked, and a law's `numbers` by rail."""
     return {
-        "reference": derivation.reference,
-        "adhesion": derivation.adhesion,
-        "all_checked": derivation.all_checked,
+        **exported(derivation, "reference", "adhesion", "all_checked"),
         "steps": [exported(step, *_STEP) for step in derivation.steps],
         "law": {
             "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
@@ -103,7 +101,8 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
     parts += [heading("Law", "-"), Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4))]
     for one in numbers:
         parts += [heading(_numeric_title(one), "-"), indented(_parameters(one))]
-        parts.append(Padding(Text(_numeric_text(one)), (1, 0, 1, 4)))
+        torque = _NO_FORMULA if one.torque is None else f"Tb = {plain(one.torque)}"
+        parts.append(Padding(Text(torque), (1, 0, 1, 4)))
     parts.append(heading("Errata: as printed, and as derived", "="))
     for row in errata:
         parts += [
@@ -115,10 +114,6 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
         ]
     parts.append(Text(_sources_line()))
     return render(parts)
-
-
-def _numeric_text(numbers: LawNumbers) -> str:
-    return _NO_FORMULA if numbers.torque is None else f"Tb = {plain(numbers.torque)}"
 
 
 def _sources_line() -> str:

@@ -34,20 +34,12 @@ PUBLISHED, GIVEN = "published", "given"
 """Sources of a law that is from no file."""
 
 _PACKAGES = {
-    "control": "python-control",
-    "numpy": "NumPy",
-    "scipy": "SciPy",
-    "sympy": "SymPy",
-    "numba": "Numba",
-    "matplotlib": "Matplotlib",
+    **{"control": "python-control", "numpy": "NumPy", "scipy": "SciPy"},
+    **{"sympy": "SymPy", "numba": "Numba", "matplotlib": "Matplotlib"},
 }
 _CERTIFIED = {
-    "gain_increase": "gain_increase",
-    "gain_decrease": "gain_decrease",
-    "phase_margin_deg": "phase_deg",
-    "delay_margin_s": "delay_s",
-    "ms": "ms",
-    "mt": "mt",
+    **{name: name for name in ("gain_increase", "gain_decrease")},
+    **{"phase_margin_deg": "phase_deg", "delay_margin_s": "delay_s", "ms": "ms", "mt": "mt"},
 }
 _MARGINS = {**_CERTIFIED, "disk_margin": "disk"}
 
@@ -205,13 +197,8 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
     """What no controller beats, and what a PI, and a PI with a lead on the lag, may hope for; null without theorem."""
     limits = assessment.limits
-    found = exported(
-        limits,
-        unstable_pole_rad_s="unstable_pole",
-        pole_times_dead_time_and_lag="actuator_product",
-        mt_lower_bound="mt_bound",
-        ms_lower_bound="ms_bound",
-    )
+    names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
+    found = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
     for name, structure in (("pi", limits.pi), ("pi_lead", limits.pi_lead)):
         keys = {f"{name}_phase_margin_upper_bound_deg": "phase_deg", f"{name}_ms_lower_bound": "ms_bound"}
         found |= exported(structure, **keys)
@@ -232,31 +219,22 @@ def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
     """The file that a law is from; else whether its numbers are those of what `published` makes."""
     if law.file is not None:
         return law.file
-    return PUBLISHED if _is(law, published) else GIVEN
+    try:
+        other = published()
+    except RailslipError:  # there is no such law
+        return GIVEN
+    return PUBLISHED if type(other) is type(law) and other.parameters() == law.parameters() else GIVEN
 
 
 def source_at(point: OperatingPoint) -> str:
     """`source_of` a point's law, published for its rail, v0 and wheel load."""
-    return source_of(point.law, lambda: _published_at(point))
+    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
+    return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
 
 def words_at(point: OperatingPoint) -> str:
     """`law_words` of a point's law."""
     return law_words(point.law, source_at(point))
-
-
-def _published_at(point: OperatingPoint) -> AdhesionLaw:
-    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
-    return published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load)
-
-
-def _is(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> bool:
-    """Whether a law has the numbers of what `published` makes; not if there is no such law."""
-    try:
-        other = published()
-    except RailslipError:
-        return False
-    return type(other) is type(law) and other.parameters() == law.parameters()
 
 
 # --- files, so that an existing report is never left half-written ---------------------------------------------------

@@ -201,11 +201,11 @@ def model_toml(found: Identification) -> str:
 
     Returns the TOML text: parameters in SI, speeds in km/h.
     """
-    fit, curve = found.chosen.fit, found.curve
+    fit, curve, load = found.chosen.fit, found.curve, found.setting.wheel_load
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)
     comments = [
         f"Identified by railslip_ctrl {__version__} from {curve.name}, {curve.survey.used} samples.",
-        f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {found.setting.wheel_load:g} N.",
+        f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {load:g} N.",
         f"Mean absolute error of mu {found.chosen.mean_abs_error:.3g}.",
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
         *(f"Warning: {warning}" for warning in (*found.warnings, *found.doubts)),
@@ -213,13 +213,8 @@ def model_toml(found: Identification) -> str:
         *curve.notes,
         *found.peak_notes,
     ]
-    return law_toml(
-        fit.law,
-        reference=found.reference,
-        wheel_load=found.setting.wheel_load,
-        speeds_kmh=(lowest, highest),
-        comments=comments,
-    )
+    speeds = lowest, highest
+    return law_toml(fit.law, reference=found.reference, wheel_load=load, speeds_kmh=speeds, comments=comments)
 
 
 def series_toml(found: LogSeries) -> str | None:
@@ -237,14 +232,9 @@ def series_toml(found: LogSeries) -> str | None:
     ]
     coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
-    return polynomials_toml(
-        fits[0].law,
-        {name: values.tolist() for name, values in coefficients.items()},
-        limits,
-        references=_references(found),
-        wheel_load=sum(each.setting.wheel_load for each in found.logs) / len(fits),
-        comments=comments,
-    )
+    numbers = {name: values.tolist() for name, values in coefficients.items()}
+    held, load = _references(found), sum(each.setting.wheel_load for each in found.logs) / len(fits)
+    return polynomials_toml(fits[0].law, numbers, limits, references=held, wheel_load=load, comments=comments)
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:

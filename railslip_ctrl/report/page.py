@@ -46,16 +46,14 @@ def page(
     environment.filters["with_units"] = with_units
     top, *chapters = _numbered([Section("first", "", first.pictures), *sections])
     used = [picture for section in (top, *chapters) for picture in pictures_in(section.blocks)]
+    embedded = {one.name: base64.b64encode(pictures[one.name]).decode("ascii") for one in used}
     text = environment.get_template("report.html").render(
         first=first,
         shown=top.blocks,
         sections=chapters,
         software=software(),
-        pictures={picture.name: _data(pictures[picture.name]) for picture in used},
-        provenance=provenance,
-        version=__version__,
-        date=date.isoformat(),
-        seconds=seconds,
+        pictures={name: f"data:image/svg+xml;base64,{one}" for name, one in embedded.items()},
+        **{"provenance": provenance, "version": __version__, "date": date.isoformat(), "seconds": seconds},
     )
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 
@@ -80,10 +78,6 @@ def css_string(text: str) -> str:
     """Text for between quotes in a style sheet: everything but letters, digits and spaces as its number,
     with the space that ends one."""
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
-
-
-def _data(svg: bytes) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
 
 
 def _numbered(sections: Sequence[Section]) -> list[Section]:

@@ -91,10 +91,8 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
         "rows": [
             {
-                "rule": row.alternative.rule,
-                "alternative": row.alternative.name,
-                "rms_deviation_percent": number(row.rms_deviation_percent),
-                "largest_change_percent": number(row.largest_change_percent),
+                **exported(row, rule="alternative.rule", alternative="alternative.name"),
+                **exported(row, "rms_deviation_percent", "largest_change_percent"),
                 "largest_change_of": row.largest_change_of or None,
                 "not_stopped": row.not_stopped,
                 "numbers": {one.setup.case.name: [number(x) for x in one.mean] for one in row.results},

@@ -18,7 +18,6 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import SeekingDesign
 from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
-from railslip_ctrl.design.specification import Worst
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.model.adhesion import AdhesionLaw
@@ -134,15 +133,8 @@ def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
 
 
 def _parameters(law: AdhesionLaw) -> str:
-    return ", ".join(f"{name} {_value(value)}{_unit(unit)}" for name, (value, unit) in law.numbers().items())
-
-
-def _value(value: float | tuple[float, ...]) -> str:
-    return f"{value:.6g}" if not isinstance(value, tuple) else f"[{' '.join(f'{x:.6g}' for x in value)}]"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit.replace('*', '·')}"
+    units = {name: "" if unit == "1" else f" {unit.replace('*', '·')}" for name, (_, unit) in law.numbers().items()}
+    return ", ".join(f"{name} {_plain(value)}{units[name]}" for name, (value, _) in law.numbers().items())
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
@@ -248,25 +240,22 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     if poles.size:
         rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"))
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
-    if assessment.margins is not None:
-        parts += ["", _margin_table(assessment, assessment.margins), _crossover_line(assessment.margins)]
+    if (m := assessment.margins) is not None:
+        pairs = zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
+        crossovers = ", ".join(f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in pairs) or "none"
+        parts += ["", _margin_table(assessment, m), f"Gain crossovers: {crossovers}\n"]
     if assessment.pade:
         parts += _pade_part(assessment)
     if assessment.as_run is not None:
-        parts.append(_sampled_line(assessment.as_run.period, assessment.sampled))
+        m = assessment.sampled
+        numbers = "unstable"
+        if m is not None:
+            numbers = f"Ms {ms_up(m.ms)}, phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
+        parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
     if isinstance(assessment.controller, SeekingGains):
         parts.append(f"Sampled: {UNSAMPLED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
-
-
-def _sampled_line(period: float, sampled: Margins | None) -> str:
-    if sampled is None:
-        return f"As run, sampled every {period:g} s: unstable"
-    return (
-        f"As run, sampled every {period:g} s: Ms {ms_up(sampled.ms)}, phase margin {sampled.phase_deg:.4g} deg, "
-        f"delay margin {sampled.delay_s:.4g} s"
-    )
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:
@@ -338,11 +327,6 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
 
 def _decrease(m: Margins, digits: int) -> str:
     return fixed(m.gain_decrease, digits) if m.gain_decrease > 0 else "unbounded"
-
-
-def _crossover_line(m: Margins) -> str:
-    pairs = zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
-    return "Gain crossovers: " + (", ".join(f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in pairs) or "none") + "\n"
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
@@ -423,16 +407,15 @@ def _speed(speed: float | None, never: str) -> str:
 
 
 def _worst_table(judgement: Judgement) -> RenderableType:
-    kinds = [("operating points", judgement.worst)]
+    def row(name: str, worst: WorstCase) -> list[str]:
+        m = worst.margins
+        numbers = ["unstable", "-", "-"] if m is None else [ms_text(m.ms), below(m.phase_deg), below(m.delay_s)]
+        return [name, *numbers, worst.case.words]
+
+    rows = [row("operating points", judgement.worst)]
     if not judgement.nominal:
-        kinds.append(("with tolerances", judgement.worst_with_tolerances))
-    return table(("Worst of", "Ms", "Phase, deg", "Delay, s", "Where"), [_row(*one) for one in kinds], words=(4,))
-
-
-def _row(name: str, worst: WorstCase) -> list[str]:
-    m = worst.margins
-    numbers = ["unstable", "-", "-"] if m is None else [ms_text(m.ms), below(m.phase_deg), below(m.delay_s)]
-    return [name, *numbers, worst.case.words]
+        rows.append(row("with tolerances", judgement.worst_with_tolerances))
+    return table(("Worst of", "Ms", "Phase, deg", "Delay, s", "Where"), rows, words=(4,))
 
 
 def _map_table(judgement: Judgement) -> RenderableType:
@@ -452,12 +435,17 @@ def _map_table(judgement: Judgement) -> RenderableType:
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
     """The design, its margins at every case, its judgement over an envelope; infeasible: null, with the reason."""
     design = tuned.design
-    margins: Sequence[Margins | None] = [None] * len(tuned.points) if design is None else design.margins
+    margins: Sequence[Margins | None] = [None] * len(tuned.points)
+    worst = None
+    if design is not None:
+        margins = design.margins
+        worst = exported(design.worst, "ms", phase_margin_deg="phase_deg", delay_margin_s="delay_s")
+        worst["case"] = case_json(tuned.points[design.worst.ms_member])
     return {
         **exported(tuned, "structure", "reason", lead_s="lead", lead_filter_s="lead_filter"),
         **exported(design, kp_si="kp", ki_si="ki"),
         "ms_max_asked": tuned.specification.ms_max,
-        "worst": None if design is None else _worst_json(design.worst, tuned.points),
+        "worst": worst,
         "cases": [
             {**case_json(point), "adhesion_law": law_json(point.law, source_at(point)), **margin_numbers(found)}
             for point, found in zip(tuned.points, margins, strict=True)
@@ -485,11 +473,6 @@ def seeking_text(design: SeekingDesign) -> str:
     ]
     parts += ["", f"Infeasible: {design.reason}"] if design.reason else []
     return render([*parts, "", *judgement_parts(design.judgement)])
-
-
-def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:
-    margins = exported(worst, "ms", phase_margin_deg="phase_deg", delay_margin_s="delay_s")
-    return margins | {"case": case_json(points[worst.ms_member])}
 
 
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:

@@ -24,6 +24,7 @@ from railslip_ctrl.verification.reaching import ADHESION_NOISE
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 from .document import facts, heading, indented, render, table
+from .export import exported
 
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",
@@ -92,15 +93,10 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     return {
         "conditions": [
             {
-                "name": one.name,
-                "statement": statement(one),
-                "holds": one.holds,
-                "how": one.how,
+                **{"name": one.name, "statement": statement(one)},
+                **exported(one, "holds", "how"),
                 "evidence": evidence(one),
-                "down_to_kmh": one.down_to_kmh,
-                "tolerated_errors": {
-                    name: share if math.isfinite(share) else None for name, share in one.tolerated.items()
-                },
+                **exported(one, "down_to_kmh", tolerated_errors="tolerated"),
             }
             for one in verification.conditions
         ],
@@ -115,7 +111,10 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
     """
     known = facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
-    rows = [(one.name, _HOLDS[one.holds][0], _down_to(one), one.how or "-") for one in verification.conditions]
+    rows = []
+    for one in verification.conditions:
+        down_to = "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
+        rows.append((one.name, _HOLDS[one.holds][0], down_to, one.how or "-"))
     parts.append(table(("Condition", "Holds", "Down to", "How"), rows, left=4))
     for one in verification.conditions:
         parts += _paragraphs(one)
@@ -127,20 +126,15 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
 
 def _facts(verification: Verification) -> list[tuple[str, str]]:
     reading = {1.0: " (SI)", 3.6: " (as published)"}.get(verification.inertia_scale, "")
+    without = verification.law == "layered" and verification.K == 0.0
     return [
         ("Law", _LAWS[verification.law]),
-        ("K", _authority(verification)),
+        ("K", "none, as there is no law" if without else f"{verification.K:.5g} N m"),
         *([] if verification.D is None else [("D", f"{verification.D:.5g} N m/(m/s)")]),
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
         ("Actuator", _ACTUATORS.get(verification.law, _ACTUATOR)),
     ]
-
-
-def _authority(verification: Verification) -> str:
-    if verification.law == "layered" and verification.K == 0.0:
-        return "none, as there is no law"
-    return f"{verification.K:.5g} N m"
 
 
 def _paragraphs(one: Condition) -> list[RenderableType]:
@@ -152,10 +146,6 @@ def _paragraphs(one: Condition) -> list[RenderableType]:
         *([indented(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
         Text(""),
     ]
-
-
-def _down_to(one: Condition) -> str:
-    return "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
 
 
 def _tolerated(one: Condition) -> str:

@@ -90,14 +90,8 @@ def published_controller(
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
         design = PIController(TABLE4_PI[column])
         return LinearControl(design, held, period=period, rule=Rule.BACKWARD, tracking_time=math.inf)
-    return SlidingControl(
-        published_law_gains(column, adaptive=adaptive),
-        held,
-        period=period,
-        nominal_mass=PARK2008.mass,
-        filter_time=FILTER_TIME,
-        knows_rail=knows_rail,
-    )
+    law, mass = published_law_gains(column, adaptive=adaptive), PARK2008.mass
+    return SlidingControl(law, held, period=period, nominal_mass=mass, filter_time=FILTER_TIME, knows_rail=knows_rail)
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
@@ -254,14 +248,8 @@ def tuned_control(
     judged = design.judgement
     assert judged is not None, "a tuned controller has been judged"
     points = [plant.point for plant in operating_plants(judged.points)]
-    return braking_control(
-        design.as_run.design,
-        points,
-        held,
-        name=name or design.structure.lower(),
-        hand_over_kmh=hand_over_of(judged),
-        period=design.period,
-    )
+    own, hand_over = name or design.structure.lower(), hand_over_of(judged)
+    return braking_control(design.as_run.design, points, held, name=own, hand_over_kmh=hand_over, period=design.period)
 
 
 def recommended_schedule(
@@ -328,11 +316,8 @@ def published_vehicle() -> Vehicle:
 
 def is_published(vehicle: Vehicle) -> bool:
     """Whether a vehicle has the published masses, wheel and wheel load; its brake and its scale may differ."""
-    return (vehicle.mass_loaded, vehicle.wheel, vehicle.wheel_load_loaded) == (
-        PARK2008.mass_loaded,
-        PARK2008.wheel,
-        PARK2008.wheel_load_loaded,
-    )
+    own, published = ((car.mass_loaded, car.wheel, car.wheel_load_loaded) for car in (vehicle, PARK2008))
+    return own == published
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
@@ -399,13 +384,8 @@ def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PI
     lead, lead_filter = lead_of(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     points = plants or design_points(vehicle)
-    design = tune_pi(
-        [actuated_plant(plant, vehicle.actuator) for plant in points],
-        vehicle.actuator.dead_time,
-        ms_max=MS_MAX,
-        compensator=compensator,
-        names=[plant.point.words for plant in points],
-    )
+    systems, names = [actuated_plant(one, vehicle.actuator) for one in points], [one.point.words for one in points]
+    design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
     return PIGains(kp=design.kp, ki=design.ki)
 
 
@@ -441,11 +421,17 @@ def default_column(law: AdhesionLaw) -> Column:
     return "beam" if law.name == "beam" else "bristle"
 
 
-def reference_of(law: AdhesionLaw, name: str, remedy: str) -> ReferenceSlip:
-    """The slips that an adhesion law is to be held at.
+def held_reference(
+    law: AdhesionLaw, slip: float | None, column: Column | None, name: str, remedy: str
+) -> ReferenceSlip:
+    """The slips to be held: a given one, or those of a column of Table 4, or those of the adhesion law.
 
     InputError, which begins with `name` and ends with the `remedy`, where neither its source nor its file gives any.
     """
+    if slip is not None:
+        return ReferenceSlip(dry=slip, wet=slip)
+    if column is not None:
+        return published_reference(column)
     if law.reference is None:
         raise InputError(f"{name}: adhesion {law.name!r} has no reference slip; give {remedy}")
     return law.reference

@@ -383,10 +383,15 @@ def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan
     p = np.array(plant_parameters(law, vehicle))
     c = _controller_row(scenario, controller, rail, _assumed(scenario, controller, rail), period)
     chosen = np.array([laws.number(law), laws.number(_assumed(scenario, controller, rail))])
-    rows_p, rows_c, rows_chosen = [], [], []
     ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
-    for event in ordered:
-        row_p, row_c, row_chosen = np.full(p.size, np.nan), np.full(c.size, np.nan), np.array([-1, -1])
+    events = layout.Events(
+        time=np.array([math.inf if e.time is None else e.time for e in ordered]),
+        distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
+        p=np.full((len(ordered), p.size), np.nan),
+        c=np.full((len(ordered), c.size), np.nan),
+        chosen=np.full((len(ordered), 2), -1, dtype=np.int64),
+    )
+    for event, row_p, row_c, row_chosen in zip(ordered, events.p, events.c, events.chosen, strict=True):
         if event.mass is not None:
             row_p[layout.P_MASS] = vehicle.inertia_scale * event.mass
         if event.rail is not None or event.adhesion_factor is not None:
@@ -396,17 +401,7 @@ def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan
             row_chosen[0] = laws.number(law)
         if event.rail is not None:
             assumed = _assumed(scenario, controller, rail if controller.knows_rail else scenario.rail)
-            row_c, row_chosen[1] = _controller_row(scenario, controller, rail, assumed, period), laws.number(assumed)
-        rows_p.append(row_p)
-        rows_c.append(row_c)
-        rows_chosen.append(row_chosen)
-    events = layout.Events(
-        time=np.array([math.inf if e.time is None else e.time for e in ordered]),
-        distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
-        p=np.array(rows_p).reshape(-1, p.size),
-        c=np.array(rows_c).reshape(-1, c.size),
-        chosen=np.array(rows_chosen, dtype=np.int64).reshape(-1, 2),
-    )
+            row_c[:], row_chosen[1] = _controller_row(scenario, controller, rail, assumed, period), laws.number(assumed)
     samples = math.ceil(scenario.longest_time / period - 1e-9)
     return Plan(_settings(scenario, period), events, p, c, chosen, laws.tables(), laws.limits(), samples)
 

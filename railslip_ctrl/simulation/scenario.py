@@ -246,15 +246,10 @@ def stop(
 
     In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
-    speed = speed_kmh * KMH
+    speed, noise = speed_kmh * KMH, PUBLISHED_DISTURBANCES
     law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
     return Scenario(
-        name="stop",
-        vehicle=vehicle,
-        adhesion=law,
-        rail=Rail(rail),
-        initial_speed=speed,
-        disturbances=PUBLISHED_DISTURBANCES,
+        name="stop", vehicle=vehicle, adhesion=law, rail=Rail(rail), initial_speed=speed, disturbances=noise
     )
 
 

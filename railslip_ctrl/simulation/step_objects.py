@@ -366,11 +366,6 @@ def as_control(
             f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
             "it step(t, v, omega)"
         )
-    design = linear_controller(controller)
-    return LinearControl(
-        design,
-        held,
-        name=name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-"),
-        torque_low=0.0,
-        torque_high=full_brake_torque(vehicle),
-    )
+    design, most = linear_controller(controller), full_brake_torque(vehicle)
+    own = name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
+    return LinearControl(design, held, name=own, torque_low=0.0, torque_high=most)

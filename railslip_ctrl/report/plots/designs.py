@@ -529,14 +529,11 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
-        text = "unst." if np.isinf(worst[i, j]) else "" if np.isnan(worst[i, j]) else _in_cell(worst[i, j])
+        ms = float(worst[i, j])
+        text = "unst." if ms == np.inf else "" if np.isnan(ms) else ms_up(ms) if ms < _FITS else f">{_FITS:g}"
         ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if shown[i, j] > 4.5 else "black")
     ax.set_xticks(range(len(loads)), loads)
     ax.set_yticks(range(speeds.size), [f"{v:g}" for v in speeds])
-
-
-def _in_cell(ms: float) -> str:
-    return ms_up(ms) if ms < _FITS else f">{_FITS:g}"
 
 
 # --- pictures of a design report by name -----------------------------------------------------------------------------

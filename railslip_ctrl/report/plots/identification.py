@@ -79,9 +79,8 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
     late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
     where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
     ax.text(found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
-    ax.set_title(
-        f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT
-    )
+    name = found.curve.name.rsplit("/", 1)[-1]
+    ax.set_title(f"{name}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT)
     ax.set_xlabel("slip ratio λ (-)")
     legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
 
@@ -121,9 +120,7 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     )
     speed = speed / KMH
     _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", style)
-    size = (
-        9.0 if peaks[0].by_rule else 5.0
-    )  # a law's rule may leave the slip as it is: each mark is seen about the other
+    size = 9.0 if peaks[0].by_rule else 5.0  # a rule may leave the slip as it is: each mark is seen about the other
     mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": style["color"]}
     slip.plot(speed, reference, label=f"reference, {where}", **mark)
     _peaks(height, (speed, mu, mu_errors), peaks, where, style)
@@ -220,9 +217,8 @@ def estimates_figure(
     axes[0].plot(trial.time, trial.speed, label="train speed v", **line_style(0))
     axes[0].plot(trial.time, trial.rim_speed, label="rim speed r ω", **line_style(1))
     axes[0].set_ylabel("speed (m/s)")
-    axes[1].plot(
-        trial.time, trial.brake_torque / 1e3, color="black", linestyle="--", linewidth=1.0, label="brake torque, true"
-    )
+    dashed = {"color": "black", "linestyle": "--", "linewidth": 1.0}
+    axes[1].plot(trial.time, trial.brake_torque / 1e3, label="brake torque, true", **dashed)
     for i, (name, estimate) in enumerate(estimates.items()):
         color = str(max(0.75 - 0.2 * i, 0.2))  # the noisier ones come first and are the lighter
         axes[1].plot(time, estimate / 1e3, linewidth=0.7, label=name, color=color)
@@ -254,9 +250,8 @@ def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:
     """Speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
     figure = new_figure(6.0, title)
     speeds, slip, torque = panels(figure, 3, sharex=True)[:, 0]
-    time, v, omega, brake = (
-        log.columns[name] for name in ("time", "train_speed", "wheel_angular_speed", "brake_torque")
-    )
+    names = ("time", "train_speed", "wheel_angular_speed", "brake_torque")
+    time, v, omega, brake = (log.columns[name] for name in names)
     speeds.plot(time, v / KMH, label="train, v", **line_style(0))
     speeds.plot(time, radius * omega / KMH, label="wheel rim, rω", **line_style(1))
     speeds.set_ylabel("speed (km/h)")

@@ -54,10 +54,8 @@ def _models_by_speed(curves: Sequence[ModelCurve]) -> Figure:
         peaks = ", ".join(
             f"{c.law.replace('curve', 'ramp')} {c.peak.coefficient:.3f} at {c.peak.slip:.3f}" for c in chosen if c.rises
         )
-        ax.set_title(
-            style.folded(f"v0 = {speed:g} km/h\npeaks: {peaks}", 0.45 * style.PAGE_WIDTH, style.SMALL),
-            fontsize=style.SMALL,
-        )
+        title = style.folded(f"v0 = {speed:g} km/h\npeaks: {peaks}", 0.45 * style.PAGE_WIDTH, style.SMALL)
+        ax.set_title(title, fontsize=style.SMALL)
         _adhesion_axes(ax)
     style.legend_of_figure(figure, axes[0], columns=3)
     return figure
@@ -123,10 +121,8 @@ def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
         ax.plot(signals.time, rim / KMH, color="0.55", linewidth=0.8, label="wheel, r ω")
         ax.plot(signals.time, signals.speed / KMH, color="black", label="train, v")
         time, distance = (TABLE5[name][QUANTITIES.index(q)] for q in ("braking_time_s", "braking_distance_m"))
-        ax.set_title(
-            f"{name}: {run.braking_time:.1f} s, {run.braking_distance:.0f} m (Table 5: {time:g} s, {distance:g} m)",
-            fontsize=style.TEXT,
-        )
+        stop = f"{run.braking_time:.1f} s, {run.braking_distance:.0f} m"
+        ax.set_title(f"{name}: {stop} (Table 5: {time:g} s, {distance:g} m)", fontsize=style.TEXT)
         ax.set_ylabel("speed (km/h)")
         ax.legend(fontsize=style.SMALL, frameon=False)
     _time_axes(axes)
@@ -196,15 +192,8 @@ def deviations_figure(comparison: Table5) -> Figure:
     for i, (quantity, found) in enumerate(groups.items()):
         names, deviations, errors = zip(*found, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
-        ax.errorbar(
-            places,
-            deviations,
-            yerr=2 * np.array(errors),
-            **style.mark_style(i),
-            markersize=4.5,
-            capsize=3,
-            label=_QUANTITIES[quantity],
-        )
+        marks = {"markersize": 4.5, "capsize": 3, **style.mark_style(i)}
+        ax.errorbar(places, deviations, yerr=2 * np.array(errors), label=_QUANTITIES[quantity], **marks)
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
     ax.axhline(0.0, color="black", linewidth=0.8)

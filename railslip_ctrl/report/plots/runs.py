@@ -32,27 +32,21 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
     """Braking distance and mean slip error of every controller, a row of axes a scenario; the bound as a line."""
     seeds = ", ".join(dict.fromkeys(f"{len(one.seeds)}" for one in comparisons))
-    figure = style.new_figure(
-        0.4 + 2.7 * len(comparisons), f"Braking distance and slip error, means over {seeds} seeds"
-    )
+    title = f"Braking distance and slip error, means over {seeds} seeds"
+    figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
     for axes, comparison in zip(style.panels(figure, len(comparisons), 2), comparisons, strict=True):
         names = [row.name for row in comparison.rows]
         distance, error = axes
         places = range(len(names))
-        bars = distance.barh(
-            places,
-            [row.braking_distance.value for row in comparison.rows],
-            xerr=[row.braking_distance.error for row in comparison.rows],
-            **_BAR,
-        )
+        means = [row.braking_distance for row in comparison.rows]
+        bars = distance.barh(places, [one.value for one in means], xerr=[one.error for one in means], **_BAR)
         distance.bar_label(bars, [_met(row) for row in comparison.rows], padding=3, fontsize=style.SMALL)
         bound = comparison.bound.braking_distance
         distance.axvline(bound, color="black", linestyle="--")
         distance.set_xlabel(f"braking distance (m)\ndashed: no controller below {bound:.0f} m")
-        bars = error.barh(places, [row.slip_error.value for row in comparison.rows], **_BAR)
-        error.bar_label(
-            bars, [f"{row.slip_error.value:.3f}" for row in comparison.rows], padding=3, fontsize=style.SMALL
-        )
+        errors = [row.slip_error.value for row in comparison.rows]
+        bars = error.barh(places, errors, **_BAR)
+        error.bar_label(bars, [f"{one:.3f}" for one in errors], padding=3, fontsize=style.SMALL)
         error.set_xlabel("mean |slip − reference| (-)")
         distance.set_title(f"{comparison.scenario.name}, inertia scale {comparison.scenario.vehicle.inertia_scale:g}")
         distance.title.set_fontsize(style.TEXT)
@@ -243,6 +237,7 @@ SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_
 
 # where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
 _CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+_LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # over marks
 
 
 def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
@@ -295,17 +290,9 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
                 ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
             for row in found.worst[:1]:
                 place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
-                ax.annotate(
-                    f"{row['run']}",
-                    place,
-                    (6 * right, 6 * up),
-                    textcoords="offset points",
-                    ha="left" if right > 0 else "right",
-                    va="bottom" if up > 0 else "top",
-                    fontsize=style.SMALL,
-                    color=color,
-                    path_effects=[withStroke(linewidth=1.2, foreground="white")],  # legible over marks
-                )
+                side = {"ha": "left" if right > 0 else "right", "va": "bottom" if up > 0 else "top"}
+                letters = {"fontsize": style.SMALL, "color": color, "path_effects": _LEGIBLE}
+                ax.annotate(f"{row['run']}", place, (6 * right, 6 * up), textcoords="offset points", **side, **letters)
         ax.margins(x=0.12, y=0.15)  # a label beside the outermost mark stays inside
         ax.set_xlabel(style.folded(_dotted(head), 0.9 * style.PAGE_WIDTH / columns))
     for ax in axes[::columns]:

@@ -35,6 +35,7 @@ _LEAST_SPAN = 1e-6  # of an axis with plain ticks, over its values: labels of at
 _FEW = 5.0  # of one with fewer than three of the ticks 1, 2, 5
 _NOTHING = 1e-9  # a magnitude that is nowhere larger is the rounding of one that is zero, and is not drawn
 _HANDLE = 3.6  # letters: a legend's line shows two periods of the longest dash
+_LEGEND: dict[str, Any] = {"fontsize": SMALL, "frameon": False}
 
 # no two equally light in grey, all of them dark enough on white; a dash each besides
 _COLORS = ("#08306b", "#d9500a", "#6a3d9a", "#47a747", "#7f1d2d", "#2b7a8c")
@@ -120,35 +121,20 @@ def folded(text: str, inches: float, size: float = TEXT) -> str:
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
     """A legend under the axes, where it hides nothing; `drop` is how far, in heights of the axes."""
-    ax.legend(
-        fontsize=SMALL,
-        loc="upper center",
-        bbox_to_anchor=(0.5, -drop),
-        frameon=False,
-        ncols=columns,
-        handlelength=_HANDLE,
-        **options,
-    )
+    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
+    ax.legend(ncols=columns, handlelength=_HANDLE, **place, **_LEGEND, **options)
 
 
 def legend_beside(ax: Any) -> None:
     """A legend on the right of the axes, where it hides nothing."""
-    ax.legend(fontsize=SMALL, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=2.4)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.4, **_LEGEND)
 
 
 def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) -> None:
     """One legend under all panels, with the lines of `ax`."""
     handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        fontsize=SMALL,
-        loc="outside lower center",
-        frameon=False,
-        ncols=max(min(columns, len(labels)), 1),
-        handlelength=_HANDLE,
-        **options,
-    )
+    shape: dict[str, Any] = {"ncols": max(min(columns, len(labels)), 1), "handlelength": _HANDLE}
+    figure.legend(handles, labels, loc="outside lower center", **shape, **_LEGEND, **options)
 
 
 def plain_ticks(ax: Any, most: int) -> None:

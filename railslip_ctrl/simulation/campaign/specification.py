@@ -23,9 +23,8 @@ from railslip_ctrl.core import units
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
-from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains, Record
-from railslip_ctrl.simulation.catalogue import controller_named, default_column, published_reference, reference_of
+from railslip_ctrl.simulation.catalogue import controller_named, default_column, held_reference
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
@@ -637,24 +636,17 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
         found = as_control(loaded, scenario.vehicle, scenario.adhesion.reference, path.stem)
     else:
+        remedy = "slip = X, or gains for that of Table 4"
         found = controller_named(
             keys.controller,
             scenario.vehicle,
             column=keys.gains or default_column(scenario.adhesion),
             gains=gains,
-            reference=_reference(keys, scenario),
+            reference=held_reference(scenario.adhesion, keys.slip, keys.gains, "slip", remedy),
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )
     return found if keys.name is None else replace(found, name=keys.name)  # type: ignore[type-var]
-
-
-def _reference(keys: ControllerTable, scenario: Scenario) -> ReferenceSlip:
-    if keys.slip is not None:
-        return ReferenceSlip(dry=keys.slip, wet=keys.slip)
-    if keys.gains is not None:
-        return published_reference(keys.gains)
-    return reference_of(scenario.adhesion, "slip", "slip = X, or gains for that of Table 4")
 
 
 def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:
