@@ -94,23 +94,17 @@ def finished(tmp_path_factory) -> Store:
     return execute(short(), tmp_path_factory.mktemp("finished") / "out", workers=1, part_runs=5)
 
 
-# --- what is drawn --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("ours", "theirs"),
-    [
-        (Uniform(-2.0, 5.0), stats.uniform(-2.0, 7.0)),
-        (Normal(3.0, 0.5), stats.norm(3.0, 0.5)),
-        (Normal(0.0, 1.0, 2.0, 6.5), stats.truncnorm(2.0, 6.5)),
-        (Normal(0.0, 1.0, -6.5, -2.0), stats.truncnorm(-6.5, -2.0)),
-        (Triangular(1.0, 1.5, 4.0), stats.triang(0.5 / 3.0, loc=1.0, scale=3.0)),
-        (Triangular(1.0, 1.0, 4.0), stats.triang(0.0, loc=1.0, scale=3.0)),
-        (LogNormal(2.0, 0.3), stats.lognorm(0.3, scale=2.0)),
-        (Choice((7.0, 8.0, 9.0), (1.0, 2.0, 1.0)), stats.rv_discrete(values=((7, 8, 9), (0.25, 0.5, 0.25)))),
-        (Choice((7.0, 8.0)), stats.rv_discrete(values=((7, 8), (0.5, 0.5)))),
-    ],
-)
+@pytest.mark.parametrize(("ours", "theirs"), [
+    (Uniform(-2.0, 5.0), stats.uniform(-2.0, 7.0)),
+    (Normal(3.0, 0.5), stats.norm(3.0, 0.5)),
+    (Normal(0.0, 1.0, 2.0, 6.5), stats.truncnorm(2.0, 6.5)),
+    (Normal(0.0, 1.0, -6.5, -2.0), stats.truncnorm(-6.5, -2.0)),
+    (Triangular(1.0, 1.5, 4.0), stats.triang(0.5 / 3.0, loc=1.0, scale=3.0)),
+    (Triangular(1.0, 1.0, 4.0), stats.triang(0.0, loc=1.0, scale=3.0)),
+    (LogNormal(2.0, 0.3), stats.lognorm(0.3, scale=2.0)),
+    (Choice((7.0, 8.0, 9.0), (1.0, 2.0, 1.0)), stats.rv_discrete(values=((7, 8, 9), (0.25, 0.5, 0.25)))),
+    (Choice((7.0, 8.0)), stats.rv_discrete(values=((7, 8), (0.5, 0.5)))),
+])  # fmt: skip
 def test_quantile_functions_are_scipys(ours, theirs):
     levels, tails = np.array([1e-9, 0.01, 0.2, 0.49999, 0.50001, 0.77, 0.99, 1 - 1e-9]), stats.norm.cdf([-4, 4])
     if math.isinf(theirs.support()[1]):  # ours ends at 4 standard deviations
@@ -217,20 +211,17 @@ def test_a_file_gives_the_campaign(tmp_path):
     assert found.scenario.initial_speed == pytest.approx(30 / 3.6)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
-        ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
-        ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
-        ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
-        ("kp = 1500", "", "kp and ki: give both"),
-        ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
-        ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
-        ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
-        ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
+    ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
+    ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
+    ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
+    ("kp = 1500", "", "kp and ki: give both"),
+    ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
+    ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
+    ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
+    ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
+])  # fmt: skip
 def test_bad_files_are_refused_in_one_line(tmp_path, old, new, words):
     path = write_campaign(tmp_path, 24)
     text = path.read_text()
@@ -240,9 +231,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path, old, new, words):
         drawn.load_campaign(path)
     assert "\n" not in str(refused.value)
     assert str(refused.value).startswith(str(path))
-
-
-# --- where it runs --------------------------------------------------------------------------------------------------
 
 
 def test_rows_depend_on_neither_workers_nor_parts(finished, tmp_path):
@@ -364,9 +352,6 @@ def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):
         replay(store.campaign, 1, store.folder)
 
 
-# --- statistics -----------------------------------------------------------------------------------------------------
-
-
 def test_means_quantiles_and_shares_with_their_intervals():
     """Quantiles: Conover, Practical Nonparametric Statistics, 3.2; shares: Wilson's interval in its closed form."""
     data = np.random.default_rng(0).lognormal(size=1001)
@@ -457,9 +442,6 @@ def test_a_sweep_is_told_point_by_point(tmp_path):
         assert (point.values, len(own), point.not_stopped["soft"].value) == ({"vehicle.mass": mass}, 6, 0.0)
         assert point.means["soft", "braking_time_s"].value == pytest.approx(own.braking_time_s.mean(), rel=1e-12)
     assert "Grid" in campaign_text(summary)
-
-
-# --- how it is shown ------------------------------------------------------------------------------------------------
 
 
 def test_the_command(tmp_path, railslip):

@@ -71,61 +71,55 @@ def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(railslip):
     assert all(row["stable"] for row in cases(out)[0]["pade"])
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ("margins --mass -3", "--mass: -3 kg is not allowed; give a value > 0 kg"),
-        ("margins --slip 1", "--slip: 1 is not allowed; give a value < 1"),
-        ("margins --slip 0", "rest"),
-        ("margins --speed 1e9", "--speed: the law's own slip 0.132 at 1e+09 km/h is outside the domain"),
-        ("margins --speed 1e9 --slip 0.1", "--slip: 0.1 at 1e+09 km/h is outside the domain"),
-        ("margins --speed 1e9 --envelope default", "--speed: 1e+09 is not allowed; give finite values > 0 and <= 1000"),
-        ("margins --slip 0.9 --envelope default", "--slip: 1.25 times the reference slip on dry rail, 0.9, is a"),
-        ("margins --adhesion nosuch --envelope default", "error: --adhesion: 'nosuch' is not a law"),
-        ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
-        ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
-        ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
-        ("margins --speed fast", "km/h"),
-        ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
-        ("margins --kp '65 N*m' --ki 5", "--kp: '65 N*m' has the wrong dimension"),
-        ("margins --kp 190", "--ki: is missing beside --kp; give both gains"),
-        ("margins --rail icy", "--rail: 'icy' is not a rail condition; choose dry or wet"),
-        ("margins --adhesion lugre", "--adhesion 'lugre': "),
-        ("margins --initial-speed 200", "30 to 140"),
-        ("margins --initial-speed 140 --speed 140 --slip 0.9", "0.827"),
-        (f"margins --adhesion beam --slip {3 * 0.261 * 34500 / 274360!r} --rail dry", "kink"),
-        ("margins --inertia-scale 0", "--inertia-scale: 0 is not allowed; give a value > 0"),
-        ("margins --dead-time -1", "--dead-time: -1 s is not allowed; give a value >= 0 s"),
-        ("margins --vehicle .", "--vehicle: '.' is not a file; give its path"),
-        ("margins --nonsense", "--nonsense"),
-        ("margins surplus", "surplus"),
-        ("margin", "'margin' is no command; did you mean 'margins'?"),
-        ("xyzzy", "'xyzzy' is no command; choose one of report, "),
-        ("tune", "--ms-max: is missing"),
-        ("tune --ms-max 1", "--ms-max: 1 is not allowed; give a value > 1"),
-        ("tune --minimise-ms", "--minimise-ms and --ki-min: go together"),
-        ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
-        ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),
-        ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
-        ("report --no-html --out .", "--out: the working folder itself is not taken"),
-    ],
-)
+@pytest.mark.parametrize(("words", "told"), [
+    ("margins --mass -3", "--mass: -3 kg is not allowed; give a value > 0 kg"),
+    ("margins --slip 1", "--slip: 1 is not allowed; give a value < 1"),
+    ("margins --slip 0", "rest"),
+    ("margins --speed 1e9", "--speed: the law's own slip 0.132 at 1e+09 km/h is outside the domain"),
+    ("margins --speed 1e9 --slip 0.1", "--slip: 0.1 at 1e+09 km/h is outside the domain"),
+    ("margins --speed 1e9 --envelope default", "--speed: 1e+09 is not allowed; give finite values > 0 and <= 1000"),
+    ("margins --slip 0.9 --envelope default", "--slip: 1.25 times the reference slip on dry rail, 0.9, is a"),
+    ("margins --adhesion nosuch --envelope default", "error: --adhesion: 'nosuch' is not a law"),
+    ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
+    ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
+    ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
+    ("margins --speed fast", "km/h"),
+    ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
+    ("margins --kp '65 N*m' --ki 5", "--kp: '65 N*m' has the wrong dimension"),
+    ("margins --kp 190", "--ki: is missing beside --kp; give both gains"),
+    ("margins --rail icy", "--rail: 'icy' is not a rail condition; choose dry or wet"),
+    ("margins --adhesion lugre", "--adhesion 'lugre': "),
+    ("margins --initial-speed 200", "30 to 140"),
+    ("margins --initial-speed 140 --speed 140 --slip 0.9", "0.827"),
+    (f"margins --adhesion beam --slip {3 * 0.261 * 34500 / 274360!r} --rail dry", "kink"),
+    ("margins --inertia-scale 0", "--inertia-scale: 0 is not allowed; give a value > 0"),
+    ("margins --dead-time -1", "--dead-time: -1 s is not allowed; give a value >= 0 s"),
+    ("margins --vehicle .", "--vehicle: '.' is not a file; give its path"),
+    ("margins --nonsense", "--nonsense"),
+    ("margins surplus", "surplus"),
+    ("margin", "'margin' is no command; did you mean 'margins'?"),
+    ("xyzzy", "'xyzzy' is no command; choose one of report, "),
+    ("tune", "--ms-max: is missing"),
+    ("tune --ms-max 1", "--ms-max: 1 is not allowed; give a value > 1"),
+    ("tune --minimise-ms", "--minimise-ms and --ki-min: go together"),
+    ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
+    ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),
+    ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
+    ("report --no-html --out .", "--out: the working folder itself is not taken"),
+])  # fmt: skip
 def test_bad_input_is_one_clear_line_and_exit_2(railslip, words, told, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert told in refused(railslip(*shlex.split(words), "--json"))
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "speed", "advised"),
-    [
-        (("--speed", "100 m/s"), "360", False),  # above 140 km/h, to where the published parameters go
-        (("--speed", "120"), "120", True),
-        (("--speed", "100 m/s", "--adhesion", "polach", "--slip", "0.05"), "360", True),  # knows no v0
-        (("--speed", "120", "--adhesion", "law.toml"), "120", False),  # its polynomials end at 110 km/h
-        (("--speed", "105", "--adhesion", "law.toml"), "105", True),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "speed", "advised"), [
+    (("--speed", "100 m/s"), "360", False),  # above 140 km/h, to where the published parameters go
+    (("--speed", "120"), "120", True),
+    (("--speed", "100 m/s", "--adhesion", "polach", "--slip", "0.05"), "360", True),  # knows no v0
+    (("--speed", "120", "--adhesion", "law.toml"), "120", False),  # its polynomials end at 110 km/h
+    (("--speed", "105", "--adhesion", "law.toml"), "105", True),
+])  # fmt: skip
 def test_a_speed_above_v0_is_advised_only_what_is_taken(railslip, tmp_path, monkeypatch, arguments, speed, advised):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "law.toml").write_text(

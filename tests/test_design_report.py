@@ -75,9 +75,6 @@ def rendered(report):
     return page(first_page(report), design_sections(report), names, SOURCE, report.date, 1.0)
 
 
-# --- what the command writes ----------------------------------------------------------------------------------------
-
-
 def test_the_first_page_is_printed_and_the_page_is_well_formed_loads_nothing_and_is_short(full_report, content):
     folder, out, err = full_report
     assert len(out.splitlines()) <= MOST_LINES
@@ -265,9 +262,6 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(nam
         assert loop.is_stable() or worst[operating].margins is None
         if loop.is_stable():
             assert loop.margins().ms <= worst[operating].ms * (1 + 1e-6), point
-
-
-# --- the record -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -33,11 +33,19 @@ from railslip_ctrl.simulation.controller_files import load_controller
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 
 
-def test_the_default_is_the_documented_one_and_complete():
+def test_the_default_is_the_documented_one_and_operating_points_are_there_whatever_factors_are_combined():
     envelope, points = Envelope(COACH), Envelope(COACH).points()
     assert (len(points), points.operating.sum(), points.skipped) == (2 * 2 * 6 * 2 * 3 * 3 * 3 * 2, 2 * 2 * 6 * 2, ())
     names = ("slip", "dead_time", "lag", "radius")
     assert [getattr(envelope, name) for name in names] == [(0.6, 1.0, 1.25), *2 * [(0.7, 1.0, 1.3)], (0.94, 1.0)]
+    only = Envelope(COACH, laws="curve", rails="dry", speeds=60, loads="loaded", slip=(0.5, 1.25), radius=0.94)
+    points, nominal = only.points(), only.points(nominal=True)
+    assert (len(points), len(nominal), nominal.operating.sum()) == (1 + 2 * 9, 1, 1)
+    assert [(points.case(i).point.slip, i) for i in np.flatnonzero(points.operating)] == [(0.132, 0)]
+    assert {points.case(i).point.vehicle.wheel.radius for i in range(1, len(points))} == {0.94 * COACH.wheel.radius}
+    alike = "curve, dry, loaded, 60 km/h"
+    assert (nominal.case(0).words, points.case(1).words) == (alike, f"{alike}, slip -50 %, radius -6 %")
+    assert points.case(2).words == f"{alike}, slip -50 %, lag -30 %, radius -6 %"
 
 
 def test_every_case_is_its_own_combination_linearised():
@@ -58,19 +66,6 @@ def test_every_case_is_its_own_combination_linearised():
         rig = operating_point(published_law(table["adhesion"], table["rail"]), PARK2008, 20.0, table["slip"])
         at_20 = operating_point(law, worn, 20.0, table["slip"])
         assert at_20.adhesion_coefficient == pytest.approx(rig.adhesion_coefficient, rel=1e-12)
-
-
-def test_operating_points_are_there_whatever_the_factors_and_tolerances_are_combined():
-    only = Envelope(COACH, laws="curve", rails="dry", speeds=60, loads="loaded", slip=(0.5, 1.25), radius=0.94)
-    points = only.points()
-    assert len(points) == 1 + 2 * 9
-    assert [(points.case(i).point.slip, i) for i in np.flatnonzero(points.operating)] == [(0.132, 0)]
-    assert {points.case(i).point.vehicle.wheel.radius for i in range(1, len(points))} == {0.94 * COACH.wheel.radius}
-    nominal = only.points(nominal=True)
-    assert len(nominal) == nominal.operating.sum() == 1
-    assert nominal.case(0).words == "curve, dry, loaded, 60 km/h"
-    assert points.case(1).words == "curve, dry, loaded, 60 km/h, slip -50 %, radius -6 %"
-    assert points.case(2).words == "curve, dry, loaded, 60 km/h, slip -50 %, lag -30 %, radius -6 %"
 
 
 def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
@@ -114,27 +109,24 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
         Envelope(load_vehicle(path))
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("[envelope]\nspeeds = []", "envelope: speeds: is empty"),
-        ("[envelope]\nspeeds = [0]", "envelope: speeds: 0 is not allowed"),
-        ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
-        ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
-        ("[envelope]\nslip = [0.1, 7.6]", "slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576"),
-        ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
-        ('[envelope]\nlaws = ["curve", "foo"]', "'foo' is not a law"),
-        ('[envelope]\nlaws = ["table"]', "envelope: adhesion 'table': .* gives no parameters"),
-        ("[envelope]\nlaws = [1]", "envelope: laws: 1 is not a law; give a name, a file"),
-        ("[envelope]\nspeeds = [1e9]", r"envelope: speeds: 1e\+09 is not allowed; .* <= 1000 \(km/h\)"),
-        ("[envelope]\nslip = [[1]]", "envelope: slip.0: a list is not allowed; give a number"),
-        ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed; give 'empty' or 'loaded'"),
-        ("[envelope]\nvehicle = 3", "envelope.vehicle: unknown key"),
-        ("envelope = 3", "write a table"),
-        ("rails = ['dry']", r"has no table \[envelope\]"),
-        ("rail = 3\n[envelope]", "rail: unknown key"),
-    ],
-)
+@pytest.mark.parametrize(("text", "match"), [
+    ("[envelope]\nspeeds = []", "envelope: speeds: is empty"),
+    ("[envelope]\nspeeds = [0]", "envelope: speeds: 0 is not allowed"),
+    ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
+    ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
+    ("[envelope]\nslip = [0.1, 7.6]", "slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576"),
+    ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
+    ('[envelope]\nlaws = ["curve", "foo"]', "'foo' is not a law"),
+    ('[envelope]\nlaws = ["table"]', "envelope: adhesion 'table': .* gives no parameters"),
+    ("[envelope]\nlaws = [1]", "envelope: laws: 1 is not a law; give a name, a file"),
+    ("[envelope]\nspeeds = [1e9]", r"envelope: speeds: 1e\+09 is not allowed; .* <= 1000 \(km/h\)"),
+    ("[envelope]\nslip = [[1]]", "envelope: slip.0: a list is not allowed; give a number"),
+    ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed; give 'empty' or 'loaded'"),
+    ("[envelope]\nvehicle = 3", "envelope.vehicle: unknown key"),
+    ("envelope = 3", "write a table"),
+    ("rails = ['dry']", r"has no table \[envelope\]"),
+    ("rail = 3\n[envelope]", "rail: unknown key"),
+])  # fmt: skip
 def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, match: str):
     path = tmp_path / "envelope.toml"
     path.write_text(text, encoding="utf-8")
@@ -199,9 +191,6 @@ def test_a_reference_slip_beside_the_peak_is_told():
     assert [one.split(":")[0] for one in told] == ["curve, dry rail"]  # the bristle law falls from the start
     assert "0.132 is 2.5 % above the adhesion peak at 0.1288" in told[0]
     assert Envelope(rails="dry", reference={"dry": 0.11, "wet": 0.07}).knife_edges() == ()
-
-
-# --- one verdict over an envelope: which it is, from which speed on, and its worst cases against loops made one by one
 
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
@@ -296,9 +285,6 @@ def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_u
     assert railslip("margins", *words, "60")[2] == ""
 
 
-# --- sampled ---------------------------------------------------------------------------------------------------------
-
-
 def test_a_discrete_controller_is_judged_by_its_sampled_loops():
     s = ct.tf("s")
     discrete = ct.sample_system((229.4 + 5.0 / s) * (0.6 * s + 1) / (0.06 * s + 1), 0.05, "tustin")
@@ -328,9 +314,6 @@ def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
             assert worst.ms == wheel_slip_loop(worst.case.plant, PI_LEAD, worst.case.actuator).margins().ms
         assert f"sampled every {period:g} s) at bristle" in found.verdict_line
     assert verdicts == {0.02: ("robust", 60.0, 60.0), 0.3: ("fragile", 60.0, None), 1.0: ("unstable", None, None)}
-
-
-# --- which controller is taken for an envelope: the criterion, against a grid of gains, and what it tells ------------
 
 
 ONE_LAW = Envelope(speeds=(20, 40, 100), rails="dry", laws="curve", loads="empty", radius=1.0)
@@ -419,9 +402,6 @@ def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():
     assert "no gains found that hold every loop" in str(found)
 
 
-# --- `margins` and `tune` over an envelope, and what a mass given alone leaves as it was -----------------------------
-
-
 COACH_FILE = """
 mass = 11000
 mass_loaded = 17437
@@ -455,9 +435,6 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
     assert found("--envelope", file) == narrow
     coach.write_text(f"{COACH_FILE}[envelope]\n{axes}", encoding="utf-8")  # of the vehicle's own file
     assert found("--envelope", "default") == narrow
-
-
-def test_what_no_envelope_has_is_refused(railslip):
     for arguments, message in (
         (("--mass", "4000"), "--mass: changes M alone, and the loads of an envelope are mass and wheel load"),
         (("--certify",), "--certify: goes with operating points"),
@@ -465,9 +442,6 @@ def test_what_no_envelope_has_is_refused(railslip):
     ):
         assert message in refused(railslip("margins", "--envelope", "default", *arguments))
     assert railslip("margins", "--envelope", "missing.toml")[0] == 2
-
-
-# --- tune -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
