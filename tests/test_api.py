@@ -9,7 +9,6 @@ import inspect
 import re
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -95,11 +94,14 @@ def test_every_error_of_the_package_is_at_the_top_and_a_builtin_too() -> None:
         assert any(base.__module__ == "builtins" and base not in (Exception, BaseException, object) for base in bases)
 
 
-def test_no_room_takes_its_names_from_the_top() -> None:
-    """What is at the top comes from rooms of every height: the import contract does not see through it."""
+def test_no_room_takes_its_names_from_the_top_and_every_source_key_resolves() -> None:
+    """What is at the top is of rooms of every height: the import contract does not see through it. [Name2008] cites."""
     for path in ROOT.rglob("*.py"):
-        for names in re.findall(r"from (?:railslip_ctrl|\.+) import \(?([\w\s,]+)", path.read_text(encoding="utf-8")):
+        text = path.read_text(encoding="utf-8")
+        for names in re.findall(r"from (?:railslip_ctrl|\.+) import \(?([\w\s,]+)", text):
             assert not set(re.findall(r"\w+", names)) & set(railslip_ctrl._HOME), path.relative_to(ROOT)
+        keys = re.findall(r"\[([A-Z][A-Za-z]+(?:19|20)\d\d[a-z]?)\]", text)
+        assert set(keys) <= set(SOURCES), path.relative_to(ROOT)
 
 
 def test_importing_the_package_costs_nothing() -> None:
@@ -130,23 +132,16 @@ def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> 
                 assert key not in one or f"{sign} {one[key]:g}" in said, f"{name}.{field}: no bound in {said!r}"
 
 
-@cache
-def methods(thing: type) -> list[ast.FunctionDef]:
-    """Those in a class's own text."""
-    (node,) = ast.parse(inspect.getsource(thing)).body
-    return [item for item in node.body if isinstance(item, ast.FunctionDef)]
-
-
 @pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
 def test_every_public_method_says_what_it_takes(name: str) -> None:
     """With its unit and shape; in its own docstring, or that of what it implements, or else in the class's."""
     thing = CLASSES[name]
-    for method in (item for item in methods(thing) if item.name[0] != "_"):
-        said = [
-            vars(base)[method.name].__doc__ or "" for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base)
-        ]
+    (node,) = ast.parse(inspect.getsource(thing)).body
+    for method in (one for one in node.body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"):
+        bases = (base for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base))
+        said = [vars(base)[method.name].__doc__ or "" for base in bases]
         assert any(said), f"{name}.{method.name} has no docstring"
-        own, whole = (inspect.cleandoc("\n\n".join(map(inspect.cleandoc, said))), documentation(thing))
+        own, whole = inspect.cleandoc("\n\n".join(map(inspect.cleandoc, said))), documentation(thing)
         for argument in (*method.args.args, *method.args.kwonlyargs):
             if argument.arg not in ("self", "cls") and argument.annotation is not None:
                 asked = {argument.arg: ast.unparse(argument.annotation)}
@@ -202,10 +197,3 @@ def docstring_of(pointed_at: str) -> str:
     known = {name.rpartition(".")[2]: thing for name, thing in THINGS.items()}
     thing = known.get(pointed_at.rpartition(".")[2])
     return documentation(thing) if thing else ""
-
-
-def test_every_source_key_resolves() -> None:
-    """A citation is a name with a year in brackets."""
-    for path in ROOT.rglob("*.py"):
-        for key in re.findall(r"\[([A-Z][A-Za-z]+(?:19|20)\d\d[a-z]?)\]", path.read_text(encoding="utf-8")):
-            assert key in SOURCES, f"{path.relative_to(ROOT)}: [{key}] is not in sources"

@@ -25,8 +25,6 @@ from railslip_ctrl.sliding.derivation import derive
 MARGINS = ("margins", "--rail", "dry", "--kp", "190", "--ki", "5")
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 
-# --- width ---------------------------------------------------------------------------------------------------------
-
 
 def in_a_terminal(width: int) -> str:
     """What `railslip margins` prints to a plain terminal of so many columns."""
@@ -63,25 +61,19 @@ def test_a_report_fits_the_terminal_and_says_the_same(railslip):
     assert "\x1b" not in narrow
 
 
-# --- the numbers of an adhesion law in the derived law ----------------------------------------------------------------
-
-LEAVES = 'law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n'
 NUMBERS = {"c1": 0.20, "c2": 18.0, "c3": 0.08}
 
 
 @pytest.fixture
 def leaves(tmp_path):
     path = tmp_path / "leaves.toml"
-    path.write_text(LEAVES)
+    path.write_text('law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n')
     return path
 
 
 def told(derivation, code, numbers) -> tuple[str, str, str]:
-    return (
-        derivation_text(derivation, (), numbers),
-        derivation_markdown(derivation, (), code, numbers),
-        derivation_latex(derivation, (), code, numbers),
-    )
+    in_code = (derivation_markdown(derivation, (), code, numbers), derivation_latex(derivation, (), code, numbers))
+    return (derivation_text(derivation, (), numbers), *in_code)
 
 
 def test_derive_puts_the_numbers_of_a_file_into_the_law(leaves):
@@ -122,9 +114,7 @@ def test_the_numbers_are_in_the_code(leaves):
 
 
 def test_a_law_without_closed_form_says_so():
-    derivation = replace(
-        derive(law="burckhardt"), adhesion="table"
-    )  # a table's own takes long, and nothing of it counts
+    derivation = replace(derive(law="burckhardt"), adhesion="table")  # a table's own takes long, and is not asked for
     law = law_class("table")(slip=(0.0, 0.05, 0.1, 1.0), mu=(0.0, 0.2, 0.25, 0.1))
     numbers = law_numbers(derivation, law)
     assert numbers[0].torque is None
@@ -134,6 +124,8 @@ def test_a_law_without_closed_form_says_so():
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
+    with pytest.raises(InputError, match="'beam' is not the one derived with, 'burckhardt'; derive with it"):
+        law_numbers(derive(law="burckhardt"), published_law("beam", Rail.DRY))
 
 
 def test_derive_takes_a_file_over_the_initial_speed(railslip, tmp_path):
@@ -141,15 +133,6 @@ def test_derive_takes_a_file_over_the_initial_speed(railslip, tmp_path):
     path.write_text('law = "burckhardt"\n[parameters]\nc2 = 18.0\nc3 = 0.08\n[polynomials]\nc1 = [0.5, -0.0025]\n')
     for options, c1 in (((), 0.25), (("--initial-speed", "60"), 0.35)):
         status, out, _ = railslip("derive", "--adhesion", path, *options, "--format", "c")
-        assert status == 0
-        assert f"ADHESION_DRY .adhesion_c1 = {c1}, .adhesion_c2 = 18.0" in out
+        assert (status, f"ADHESION_DRY .adhesion_c1 = {c1}, .adhesion_c2 = 18.0" in out) == (0, True)
     err = refused(railslip("derive", "--adhesion", "beam", "--initial-speed", "60"))
     assert "--initial-speed: goes with a file" in err
-
-
-def test_numbers_of_another_law_are_refused():
-    with pytest.raises(InputError, match="'beam' is not the one derived with, 'burckhardt'; derive with it"):
-        law_numbers(derive(law="burckhardt"), published_law("beam", Rail.DRY))
-
-
-# --- controllers from Python files ------------------------------------------------------------------------------------

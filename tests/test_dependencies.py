@@ -46,38 +46,28 @@ def test_the_extras_that_are_looked_for_are_those_of_the_project():
     assert PROJECT["optional-dependencies"]["all"] == [f"railslip_ctrl[{','.join(EXTRAS)}]"]
 
 
-@pytest.mark.parametrize(
-    ("words", "more"),
-    [
-        ("margins --rail dry", set()),
-        pytest.param("linearize --rail dry --speed 60", set(), marks=pytest.mark.long),
-        pytest.param("tune --rail dry --ms-max 2", {"scipy"}, marks=pytest.mark.long),
-        pytest.param(
-            *("simulate --scenario stop --controller asmc", {"scipy", "numba", "platformdirs", "PyYAML"}),
-            marks=pytest.mark.long,
-        ),
-    ],
-)
-def test_a_command_loads_what_it_needs_alone(words, more):
+MORE = {
+    "margins --rail dry": set(),
+    "linearize --rail dry --speed 60": set(),
+    "tune --rail dry --ms-max 2": {"scipy"},
+    "simulate --scenario stop --controller asmc": {"scipy", "numba", "platformdirs", "PyYAML"},
+}
+
+
+@pytest.mark.parametrize("words", [pytest.param(x, marks=[pytest.mark.long] * ("margins" not in x)) for x in MORE])
+def test_a_command_loads_what_it_needs_alone(words):
     done = subprocess.run([sys.executable, "-c", LOADED, *words.split()], capture_output=True, text=True, check=True)
-    named = {
-        name
-        for name in re.findall(r"^\| `([^`]+)` ", PAGE, flags=re.M)
-        if IMPORTED.get(name, name) in done.stdout.split()
-    }
-    assert named == EVERY_COMMAND | more
+    loaded, named = done.stdout.split(), re.findall(r"^\| `([^`]+)` ", PAGE, flags=re.M)
+    assert {name for name in named if IMPORTED.get(name, name) in loaded} == EVERY_COMMAND | MORE[words]
 
 
-@pytest.mark.parametrize(
-    ("words", "package", "extra"),
-    [
-        ("campaign tolerances.toml --out runs", "pyarrow", "campaign"),
-        ("campaign tolerances.toml --controller pi --out runs --scheduler tcp://localhost:1", "distributed", "cluster"),
-        ("identify run.csv", "pandas", "identify"),
-        ("report --out check", "latex2mathml", "html"),
-        ("reproduce --out check", "latex2mathml", "html"),
-    ],
-)
+@pytest.mark.parametrize(("words", "package", "extra"), [
+    ("campaign tolerances.toml --out runs", "pyarrow", "campaign"),
+    ("campaign tolerances.toml --controller pi --out runs --scheduler tcp://localhost:1", "distributed", "cluster"),
+    ("identify run.csv", "pandas", "identify"),
+    ("report --out check", "latex2mathml", "html"),
+    ("reproduce --out check", "latex2mathml", "html"),
+])  # fmt: skip
 def test_a_missing_extra_is_named_before_the_work(words, package, extra, railslip, tmp_path, monkeypatch):
     (tmp_path / "tolerances.toml").write_text('scenario = "stop"\nruns = 1\n')
     rows = "".join(f"{0.01 * i:.2f},{30 - 0.01 * i},{29 - 0.01 * i},900\n" for i in range(60))

@@ -28,9 +28,6 @@ def own(*names: str) -> list[sp.Symbol]:
     return [sliding_symbol(name) for name in names]
 
 
-# --- the derived law, symbolically ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("reference", REFERENCES)
 def test_every_step_is_checked(reference: str) -> None:
     derivation = derive(reference=reference)
@@ -44,9 +41,8 @@ def test_every_step_is_checked(reference: str) -> None:
 def test_law_is_45_with_theta_corrected(reference: str) -> None:
     """[Park2008] (45), typed here from the paper, sigma_d' as the reference has it; theta from the masses."""
     derivation = derive(reference=reference)
-    s, e, rho, D, K, Mn, Mp, Bn, Bp, th1, th2, lambda_d = own(
-        *("s", "e", "rho", "D", "K", "Mn", "Mp", "Bn", "Bp", "theta1_hat", "theta2_hat", "lambda_d")
-    )
+    s, e, rho, D, K, lambda_d = own("s", "e", "rho", "D", "K", "lambda_d")
+    Mn, Mp, Bn, Bp, th1, th2 = own("Mn", "Mp", "Bn", "Bp", "theta1_hat", "theta2_hat")
     r, J, Ta, omega = plant.r, plant.J, plant.Ta, plant.omega
     sigma_d_rate = lambda_d * plant.v_rate if reference == "proportional" else 0
     bracket = sigma_d_rate + (1 / (r * Mn) + r / J) * Ta - r * Bn / J * omega + th1 * Ta + th2 * omega + rho * e
@@ -77,9 +73,6 @@ def test_each_adhesion_law(reference: str, name: str) -> None:
     assert (derivation.adhesion_state_rate is not None) == law_class(name).has_state
 
 
-# --- the checks themselves -----------------------------------------------------------------------------------------
-
-
 def test_identities_tell_true_from_false() -> None:
     x, a = sp.Symbol("x", real=True), sp.Symbol("a", positive=True)
     assert identical(x * sp.sign(x), sp.Abs(x))
@@ -91,18 +84,14 @@ def test_identities_tell_true_from_false() -> None:
     assert vanishes(sp.exp(x) * a - a * sp.exp(x))
 
 
-# --- broken plants -------------------------------------------------------------------------------------------------
-
 DRIVER = """
 import json, sys
 from pathlib import Path
 
 sys.dont_write_bytecode = True  # of one text of the statement would be taken for another's
-FILE = Path("railslip_ctrl/model/plant.py")
 
-
-def probe(text, what):
-    FILE.write_text(text)
+def probe(text):
+    Path("railslip_ctrl/model/plant.py").write_text(text)
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
     from railslip_ctrl.sliding.derivation import derive
@@ -112,14 +101,10 @@ def probe(text, what):
     d = derive()
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
     found["failed"] = [step.name for step in d.steps if not step.checked]
-    found["verify"] = derivation_checked(d).holds
-    if "errata" in what:
-        found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
-    return found
+    return found | {"verify": derivation_checked(d).holds,
+                    "disagree": [row.where for row in law_errata(d) if not row.agrees]}
 
-
-asked = json.load(sys.stdin)
-print(json.dumps({name: probe(*one) for name, one in asked.items()}))
+print(json.dumps({name: probe(text) for name, text in json.load(sys.stdin).items()}))
 """
 
 MUTATIONS = {
@@ -144,15 +129,11 @@ def probed(tmp_path_factory) -> dict[str, dict]:
     """What a copy of the package in a scratch folder gives with the plant as it is and changed; one process for all."""
     folder, text = tmp_path_factory.mktemp("broken"), Path(plant.__file__).read_text(encoding="utf-8")
     assert all(text.count(before) == 1 for before, _ in (*MUTATIONS.values(), *OTHERS.values()))
-    asked = {"sound": (text, "errata")}
-    asked |= {name: (text.replace(*pair), "errata") for name, pair in MUTATIONS.items()}
-    asked |= {name: (text.replace(*pair), "") for name, pair in OTHERS.items()}
+    asked = {name: text.replace(*pair) for name, pair in {"sound": ("", ""), **MUTATIONS, **OTHERS}.items()}
     ignore = shutil.ignore_patterns("plant.*.pyc")  # the other modules, imported anew for each text, stay compiled
     shutil.copytree(Path(railslip_ctrl.__file__).parent, folder / "railslip_ctrl", ignore=ignore)
-    command, environment = [sys.executable, "-c", DRIVER], {**os.environ, "PYTHONPATH": str(folder)}
-    done = subprocess.run(
-        command, cwd=folder, env=environment, input=json.dumps(asked), capture_output=True, text=True, check=False
-    )
+    run = {"cwd": folder, "env": {**os.environ, "PYTHONPATH": str(folder)}, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-c", DRIVER], input=json.dumps(asked), check=False, **run)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
@@ -167,9 +148,6 @@ def test_a_broken_plant_is_noticed(probed) -> None:
         if name in MUTATIONS:
             assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
             assert set(broken["disagree"]) > {"(35)"} | set(sound["disagree"]), name
-
-
-# --- the command ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -190,8 +168,7 @@ def test_json_has_the_contract_s_keys(railslip, arguments) -> None:
     for step in content["steps"]:
         assert {"name", "equation_latex", "source", "checked"} <= set(step)
         assert step["checked"] is True
-    for row in content["errata"]:
-        assert {"where", "printed_latex", "derived_latex", "agrees"} <= set(row)
+    assert all({"where", "printed_latex", "derived_latex", "agrees"} <= set(row) for row in content["errata"])
 
 
 @pytest.mark.parametrize("law", [pytest.param(None, marks=pytest.mark.long), "beam"])
@@ -218,37 +195,21 @@ def test_latex_is_a_document(railslip, tmp_path, law) -> None:
             assert line.count(r"\left") == line.count(r"\right"), line
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (("--reference", "falling"), "--reference"),
-        (("--adhesion", "glue"), "--adhesion"),
-        (("--format", "c", "--json"), "--format"),
-        (("--out", "."), "--out"),
-        (("--adhesion", "law.py"), "--adhesion"),
-        (("--initial-speed", "60"), "--initial-speed"),
-    ],
-)
-def test_bad_options_are_one_line_and_exit_2(railslip, arguments, named) -> None:
-    assert named in refused(railslip(*arguments))
-
-
-# --- the script ----------------------------------------------------------------------------------------------------
+def test_bad_options_are_one_line_and_exit_2(railslip) -> None:
+    for option, word in (("reference", "falling"), ("adhesion", "glue"), ("adhesion", "law.py"), ("out", ".")):
+        assert f"--{option}" in refused(railslip(f"--{option}", word))
+    assert "--format" in refused(railslip("--format", "c", "--json"))
+    assert "--initial-speed" in refused(railslip("--initial-speed", "60"))
 
 
 @pytest.mark.long
 def test_errata_script(capsys) -> None:
     module = script("analysis/errata.py")
     result = module.run()
-    assert result.all_steps_checked
-    assert result.same_for_constant_reference
-    assert set(result.agreeing) == AGREE
-    assert set(result.disagreeing) == set(SIZES)
+    assert (result.all_steps_checked, result.same_for_constant_reference) == (True, True)
+    assert (set(result.agreeing), set(result.disagreeing)) == (AGREE, set(SIZES))
     module.main()
     assert "12 agree, 18 do not" in capsys.readouterr().out
-
-
-# --- errata -----------------------------------------------------------------------------------------------------------
 
 
 AGREE = {

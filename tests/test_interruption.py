@@ -36,44 +36,42 @@ ENDED = 30.0  # s; an import or two on a busy machine, a tenth of what the proce
 
 
 def started(*command: str, cwd: Path | None = None) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, *command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        cwd=cwd,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([sys.executable, *command], **pipes, start_new_session=True, cwd=cwd)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals to groups of processes")
-@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["kill", "terminal"])
-@pytest.mark.parametrize("wait", [False, True], ids=["starting", "at work"])
-def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, int], None], wait: bool) -> None:
+def at_work(wait: bool) -> subprocess.Popen[str]:
+    """The command above, begun."""
     command = started("-c", WORK.format(wait=wait))
     assert command.stdout is not None
     assert command.stdout.readline() == "begun\n"
+    return command
+
+
+posix_alone = pytest.mark.skipif(os.name != "posix", reason="signals to groups of processes")
+SIGNALS = [(os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long)]
+
+
+@posix_alone
+@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["kill", "terminal"])
+@pytest.mark.parametrize("wait", [False, True], ids=["starting", "at work"])
+def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, int], None], wait: bool) -> None:
+    command = at_work(wait)
     send(command.pid, signal.SIGINT)
     out, err = command.communicate(timeout=ENDED)  # to the end of what every process of it might write
     assert (command.returncode, out, err) == (130, "", "railslip: interrupted\n")
 
 
-@pytest.mark.skipif(os.name != "posix", reason="as above")
+@posix_alone
 def test_processes_end_with_the_one_that_started_them() -> None:
-    command = started("-c", WORK.format(wait=True))
-    assert command.stdout is not None
-    assert command.stdout.readline() == "begun\n"
+    command = at_work(True)
     command.kill()
     command.communicate(timeout=ENDED)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="as above")
-@pytest.mark.parametrize(
-    ("send", "number"), [(os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long)]
-)
-def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(
-    tmp_path: Path, send: Callable[[int, int], None], number: int
-) -> None:
+@posix_alone
+@pytest.mark.parametrize(("send", "number"), SIGNALS)
+def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(tmp_path: Path, send, number: int) -> None:
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
     assert command.stderr is not None
     assert "the best design" in command.stderr.readline()
@@ -106,18 +104,10 @@ def test_an_interruption_waits_for_the_last_file(tmp_path: Path, monkeypatch: py
     """Of a report written over another there is all or nothing."""
     writers = {name: lambda path: path.write_text("new") for name in "abc"}
     replace = os.replace
-
-    def interrupted(*arguments: Path) -> None:
-        replace(*arguments)
-        signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(os, "replace", interrupted)
+    monkeypatch.setattr(os, "replace", lambda *given: (replace(*given), signal.raise_signal(signal.SIGINT)))
     with pytest.raises(KeyboardInterrupt):
         write_files(tmp_path, writers)
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["a", "b", "c"]
-
-
-# --- folders --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("spelling", ["out", "other/../out", "link"])
@@ -127,9 +117,8 @@ def test_a_second_report_into_a_folder_is_refused(railslip, tmp_path: Path, spel
     with claimed(tmp_path / "out"):
         before = sorted(tmp_path.rglob("*"))
         told = refused(railslip("report", "--no-html", "--out", f"{tmp_path}/{spelling}"))
-        assert told.startswith(
-            f"railslip: error: --out: '{tmp_path}/{spelling}' is being written to by another process"
-        )
+        at = f"railslip: error: --out: '{tmp_path}/{spelling}' is being written to by another process"
+        assert told.startswith(at)
         assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -150,12 +139,7 @@ def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable:
         "with processes(1) as submit: print(mine == cache_folder() == submit(cache_folder).result(), mine.is_dir())\n"
     )
     kept = {name: value for name, value in os.environ.items() if name not in (CACHE_VARIABLE, "XDG_CACHE_HOME")}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**kept, variable: os.devnull, "TMPDIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    environment = {**kept, variable: os.devnull, "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("True True\n", "")
     assert not list(tmp_path.iterdir())

@@ -9,14 +9,8 @@ import sys
 import pytest
 from project import refused
 
-from railslip_ctrl.model.adhesion import (
-    initial_speeds_in,
-    is_over_initial_speed,
-    law_in,
-    load_law,
-    published_law,
-    wheel_load_in,
-)
+from railslip_ctrl.model import adhesion
+from railslip_ctrl.model.adhesion import initial_speeds_in, is_over_initial_speed, load_law, published_law
 from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PARK2008
@@ -79,36 +73,31 @@ def file(tmp_path, monkeypatch):
     return write
 
 
-# --- v0 ------------------------------------------------------------------------------------------------------------
-
 AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c"), "margins": ("--speed", "20")}
 
 
 @pytest.mark.parametrize("command", AT)
 def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file, command):
-    name = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{SLIPS}')
-    assert (initial_speeds_in(name), is_over_initial_speed(name)) == ((28.0, 30.0), False)
+    slow = ("--adhesion", file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{SLIPS}'))
+    assert (initial_speeds_in(slow[1]), is_over_initial_speed(slow[1])) == ((28.0, 30.0), False)
     told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
-    status, _, err = railslip(command, "--adhesion", name, *AT[command])
+    status, _, err = railslip(command, *slow, *AT[command])
     assert (status in (0, 1), err.count("\n"), told in err) == (True, 1, True)  # once, whatever the number of rails
-    assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "32", *AT[command])[2]  # within a tenth
+    assert "v0" not in railslip(command, *slow, "--initial-speed", "32", *AT[command])[2]  # within a tenth
 
-    name = file("over.toml", OVER + SLIPS)
-    assert is_over_initial_speed(name)
-    status, _, err = railslip(command, "--adhesion", name, *AT[command])
+    over = ("--adhesion", file("over.toml", OVER + SLIPS))
+    assert is_over_initial_speed(over[1])
+    status, _, err = railslip(command, *over, *AT[command])
     assert "over.toml changes with the initial speed v0, and is taken at 100 km/h; give --initial-speed" in err
     assert status in (0, 1)
-    assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "100", *AT[command])[2]
-    assert "outside 30 to 140" in refused(railslip(command, "--adhesion", name, "--initial-speed", "160", *AT[command]))
+    assert "v0" not in railslip(command, *over, "--initial-speed", "100", *AT[command])[2]
+    assert "outside 30 to 140" in refused(railslip(command, *over, "--initial-speed", "160", *AT[command]))
 
 
 def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
     name = file("heavy.toml", BEAM.replace("[parameters]", 'wheel_load = "50 kN"\n[parameters]'))
-    assert wheel_load_in(name) == 50e3
+    assert adhesion.wheel_load_in(name) == 50e3
     assert "was found at a wheel load of 50000 N and is used at 34500 N" in railslip("linearize", "--adhesion", name)[2]
-
-
-# --- reference slip ------------------------------------------------------------------------------------------------
 
 
 def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
@@ -121,9 +110,6 @@ def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
     for given, slips in ((("--slip", "0.1"), (0.1, 0.1)), (("--gains", "beam"), (0.119, 0.059))):
         status, out, _ = railslip("simulate", "--adhesion", law, *given, "--no-noise", "--json")
         assert (status, json.loads(out)["reference_slip"]) == (0, dict(zip(("dry", "wet"), slips, strict=True)))
-
-
-# --- a law in Python -----------------------------------------------------------------------------------------------
 
 
 def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
@@ -150,11 +136,9 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     ):
         assert f"--adhesion: other.py{told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
     text = "from railslip_ctrl.model.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
-    assert law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
-    assert law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
+    assert adhesion.law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
+    assert adhesion.law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
 
-
-# --- which law it was ----------------------------------------------------------------------------------------------
 
 ASKED = {
     "linearize": ("--rail", "dry"),
@@ -179,13 +163,12 @@ def test_text_and_json_tell_a_file_s_law_from_the_published_one(railslip, file, 
     parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in values.items()}
     assert laws_in(out) == [{"name": "beam", "source": "model.toml", "rail": "dry", "parameters": parameters}]
     assert "beam as given (model.toml)" in " ".join(railslip(command, *law, *ASKED[command])[1].split())
-
-    out = railslip(command, "--adhesion", "beam", *ASKED[command], "--json")[1]
-    assert [(one["name"], one["source"]) for one in laws_in(out)] == [("beam", "published")]
-    assert laws_in(out)[0]["parameters"]["mu_max"]["value"] == 0.261  # [Park2008] Table 1, at 100 km/h
-    text = railslip(command, "--adhesion", "beam", *ASKED[command])[1]
-    assert "beam" in text
-    assert "as given" not in text
+    published = ("--adhesion", "beam", *ASKED[command])
+    (one,) = laws_in(railslip(command, *published, "--json")[1])
+    assert (one["name"], one["source"]) == ("beam", "published")
+    assert one["parameters"]["mu_max"]["value"] == 0.261  # [Park2008] Table 1, at 100 km/h
+    text = railslip(command, *published)[1]
+    assert ("beam" in text, "as given" in text) == (True, False)
 
 
 def test_a_published_law_with_a_number_changed_is_told_as_given():
@@ -207,18 +190,16 @@ def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command
         assert railslip(command, "--adhesion", name, *more, "--rail", "wet")[0] in (0, 1)
 
 
-# --- options given twice -------------------------------------------------------------------------------------------
-
-
 def test_an_option_with_one_value_is_given_once(railslip, file):
+    twice = "identify log.csv {0} train_speed=1 {0} train_speed=2"
     file("log.csv", "")
     for command, told in (
         ("margins --kp 1 --ki 1 --kp 2", "--kp: is given 2 times"),
         ("simulate --seed 1 --seed=1", "--seed: is given 2 times"),
         ("report --html --no-html", "--html: is given 2 times"),
         *(
-            (f"identify log.csv {option} train_speed=1 {option} train_speed=2", f"{option}: train_speed is given twice")
-            for option in ("--delay", "--zero", "--column", "--unit")
+            (twice.format(f"--{of}"), f"--{of}: train_speed is given twice")
+            for of in ("delay", "zero", "column", "unit")
         ),
     ):
         assert refused(railslip(*command.split())) == f"railslip: error: {told}; give it once\n"

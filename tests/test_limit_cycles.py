@@ -12,32 +12,13 @@ from sliding_cases import ACTUATOR, DESIGN, READINGS, effect_on, measured_cycle
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.verification import findings_text
-from railslip_ctrl.verification.actuator_effects import (
-    PublishedBehind,
-    actuator_effect,
-    first_limit,
-    joint_advice,
-    published_loop,
-    stop_loops,
-    survivable_excursion,
-    survivors,
-    without_actuator,
-)
+from railslip_ctrl.verification import actuator_effects as effects
+from railslip_ctrl.verification import limit_cycles as cycles
+from railslip_ctrl.verification.actuator_effects import joint_advice, published_loop, stop_loops, without_actuator
 from railslip_ctrl.verification.fixed_step import PublishedLaw, simulate_fine
 from railslip_ctrl.verification.layered import layer_bound, torque_impulse
-from railslip_ctrl.verification.limit_cycles import (
-    LINEAR_CHANGE,
-    critical_gains,
-    linear_limit_cycle,
-    linearisation_change,
-    nonlinear_limit_cycle,
-    predict_limit_cycle,
-    simulated_limit_cycle,
-    smallest_layer,
-)
+from railslip_ctrl.verification.limit_cycles import linear_limit_cycle, nonlinear_limit_cycle, predict_limit_cycle
 from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING, SlidingGains
-
-# --- limit cycles ----------------------------------------------------------------------------------------------------
 
 CYCLES = [
     *((Rail.DRY, 3.6, 400.0), (Rail.WET, 1.0, 30.0)),
@@ -58,7 +39,7 @@ def test_limit_cycle_against_the_nonlinear_wheel(rail, scale, K):
         assert getattr(actual, name) == pytest.approx(getattr(measured, name), rel=0.03), name
     # the linearised cycles are within 10 % wherever their own criterion says so
     assert predicted.period == pytest.approx(measured.period, rel=0.05)
-    if linearisation_change(loop, linear) <= LINEAR_CHANGE:
+    if cycles.linearisation_change(loop, linear) <= cycles.LINEAR_CHANGE:
         for name in AMPLITUDES:
             assert getattr(linear, name) == pytest.approx(getattr(measured, name), rel=0.1), name
             if 2 * loop.load < K:  # the describing function: where the relay does more than carry the load
@@ -81,19 +62,18 @@ RELEASED = [(Rail.DRY, 400.0, -0.016, 0.286, 3.60), (Rail.WET, 400.0, -0.009, 0.
 def test_a_high_relay_releases_the_wheel_once_a_period_and_does_not_lose_it(rail, K, low, high, period):
     loop = published_loop(rail).with_gains(K=K)
     assert nonlinear_limit_cycle(loop) is None  # it leaves 0 to v
-    cycle = simulated_limit_cycle(loop)
-    speed = loop.plant.point.speed
+    cycle, speed = cycles.simulated_limit_cycle(loop), loop.plant.point.speed
     # the extremes of that simulator are over its whole run, and 2 ms of a switch move the slip by 0.001
     assert np.array(cycle.sigma_range) / speed == pytest.approx([low, high], abs=0.004)
     assert cycle.period == pytest.approx(period, rel=0.01)
-    effect = actuator_effect(loop)
+    effect = effects.actuator_effect(loop)
     assert not effect.holds_the_wheel
     assert effect.own_cycle.actual == cycle
 
 
 def test_a_wheel_that_locks_is_lost():
     loop = published_loop(Rail.DRY, inertia_scale=0.05).with_gains(K=5000.0)  # a light wheel under a heavy relay
-    assert simulated_limit_cycle(loop) is None
+    assert cycles.simulated_limit_cycle(loop) is None
     with pytest.raises(DomainError, match=r"the wheel is lost at .* outside \+-"):
         _simulated(loop, 5000.0, 1.0)
     effect = effect_on(Rail.WET)
@@ -115,9 +95,6 @@ def test_integrator_with_dead_time_has_the_textbook_cycle():
     assert cycle.surface_amplitude == pytest.approx(plant.gain * 70 * 0.15, rel=2e-3)  # the series of a triangle
     # the describing function's own closed form: W = b exp(-j w tau)/(j w) is real at w = pi/(2 tau)
     assert predict_limit_cycle(loop).surface_amplitude == pytest.approx(4 / math.pi * plant.gain * 70 * 0.3 / math.pi)
-
-
-# --- the loop around s ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rail", Rail)
@@ -146,15 +123,10 @@ def test_response_of_the_loop_solves_the_equations_of_the_law(rail):
 @pytest.mark.parametrize(("dead_time", "lag", "degree"), [(0.0, 0.0, 1), (0.0, 0.6, 2), (0.15, 0.0, 1), (0.15, 0.6, 2)])
 def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
     loop = replace(published_loop(Rail.DRY), actuator=Actuator(dead_time=dead_time, lag=lag))
-    existence = loop.sliding_existence()
-    assert existence.exists == (dead_time == lag == 0)
-    assert existence.relative_degree == degree
-    omega = 1e6
+    existence, omega = loop.sliding_existence(), 1e6
+    assert (existence.exists, existence.relative_degree) == (dead_time == lag == 0, degree)
     size = abs(complex(loop.surface_response(omega))) * omega**degree
     assert size == pytest.approx(existence.high_frequency_gain, rel=1e-4)
-
-
-# --- the adaptation --------------------------------------------------------------------------------------------------
 
 
 def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without():
@@ -163,12 +135,12 @@ def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without()
     assert without_actuator(loop).is_stable(adaptation=k)
     for relay_gain in np.linspace(0.0, 20.0, 11):
         assert loop.linear_loop(relay_gain=relay_gain, adaptation=k).unstable_closed_loop_poles == 2
-    assert survivable_excursion(loop) == 0.0
+    assert effects.survivable_excursion(loop) == 0.0
     # on the static curve, as published, it is unstable where the relay is small beside s
     curve = published_loop(Rail.DRY, inertia_scale=3.6, adhesion="curve")
     assert not curve.is_stable(adaptation=k)
     assert without_actuator(curve).is_stable(adaptation=k)
-    limit = survivable_excursion(curve)
+    limit = effects.survivable_excursion(curve)
     gain = 4 * 70 / (math.pi * limit)
     assert curve.is_stable(relay_gain=1.001 * gain, adaptation=k)
     assert not curve.is_stable(relay_gain=0.999 * gain, adaptation=k)
@@ -177,12 +149,11 @@ def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without()
 @pytest.mark.parametrize(("rail", "scale"), READINGS)
 def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
     loop = published_loop(rail, inertia_scale=scale)
-    found, first = survivors(loop), critical_gains(loop)[0]
-    assert found.stable
-    assert first.stable_below
+    found, first = effects.survivors(loop), cycles.critical_gains(loop)[0]
+    assert (found.stable, first.stable_below) == (True, True)
     assert loop.linear_loop(relay_gain=first.gain * (1 - 1e-6)).unstable_closed_loop_poles == 0
     assert loop.linear_loop(relay_gain=first.gain * (1 + 1e-6)).unstable_closed_loop_poles == 2
-    assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
+    assert cycles.smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
     assert loop.is_stable(adaptation=found.k * (1 - 1e-6))
     assert loop.linear_loop(adaptation=found.k * (1 + 1e-6)).unstable_closed_loop_poles == 2
     # independently: at the limit a pole is on the axis
@@ -194,9 +165,6 @@ def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
     assert found.relay_gain == pytest.approx(first.gain, rel=1e-9)
 
 
-# --- advice that is checked together ---------------------------------------------------------------------------------
-
-
 def _stop(K=70.0, D=TABLE4_SLIDING["bristle"].D, **gains):
     return {name: loop.with_gains(**gains) for name, loop in stop_loops(K, D, PARK2008).items()}
 
@@ -205,15 +173,12 @@ def test_joint_advice_is_stable_everywhere_with_its_margin():
     loops = _stop()
     found = joint_advice(loops)
     assert found.unstable == ()
-    for loop in loops.values():
-        assert loop.is_stable(relay_gain=found.relay_gain)
-        assert loop.is_stable(relay_gain=1.99 * found.relay_gain)
-        assert loop.is_stable(relay_gain=found.relay_gain, adaptation=found.k)
-        assert loop.is_stable(relay_gain=found.relay_gain, adaptation=1.99 * found.k)
+    gains = {"relay_gain": found.relay_gain}
+    kept = ({}, {"relay_gain": 1.99 * found.relay_gain}, {"adaptation": found.k}, {"adaptation": 1.99 * found.k})
+    assert all(loop.is_stable(**(gains | more)) for loop in loops.values() for more in kept)
     # at the joint limits some point is lost
     assert not all(loop.is_stable(relay_gain=1.001 * found.relay_limit) for loop in loops.values())
-    beyond = {"relay_gain": found.relay_gain, "adaptation": 1.01 * found.k_limit}
-    assert not all(loop.is_stable(**beyond) for loop in loops.values())
+    assert not all(loop.is_stable(**gains, adaptation=1.01 * found.k_limit) for loop in loops.values())
     # an own root count along the imaginary axis gave 5.3e-9 for the k that 7.8 N*m/(m/s) leaves
     assert found.k_limit == pytest.approx(5.3e-9, rel=0.01)
     assert found.ms == max(loop.linear_loop(relay_gain=found.relay_gain).margins().ms for loop in loops.values())
@@ -223,11 +188,11 @@ def test_joint_advice_is_stable_everywhere_with_its_margin():
 @pytest.mark.long
 def test_advice_names_what_is_unstable_and_what_would_be_stable():
     found = joint_advice(_stop(D=30.0))
-    dry = [name for name in found.unstable if name.startswith("dry")]
-    assert found.unstable == tuple(dry)  # wet rail alone would bear it
+    dry = tuple(name for name in found.unstable if name.startswith("dry"))
+    assert found.unstable == dry  # wet rail alone would bear it
     assert "dry, 100 km/h, empty" in dry
     assert (found.relay_gain, found.k, found.ms) == (0.0, 0.0, math.inf)
-    told = findings_text(PublishedBehind((effect_on(Rail.DRY),), found, {}))
+    told = findings_text(effects.PublishedBehind((effect_on(Rail.DRY),), found, {}))
     assert "do not use these gains" in told
     assert f"half of the joint limit {found.D_limit:.4g}" in told
     assert all(loop.is_stable() for loop in _stop(D=0.999 * found.D_limit).values())
@@ -235,28 +200,22 @@ def test_advice_names_what_is_unstable_and_what_would_be_stable():
     assert joint_advice(_stop(rho=20.0)).D_limit == 0.0  # no smaller D mends it
 
 
-# --- errors ----------------------------------------------------------------------------------------------------------
-
-
 def test_cycles_that_do_not_exist():
-    loop = published_loop(Rail.WET)
-    with pytest.raises(DomainError, match="does not carry the load"):
-        predict_limit_cycle(loop, K=10.0, load=19.4)
-    with pytest.raises(DomainError, match="no stable limit cycle"):
-        predict_limit_cycle(without_actuator(loop))
-    assert smallest_layer(without_actuator(loop)) == 0.0
-    fast = loop.with_gains(rho=10.0)
-    with pytest.raises(DomainError, match="unstable at every relay gain"):
-        smallest_layer(fast)
-    with pytest.raises(UnstableLoopError, match="where the search starts"):
-        first_limit(lambda value: False, 1.0)
-    heavy = published_loop(Rail.DRY, inertia_scale=3.6)
-    with pytest.raises(DomainError, match="two switches a period"):
-        linear_limit_cycle(heavy, K=19.6, load=heavy.load)  # the load takes all but 1 % of K
+    loop, heavy = published_loop(Rail.WET), published_loop(Rail.DRY, inertia_scale=3.6)
     law = PublishedLaw(loop.plant.point, loop.gains)
     run = simulate_fine(loop.plant.point, law, ACTUATOR, duration=2.0, step=5e-3)
-    with pytest.raises(DomainError, match="simulate longer"):
-        measured_cycle(run)
+    for make, match in (
+        (lambda: predict_limit_cycle(loop, K=10.0, load=19.4), "does not carry the load"),
+        (lambda: predict_limit_cycle(without_actuator(loop)), "no stable limit cycle"),
+        (lambda: cycles.smallest_layer(loop.with_gains(rho=10.0)), "unstable at every relay gain"),
+        (lambda: linear_limit_cycle(heavy, K=19.6, load=heavy.load), "two switches a period"),  # it takes 99 % of K
+        (lambda: measured_cycle(run), "simulate longer"),
+    ):
+        with pytest.raises(DomainError, match=match):
+            make()
+    assert cycles.smallest_layer(without_actuator(loop)) == 0.0
+    with pytest.raises(UnstableLoopError, match="where the search starts"):
+        effects.first_limit(lambda value: False, 1.0)
 
 
 def test_bounds_that_do_not_exist():
@@ -270,5 +229,4 @@ def test_bounds_that_do_not_exist():
         layer_bound(DESIGN, plant, ACTUATOR, 200.0)
     with pytest.raises(InfeasibleDesignError, match="do not stabilise"):
         torque_impulse(replace(DESIGN, kp=5000.0), plant, ACTUATOR)
-    weak = replace(DESIGN, K=50.0)
-    assert not layer_bound(weak, plant, ACTUATOR, 20.0).layer_kept
+    assert not layer_bound(replace(DESIGN, K=50.0), plant, ACTUATOR, 20.0).layer_kept

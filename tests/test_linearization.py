@@ -33,9 +33,6 @@ def static_pole(slope: float) -> float:
     return -(1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35  # system.md, section 2
 
 
-# --- published and independent values ------------------------------------------------------------------------------
-
-
 def test_the_published_operating_point() -> None:
     """Dry, 100 km/h, slip 0.132, 3517 kg; tolerance half a unit of the last digit."""
     point = bristle_point()
@@ -73,9 +70,6 @@ def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> Non
         assert operating_point(law, coach, V100, 0.132).adhesion_coefficient == pytest.approx(mu, rel=1e-12)
     # one without forces is of any load
     assert operating_point(published_law("burckhardt", Rail.DRY), coach, V100, 0.132).adhesion_coefficient > 0.2
-
-
-# --- derivatives ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rail", Rail)
@@ -140,9 +134,6 @@ def test_the_pole_of_a_static_law_is_its_slope(name: str, slip: float) -> None:
         assert at_zero.poles[0].real == pytest.approx(static_pole(slope / V100), rel=1e-12)  # rounding
 
 
-# --- refusals ------------------------------------------------------------------------------------------------------
-
-
 def test_points_out_of_range() -> None:
     for slip in (1.0, -0.1, 1.5, math.nan, math.inf):
         with pytest.raises(DomainError, match="locked wheel" if slip == 1.0 else "0 <= slip < 1"):
@@ -160,21 +151,16 @@ def test_points_out_of_range() -> None:
 @pytest.mark.parametrize("name", DYNAMIC_LAWS)
 def test_a_rolling_wheel_swings_against_its_bristles(name: str) -> None:
     """Closed form: with z' = sigma and F = F_z z + F_s sigma, s^2 + (k F_s + B/J) s + k F_z, k = 1/M + r^2/J."""
-    law = sample_law(name)
+    law, k = sample_law(name), 1 / 3517 + 0.43**2 / 60.35
     plant = linearize_rolling(law, PARK2008, V100)
     load = PARK2008.wheel_load if name == "tyre_lugre" else 1.0  # its coefficients are normalised
-    stiffness = load * law.alpha  # type: ignore[attr-defined]
     friction = load * (getattr(law, "alpha1", 0.0) + getattr(law, "alpha2", 0.0))
-    k = 1 / 3517 + 0.43**2 / 60.35
-    expected = np.roots([1.0, k * friction + 0.25 / 60.35, k * stiffness])
+    expected = np.roots([1.0, k * friction + 0.25 / 60.35, k * load * law.alpha])  # type: ignore[attr-defined]
     np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(expected), rtol=1e-9)
     assert (plant.point.slip, plant.point.adhesion_state, plant.point.adhesion_force) == (0.0, 0.0, 0.0)
-
-
-def test_a_static_law_rolls_at_slip_0() -> None:
-    law = published_law("curve", Rail.DRY)
-    at_0 = linearize(operating_point(law, PARK2008, V100, 0.0))
-    np.testing.assert_array_equal(linearize_rolling(law, PARK2008, V100).A, at_0.A)
+    static = published_law("curve", Rail.DRY)
+    at_0 = linearize(operating_point(static, PARK2008, V100, 0.0))
+    np.testing.assert_array_equal(linearize_rolling(static, PARK2008, V100).A, at_0.A)
 
 
 @pytest.mark.parametrize("rail", Rail)

@@ -10,6 +10,7 @@ import pytest
 import random_loops
 from loop_checker import poles_right
 from scipy.optimize import brentq
+from scipy.special import lambertw
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
@@ -19,59 +20,50 @@ from railslip_ctrl.loop.rational import pade
 S = ct.tf("s")
 
 
-def digits(value: float) -> float:
-    """Half a unit in the last place of a printed number."""
-    text = f"{value!r}".rstrip("0")
-    return 0.5001 * 10.0 ** -(len(text.split(".")[1]) if "." in text else 0)
-
-
 def printed(value: float, *, places: int | None = None):
     """A printed number, to be met within half a unit of its last place."""
-    return pytest.approx(value, abs=digits(value) if places is None else 0.5001 * 10.0**-places, rel=0)
+    digits = f"{value!r}".rstrip("0").partition(".")[2]
+    return pytest.approx(value, abs=0.5001 * 10.0 ** -(len(digits) if places is None else places), rel=0)
 
 
-def test_matlab_allmargin_page_and_robust_and_optimal_control_jl():
-    m = DeadTimeLoop(25 / (S**3 + 10 * S**2 + 10 * S + 10)).margins()
-    assert m.gain_increase == printed(3.6, places=4)
-    assert m.gain_increase_frequency == printed(3.1623)
-    assert m.gain_decrease == 0.0
-    assert m.phase_deg == printed(29.1104)
-    assert m.phase_frequency == printed(1.7844)
-    assert m.delay_s == printed(0.2847)
-    assert m.disk == printed(0.4580925)  # RobustAndOptimalControl.jl's 0.458145 is a grid value
-    assert m.disk_phase_deg == printed(25.8017)
-    assert m.disk_frequency == printed(1.95503)
+MATLAB = {
+    "gain_increase": printed(3.6, places=4),
+    "gain_increase_frequency": printed(3.1623),
+    "gain_decrease": 0.0,
+    "phase_deg": printed(29.1104),
+    "phase_frequency": printed(1.7844),
+    "delay_s": printed(0.2847),
+    "disk": printed(0.4580925),  # RobustAndOptimalControl.jl's 0.458145 is a grid value
+    "disk_phase_deg": printed(25.8017),
+    "disk_frequency": printed(1.95503),
+}
+"""MATLAB's page of allmargin, and RobustAndOptimalControl.jl."""
+UNSTABLE_PLANT = {
+    "gain_decrease": printed(0.234619891262),
+    "gain_decrease_frequency": printed(0.208677852),
+    "gain_increase": printed(4.39578339078),
+    "gain_increase_frequency": printed(2.73581826),
+    "phase_deg": printed(29.2144640746),
+    "phase_frequency": printed(1.00493595554),
+    "delay_s": printed(0.507384161643),
+    "ms": printed(2.21149397822),
+    "mt": printed(1.98840564198),
+    "disk": printed(0.507978316),
+}
+"""1.2 (8 s + 1)/(8 s) * 1/(s - 0.25) * exp(-0.15 s)/(0.6 s + 1)."""
 
 
-def unstable_plant_loop(gain: float = 1.2) -> DeadTimeLoop:
-    """gain (8 s + 1)/(8 s) * 1/(s - 0.25) * exp(-0.15 s)/(0.6 s + 1)."""
-    return DeadTimeLoop(gain * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
-
-
-def test_open_loop_unstable_pi_loop_margins():
-    loop = unstable_plant_loop()
-    assert loop.is_stable()
-    assert loop.open_loop_unstable_poles == 1
-    m = loop.margins()
-    assert m.gain_decrease == printed(0.234619891262)
-    assert m.gain_decrease_frequency == printed(0.208677852)
-    assert m.gain_increase == printed(4.39578339078)
-    assert m.gain_increase_frequency == printed(2.73581826)
-    assert m.phase_deg == printed(29.2144640746)
-    assert m.phase_frequency == printed(1.00493595554)
-    assert m.delay_s == printed(0.507384161643)
-    assert m.ms == printed(2.21149397822)
-    assert m.mt == printed(1.98840564198)
-    assert m.disk == printed(0.507978316)
+def test_margins_of_printed_loops():
+    unstable = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
+    assert (unstable.is_stable(), unstable.open_loop_unstable_poles) == (True, 1)
+    for loop, expected in ((DeadTimeLoop(25 / (S**3 + 10 * S**2 + 10 * S + 10)), MATLAB), (unstable, UNSTABLE_PLANT)):
+        assert {name: getattr(loop.margins(), name) for name in expected} == expected
 
 
 def test_lambert_w_poles_of_the_delayed_integrator():
     # s + exp(-s) = 0 is s = W_k(-1): an independent closed form
-    from scipy.special import lambertw
-
-    expected = [lambertw(-1, k) for k in (0, -1, 1, -2, 2, -3)]
     found = DeadTimeLoop(1 / S, dead_time=1.0).closed_loop_poles(count=6)
-    for branch in expected:
+    for branch in (lambertw(-1, k) for k in (0, -1, 1, -2, 2, -3)):
         assert np.min(np.abs(found - branch)) < 1e-12
     assert found[0] == pytest.approx(-0.3181 + 1.3372j, abs=1e-4)
 
@@ -102,14 +94,10 @@ def test_pade_of_order_2_is_its_closed_form():
             pade(dead_time, order)
 
 
-@pytest.mark.parametrize(
-    ("plant", "dead_time", "low", "high", "frequency"),
-    [
-        (1 / ((4 * S - 1) * (0.6 * S + 1)), 0.15, 1.0, 23.3988133859, 2.90231629),
-        (1 / ((S - 1) * (0.5 * S + 1)), 0.2, 1.0, 2.54747483502, None),
-    ],
-    ids=["(4s-1)(0.6s+1)", "(s-1)(0.5s+1)"],
-)
+@pytest.mark.parametrize(("plant", "dead_time", "low", "high", "frequency"), [
+    (1 / ((4 * S - 1) * (0.6 * S + 1)), 0.15, 1.0, 23.3988133859, 2.90231629),
+    (1 / ((S - 1) * (0.5 * S + 1)), 0.2, 1.0, 2.54747483502, None),
+])  # fmt: skip
 def test_stabilising_p_gains_of_unstable_lags(plant, dead_time, low, high, frequency):
     loop = DeadTimeLoop(1.5 * plant, dead_time=dead_time)
     assert np.multiply(loop.stabilizing_gain_range, 1.5) == pytest.approx((low, high), rel=1e-11)
@@ -117,18 +105,11 @@ def test_stabilising_p_gains_of_unstable_lags(plant, dead_time, low, high, frequ
         assert loop.margins().gain_increase_frequency == printed(frequency)
 
 
-# -- once answered wrongly or refused; each is checked against something independent -------------------------------
-
-
-@pytest.mark.parametrize(
-    ("system", "dead_time"),
-    [
-        (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),
-        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),
-        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 1e5),
-    ],
-    ids=["resonance far below unit gain", "6000 turns of dead time before the resonance", "16000 turns"],
-)
+@pytest.mark.parametrize(("system", "dead_time"), [
+    (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),  # a resonance far below unit gain
+    (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),  # 6000 turns of dead time before the resonance
+    (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 1e5),
+])  # fmt: skip
 def test_gain_increase_behind_very_many_phase_crossovers(system, dead_time):
     loop = DeadTimeLoop(system, dead_time)
     m = loop.margins()
@@ -160,17 +141,14 @@ def test_ill_posed_loops_are_named(system):
         loop.closed_loop_poles()
 
 
-@pytest.mark.parametrize(
-    ("system", "dead_time", "count"),
-    [
-        (2 / ((S + 1) * (S + 2)), 1e-5, 6),
-        (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
-        (0.4431 / (S - 5.041), 3.195, 6),
-        (2 / S, 0.3, 200),
-        (2 / S, 1e-9, 4),
-        (2 / ((S + 1) * (S + 2)), 100.0, 8),
-    ],
-)
+@pytest.mark.parametrize(("system", "dead_time", "count"), [
+    (2 / ((S + 1) * (S + 2)), 1e-5, 6),
+    (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
+    (0.4431 / (S - 5.041), 3.195, 6),
+    (2 / S, 0.3, 200),
+    (2 / S, 1e-9, 4),
+    (2 / ((S + 1) * (S + 2)), 100.0, 8),
+])  # fmt: skip
 def test_rightmost_poles_over_many_scales(system, dead_time, count):
     loop = DeadTimeLoop(system, dead_time)
     poles = loop.closed_loop_poles(count)

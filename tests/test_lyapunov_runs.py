@@ -19,19 +19,22 @@ from railslip_ctrl.verification.lyapunov_runs import LyapunovRun, judge_run
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 WITHOUT_ADAPTATION = replace(PUBLISHED_LAW, k1=0.0, k2=0.0)
+SI = published_scenario(as_published=False)
+
+Runs = dict[tuple[str, bool, bool], LyapunovRun]
 
 
 @pytest.fixture(scope="module")
-def si_runs() -> dict[tuple[str, bool, bool], LyapunovRun]:
+def si_runs() -> Runs:
     return lyapunov_along_runs.run(as_published=False)
 
 
 @pytest.fixture(scope="module")
-def published_runs() -> dict[tuple[str, bool, bool], LyapunovRun]:
+def published_runs() -> Runs:
     return lyapunov_along_runs.run(as_published=True)
 
 
-def test_the_proof_is_borne_out_without_actuator_and_noise(si_runs: dict[tuple[str, bool, bool], LyapunovRun]) -> None:
+def test_the_proof_is_borne_out_without_actuator_and_noise(si_runs: Runs) -> None:
     """In SI Fr alone disturbs, which K covers: (42) and V' <= 0 must then hold at every sample."""
     ideal = si_runs["k = 0", False, False]
     assert all(condition.holds for condition in ideal.conditions)
@@ -41,9 +44,7 @@ def test_the_proof_is_borne_out_without_actuator_and_noise(si_runs: dict[tuple[s
 
 
 @pytest.mark.long
-def test_as_published_the_caliper_breaks_the_bound_for_a_moment(
-    published_runs: dict[tuple[str, bool, bool], LyapunovRun],
-) -> None:
+def test_as_published_the_caliper_breaks_the_bound_for_a_moment(published_runs: Runs) -> None:
     """Td = 0.05 Tb exp(-4t) sin(10 pi t) beats K = 70 N m early on, and only then."""
     reaching = published_runs["k = 0", False, False].condition("reaching (40)")
     assert 0.0 < reaching.first_violation < 1.0
@@ -63,9 +64,7 @@ def test_with_the_actuator_there_is_no_sliding(reading: str, request: pytest.Fix
 
 
 @pytest.mark.long
-def test_the_printed_adaptation_keeps_the_train_from_stopping(
-    published_runs: dict[tuple[str, bool, bool], LyapunovRun],
-) -> None:
+def test_the_printed_adaptation_keeps_the_train_from_stopping(published_runs: Runs) -> None:
     """published.md: with k = 2.1e-8 and the printed actuator the stop takes three times as long and more."""
     with_k, without = (published_runs[name, True, True].run for name in ("printed k", "k = 0"))
     assert with_k.braking_time > 3 * without.braking_time
@@ -75,7 +74,7 @@ def test_the_printed_adaptation_keeps_the_train_from_stopping(
 
 def test_the_recorded_rate_is_the_derivative_of_s() -> None:
     """s' from the plant's rates against differences of the recorded s, where nothing jumps."""
-    scenario = published_scenario(as_published=False).with_changes(events=(), longest_time=3.0)
+    scenario = SI.with_changes(events=(), longest_time=3.0)
     judged = judge_run(scenario, SlidingControl(WITHOUT_ADAPTATION, REFERENCE), seed=None)
     signals = judged.signals
     middle = 0.5 * (signals.s_rate[1:] + signals.s_rate[:-1])
@@ -85,20 +84,17 @@ def test_the_recorded_rate_is_the_derivative_of_s() -> None:
 
 def test_theta_steps_with_the_mass() -> None:
     """(44) corrected: theta1 = (1/r)(1/M - 1/Mn), here worked out by hand for 3517 -> 5276 kg."""
-    scenario = published_scenario(as_published=False).with_changes(
-        events=({"time": 1.0, "mass": 5276.0},), longest_time=2.0
-    )
+    scenario = SI.with_changes(events=({"time": 1.0, "mass": 5276.0},), longest_time=2.0)
     theta = judge_run(scenario, SlidingControl(PUBLISHED_LAW, REFERENCE), seed=None).signals.theta
     assert theta[0, 0] == 0.0
     assert theta[-1, 0] == pytest.approx((1 / 5276 - 1 / 3517) / PARK2008.wheel.radius, rel=1e-12)
 
 
 @pytest.mark.long
-def test_report_and_figure(tmp_path: Path, si_runs: dict[tuple[str, bool, bool], LyapunovRun]) -> None:
+def test_report_and_figure(tmp_path: Path, si_runs: Runs) -> None:
     cases = [(lyapunov_along_runs.label(case), judged) for case, judged in si_runs.items()]
     text = lyapunov_runs_text(cases)
-    assert "k = 0, ideal " in text
-    assert "never" in text
+    assert ("k = 0, ideal " in text, "never" in text) == (True, True)
     for draw, chosen in ((lyapunov_runs_figure, cases[:4]), (adaptation_figure, cases[4:])):
         save_figure(draw(chosen, "title"), tmp_path / "runs.png")
         assert (tmp_path / "runs.png").stat().st_size > 10_000
