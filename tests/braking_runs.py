@@ -1,7 +1,5 @@
 """Scenarios and controllers that the tests of the simulation share, and a start from any state."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Property tests draw the same examples on every run; HYPOTHESIS_PROFILE=explore draws new ones."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What is wrong with a figure that has been drawn: on paper, 17 cm wide, in grey."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Generated controllers for tests: parameters of them, and the C compiled and called."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import subprocess

@@ -4,8 +4,6 @@ G is zeros, poles and gain, doubles taken as exact. The axis is parted until on 
 above 1, or L is not -1; enclosures are tried at both ends, each moved out by `OUTSIDE`, and so may have no width.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import zip_longest
 

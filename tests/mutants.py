@@ -288,9 +288,6 @@ def _with(node: ast.AST, **changed: object) -> ast.AST:
     return other
 
 
-# --- running ---------------------------------------------------------------------------------------------------------
-
-
 def prepare(folder: Path) -> None:
     """A worker's own copy of the project, in which it runs."""
     mine = folder / str(os.getpid())

@@ -1,7 +1,5 @@
 """Random loops (zeros, poles, gain, dead time) of the kinds that once were answered wrongly, each by its seed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import butter
 

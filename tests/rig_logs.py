@@ -1,7 +1,5 @@
 """A small brake rig for the tests of identification: torque ramp, wheel and train, release past half slip."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

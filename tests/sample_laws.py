@@ -1,7 +1,5 @@
 """One parameter set of every adhesion law, for tests that run over all of them."""
 
-from __future__ import annotations
-
 from railslip_ctrl.core.errors import MissingParametersError
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names, published_law
 from railslip_ctrl.model.vehicle import Rail

@@ -1,7 +1,5 @@
 """Vehicles that tests design for."""
 
-from __future__ import annotations
-
 from railslip_ctrl.model.vehicle import GRAVITY, Actuator, Resistance, Vehicle, Wheel
 
 COACH = Vehicle(

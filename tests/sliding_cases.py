@@ -1,7 +1,5 @@
 """Actuators, readings of the units and the layered design that the tests of the sliding mode share."""
 
-from __future__ import annotations
-
 from functools import cache
 from types import SimpleNamespace
 

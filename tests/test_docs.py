@@ -1,7 +1,5 @@
 """The documentation: what its pages show is run, what they name is there, what they derive follows."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import importlib.util
@@ -56,8 +54,6 @@ CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 def named(path: Path) -> str:
     return str(path.relative_to(DOCS).with_suffix(""))
 
-
-# --- what the pages run --------------------------------------------------------------------------------------------
 
 RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text]
 LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce")
@@ -130,8 +126,6 @@ def test_pages_need_no_copy_of_the_repository(tmp_path):
         used = [word for block in pages.blocks(text) for words in block.commands for word in words]
         assert not any("designs/" in word for word in used), page.name
 
-
-# --- the C of a page -----------------------------------------------------------------------------------------------
 
 C_PAGE = TEXTS[DOCS / "howto" / "embedded_c.md"]
 COMPILER = shutil.which("cc")
@@ -212,8 +206,6 @@ def test_a_failing_command_stops_the_build(tmp_path):
         pages.run(["railslip", "margins", "--rail", "icy"], tmp_path, "")
 
 
-# --- what they name ------------------------------------------------------------------------------------------------
-
 _ANCHORS = {f"source-{key.lower()}" for key in SOURCES}
 
 
@@ -286,9 +278,6 @@ def test_spelling():
         assert not dictionary.unknown(words - plurals), path.name
 
 
-# --- what they derive ----------------------------------------------------------------------------------------------
-
-
 def test_every_equation_of_the_source_stands_once():
     found = [one.number for group in stated().values() for one in group]
     assert found == list(range(1, 50))
@@ -341,9 +330,6 @@ def test_every_public_module_has_its_page():
     }
     hidden = {name for name in files if set(name.split(".")) & set(generate.HIDDEN)}
     assert listed == files - hidden
-
-
-# --- what stands beside the package --------------------------------------------------------------------------------
 
 
 def recipe(name: str) -> str:

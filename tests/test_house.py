@@ -1,7 +1,5 @@
 """The house in order: modules and functions of a length that can be read. `make lint` checks imports and cycles."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 

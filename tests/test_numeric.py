@@ -1,7 +1,5 @@
 """The plant's statement, and the functions generated from it: for arrays, for kernels, and as committed."""
 
-from __future__ import annotations
-
 import importlib
 import math
 import os
@@ -64,9 +62,6 @@ def flat(value: object) -> list[object]:
     return [item for part in value for item in flat(part)] if isinstance(value, tuple) else [value]
 
 
-# --- the statement -------------------------------------------------------------------------------------------------
-
-
 def test_the_motion_is_that_of_3_and_4() -> None:
     """sigma' = -(1/M + r^2/J) Fa + (r/J)(Tb + Td + B omega) - Fr/M, plus Tr as it enters [Park2008] (35); energy."""
     motion, omega = plant.motion(), (v - sigma) / r
@@ -110,9 +105,6 @@ def test_parameter_named_like_a_plant_symbol_is_refused() -> None:
         plant.close(Clash)
 
 
-# --- the functions -------------------------------------------------------------------------------------------------
-
-
 def oracle(expressions: list[sp.Expr], symbols: list[sp.Symbol]) -> Callable[..., list[float]]:
     """The statement itself in mpmath, 30 digits; the curve by its numeric function, which is tested elsewhere."""
     curve = {"BristleCurve": lambda *arguments: mpmath.mpf(float(curve_force(*map(float, arguments))))}
@@ -140,9 +132,6 @@ def test_functions_are_the_statement_for_numbers_and_arrays(name: str) -> None:
             scale = max(1.0, float(np.max(np.abs(expected))))
             for found in (flat(getattr(functions, function)(*row, p)), [np.broadcast_to(x, 6)[i] for x in together]):
                 np.testing.assert_allclose(np.array(found, dtype=float), expected, rtol=1e-12, atol=2e-14 * scale)
-
-
-# --- in kernels ----------------------------------------------------------------------------------------------------
 
 
 def interpreted(law: type[AdhesionLaw]) -> ModuleType:
@@ -192,9 +181,6 @@ def test_the_table_is_the_curve_to_its_stated_error() -> None:
     read = np.array([kernel.adhesion_force(1.0, s, 0.0, 0.0, 0.0, 0.0, p, table) for s in slip])
     assert np.max(np.abs(read - exact)) < 1e-11 * np.max(np.abs(exact))
     assert [name for name in law_names() if has_table(law_class(name))] == ["curve", "table"]
-
-
-# --- the committed files -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", law_names())
@@ -250,8 +236,6 @@ def test_an_edited_plant_changes_the_numbers_at_once_and_generating_makes_them_f
     # Fr = 0.63 v^2 = 486.1 N enters the trim torque as (J/(r M)) (1 - slip) Fr = 16.84 N*m, twice
     assert float(before) - float(after) == pytest.approx(2 * 16.84, abs=0.01)
 
-
-# --- a law is one file ---------------------------------------------------------------------------------------------
 
 NEW_LAW = '''
 """Burckhardt's curve under another name, as an example of a law added by one file."""

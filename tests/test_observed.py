@@ -1,7 +1,5 @@
 """From the rows of a log to samples: what is observed of the adhesion, whole runs, torques between rows."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,8 +13,6 @@ from railslip_ctrl.model.vehicle import PARK2008
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH
-
-# --- observed ------------------------------------------------------------------------------------------------------
 
 
 def ramp_rows(count=2000, interval=0.005, noise=0.0, seed=0):
@@ -109,9 +105,6 @@ def test_wheel_speed_and_wheel_load_columns_are_used():
     assert stream.survey.wheel_load == pytest.approx(2 * LOAD)
     late = observed.time > 2.0  # the start is forgotten by then, up to rounding of differences
     assert observed.mu[late] == pytest.approx(observed.slip[late], rel=1e-7)
-
-
-# --- whole runs, and between their rows ----------------------------------------------------------------------------
 
 
 def test_a_record_is_whole_runs_however_its_rows_come():

@@ -1,7 +1,5 @@
 """The adhesion-torque observers: statement, transfers, recursions, the Kalman filter's gains, noise, the truth."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -53,9 +51,6 @@ def irregular_log(rows: int, seed: int = 1, gap: float = 0.0):
     return t, torque, 60 - 0.5 * t + 0.3 * np.sin(3 * t) + generator.normal(0, 1e-2, rows)
 
 
-# --- statement -----------------------------------------------------------------------------------------------------
-
-
 def behind_the_wheel(form: Form) -> dict[str, sp.Expr]:
     """What acts on the wheel, and noise, to the estimate, with omega from the wheel's equation (3) in it."""
     wheel = sp.solve(plant.WHEEL.subs({plant.omega_rate: S * plant.omega, plant.Tr: 0}), plant.omega)[0]
@@ -79,16 +74,12 @@ def test_responses_are_those_of_the_statement(form):
         assert getattr(responses, name) == pytest.approx(expected, rel=1e-12, abs=1e-13), name
 
 
-# --- samples -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", Form)
 def test_filter_is_solved_exactly(form):
     """Against an ODE solver on the filter's equation (28), with inputs that run straight between samples."""
     t, torque, omega = irregular_log(60)
     observer = FilterObserver.of(PARK2008, TAU, form)
     J, B = observer.inertia, observer.viscous_friction
-
     # the wheel turns steadily before the first sample
     x = -J / TAU * omega[0] if form is Form.PRINTED else (B - J / TAU) * omega[0] + torque[0]
     expected = []
@@ -142,9 +133,6 @@ def test_chunks_of_a_log_and_the_sampled_form_give_what_the_whole_gives(observer
     assert found == pytest.approx(expected, abs=1e-6)  # J/h omega of 1e6 N*m is a difference here
 
 
-# --- the Kalman filter: against independent Riccati solutions ------------------------------------------------------
-
-
 def test_model_is_the_wheel():
     A, b = kalman_of().model
     rate = plant.WHEEL.rhs.subs(plant.Tr, 0) / plant.J
@@ -190,8 +178,6 @@ def test_noises_without_a_gain_are_refused(change):
         _ = kalman_of(**change).sampled_gain, kalman_of(**change).continuous_gain
 
 
-# --- refusals ------------------------------------------------------------------------------------------------------
-
 BRISTLE, BEAM = (published_law(name, Rail.DRY, 140.0) for name in ("bristle", "beam"))
 
 
@@ -236,9 +222,6 @@ def test_a_trial_beyond_its_law_is_refused():
         trial_of(BRISTLE, release_slip=0.9)
 
 
-# --- sensors, and what their noise does to the estimates --------------------------------------------------------------
-
-
 def test_encoder():
     time = np.array([0.0, 0.5, 1.0, 2.0])
     angle = 2 * math.pi * np.array([0.0, 0.30, 0.49, 1.0])
@@ -264,9 +247,6 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
     angle = speed * np.abs(1 - back) ** 2 / INTERVAL**2
     for gain, density in ((gains.torque, torque), (gains.speed, speed), (gains.angle, angle)):
         assert gain == pytest.approx(trapezoid(density, omega) * INTERVAL / math.pi, rel=1e-6)
-
-
-# --- against the truth ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module", params=[BEAM, BRISTLE], ids=["beam", "bristle"])

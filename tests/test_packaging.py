@@ -1,7 +1,5 @@
 """The package as it is installed: a wheel, and the command out of it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import sysconfig

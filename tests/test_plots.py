@@ -4,8 +4,6 @@ Every figure that a test saves is looked at besides (conftest.py); here are thos
 look itself is worth.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from figure_checks import defects
@@ -124,9 +122,6 @@ def test_the_map_of_a_judgement_writes_its_numbers():
         assert 0 <= min(up) <= max(up) < 0.0101 * max(1.0, np.max(worst[np.isfinite(worst)]) / 10)  # never below
     assert found.operating.max() < 9.99
     assert np.isinf(found.with_tolerances).any()
-
-
-# --- the look itself ------------------------------------------------------------------------------------------------
 
 
 def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():

@@ -1,7 +1,5 @@
 """report.html in a real headless browser, at the widths of a phone, of A4 and of a desk, and printed."""
 
-from __future__ import annotations
-
 import base64
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The paper's numbers beside ours: Table 5, the reading, what its rules are worth, the other facts."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -31,9 +29,6 @@ def alternative(name: str):
 @pytest.fixture(scope="module")
 def few_seeds():
     return table5(FEW)
-
-
-# --- runs and Table 5 ----------------------------------------------------------------------------------------------
 
 
 def test_runs_on_all_cores_are_the_runs_one_by_one():
@@ -73,9 +68,6 @@ def test_a_run_that_does_not_stop_passes_for_no_number(few_seeds):
     with_it = replace(few_seeds, rows=rows, results=(*few_seeds.results[:3], result))
     assert not with_it.within
     assert math.isnan(with_it.rms_deviation_percent)
-
-
-# --- the reading and what it is worth ------------------------------------------------------------------------------
 
 
 def test_every_rule_that_is_not_printed_has_an_alternative():
@@ -142,9 +134,6 @@ def test_sensitivity_says_what_a_rule_is_worth():
         sensitivity(1)
 
 
-# --- the other facts, Table 3 --------------------------------------------------------------------------------------
-
-
 def test_facts_hold_with_their_numbers():
     told = []
     found = {fact.name: fact for fact in published_facts(progress=told.append)}
@@ -161,9 +150,6 @@ def test_table3_gives_another_improvement_than_it_prints():
     assert (three.beam_mean, three.bristle_mean) == pytest.approx((0.0110, 0.008475), abs=1e-15)
     assert three.improvement_percent == pytest.approx(22.9545, abs=5e-5)
     assert three.improvement_follows_from_printed_means  # 0.011 and 0.0083: the second is not the mean of its row
-
-
-# --- the command ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
@@ -201,9 +187,6 @@ def test_command_refuses_a_number_of_seeds(seeds, railslip):
     told = refused(railslip("reproduce", f"--seeds={seeds}"))
     assert told.startswith("railslip: error: --seeds: ")
     assert "give a whole number from 2 to 100000" in told
-
-
-# --- the scripts ------------------------------------------------------------------------------------------------------
 
 
 # published.md of the project's specification, means of 256 seeds with other random numbers

@@ -1,7 +1,5 @@
 """Closed-loop responses with exact dead time: closed forms, SciPy, python-control, poles and final values."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 
@@ -34,8 +32,6 @@ PI_LEAD = pi(229.0, 5.0) * rational([0.6, 1], [0.06, 1])
 DEAD_TIME = 0.15
 
 
-# --- realisation -----------------------------------------------------------------------------------------------------
-
 SYSTEMS = {
     "gain": Rational(np.array([]), np.array([]), 3.0),
     "PI": pi(190.0, 5.0),
@@ -67,9 +63,6 @@ def test_realisation_has_the_response_and_the_poles_of_the_factored_form(name):
 def test_realisation_refuses_complex_roots_without_their_conjugates(poles):
     with pytest.raises(InputError, match="without its conjugate"):
         realise(Rational(np.array([]), np.array(poles), 1.0))
-
-
-# --- closed forms ----------------------------------------------------------------------------------------------------
 
 
 def delayed_integrator_step(gain: Fraction, dead_time: Fraction, t: Fraction) -> float:
@@ -112,9 +105,6 @@ def test_a_biproper_loop_jumps_at_multiples_of_the_dead_time():
     assert y[3] - y[2] == pytest.approx(-0.36, abs=1e-7)
 
 
-# --- independent methods ---------------------------------------------------------------------------------------------
-
-
 def test_without_dead_time_it_is_the_response_of_scipy():
     from scipy.signal import lsim
 
@@ -125,9 +115,6 @@ def test_without_dead_time_it_is_the_response_of_scipy():
     expected = lsim((closed.A, closed.B, closed.C, closed.D), np.ones(t.size), t)[1]
     found = step_response(PI_LEAD, WHEEL, 0.0, actuator=LAG, time=t)
     assert found.output == pytest.approx(expected, abs=1e-9)  # lsim's expanded polynomials lose digits
-
-
-# --- what a response must do -----------------------------------------------------------------------------------------
 
 
 def test_superposition_and_the_impulse_as_an_initial_state():
@@ -181,9 +168,6 @@ def test_overshoot_and_settling_time():
     assert math.isnan(none.overshoot)
 
 
-# --- refusals --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -218,9 +202,6 @@ def test_algebraic_loop_is_refused():
 def test_a_response_beyond_the_largest_number_is_refused():
     with pytest.raises(InputError, match="overflows"):
         step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0)
-
-
-# --- frequency curves ------------------------------------------------------------------------------------------------
 
 
 def test_frequency_curves_are_the_formulas():

@@ -1,7 +1,5 @@
 """Any linear controller wherever a PI is taken; sampled ones: difference equations, anti-windup, margins."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from functools import partial
@@ -140,9 +138,6 @@ def test_an_object_linear_at_a_point_needs_one():
         controller_system(Described())
 
 
-# --- discrete ones ---------------------------------------------------------------------------------------------------
-
-
 def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
     sampled = ct.sample_system(SYSTEM, 0.05, "tustin")
     loop = wheel_slip_loop(plant, sampled)
@@ -178,8 +173,6 @@ INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 def gain(value: float) -> Rational:
     return Rational(np.array([]), np.array([]), value)
 
-
-# --- difference equations --------------------------------------------------------------------------------------------
 
 CONTROLLERS = {
     "PI, Tustin": SampledController(PLAIN, 0.02),
@@ -256,9 +249,6 @@ def test_a_pole_too_fast_for_the_rule_is_refused():
         SampledController(1 / (S - 100), 0.01, rule=Rule.BACKWARD)
 
 
-# --- limits and anti-windup ------------------------------------------------------------------------------------------
-
-
 def random_loops(seed: int, count: int) -> list[tuple[Rational, Rational]]:
     """Controllers of order 1 to 5, all with an integrator, and plants: loops that cross at 1 rad/s, Ms <= 2.
 
@@ -330,9 +320,6 @@ def test_the_tracking_time_left_out_is_that_of_the_slowest_zero():
     assert SampledController(ct.tf([1.0, -0.99], [1.0, -1.0], 0.02), 0.02).effective_tracking_time == pytest.approx(2.0)
 
 
-# --- the exact sampled loop ------------------------------------------------------------------------------------------
-
-
 def test_integrator_with_proportional_control_closed_form():
     # y+ = (1 - K h) y is stable for 0 < K h < 2; one period later z^2 - z + K h for K h < 1
     m = SampledLoop(gain(0.7), INTEGRATOR, 0.0, 0.5).margins()
@@ -393,9 +380,6 @@ def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plan
     assert record.equivalent is None
     with pytest.raises(UnstableLoopError, match="no factor on the loop gain"):
         sampled_loop(slow, plant, ACTUATOR, computation=2.0).margins()
-
-
-# --- period ----------------------------------------------------------------------------------------------------------
 
 
 def test_suggested_period_takes_its_share_of_the_delay_margin(plant):

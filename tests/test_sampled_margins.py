@@ -1,7 +1,5 @@
 """Verdicts on sampled loops that no grid may decide: the delay margin over fractions of the period, narrow peaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

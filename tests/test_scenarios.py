@@ -1,7 +1,5 @@
 """Scenarios and controllers from files: what they read, and what they refuse in one line."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -201,9 +199,6 @@ def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
     alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
     told = refusal(scenario_of, text if alone else f'extends = "park2008"\n{text}', words)
     assert "none.toml" in told or "mine.toml" in told
-
-
-# --- controllers ---------------------------------------------------------------------------------------------------
 
 
 def test_the_designs_as_files():

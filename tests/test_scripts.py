@@ -1,7 +1,5 @@
 """The scripts of designs/ and of the observers, run and their numbers asserted."""
 
-from __future__ import annotations
-
 import re
 import sys
 
@@ -223,9 +221,6 @@ def test_compare_designs(tmp_path, capsys, monkeypatch):
     assert "no controller gets Ms or Mt below 1.13" in out
 
 
-# --- the observers of the adhesion torque -----------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def observers():
     return script("analysis/observer_tradeoff.py")
@@ -269,9 +264,6 @@ def test_script_prints_and_draws(observers, trade_off, tmp_path, capsys, monkeyp
     out = capsys.readouterr().out
     assert "printed (27): 100 % of a step of the brake torque" in out
     assert len(list((tmp_path / "pictures").glob("observer_*.png"))) == 3
-
-
-# --- from a log to a braking train ------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

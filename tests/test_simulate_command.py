@@ -1,7 +1,5 @@
 """`railslip simulate` as its users meet it."""
 
-from __future__ import annotations
-
 import json
 import os
 from functools import partial

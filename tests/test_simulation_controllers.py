@@ -1,7 +1,5 @@
 """Controllers of braking runs: their steps against the designs they are made from, and the designs' own numbers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -183,9 +181,6 @@ def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
         assert step.x[3] == valve
 
 
-# --- this project's designs ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
 def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
     control = recommended_pi_lead(vehicle)
@@ -248,9 +243,6 @@ def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_loa
         braked(stop(one), control).limits for one in (car, car.loaded()) for control in (own, recommended_pi_lead())
     ]
     assert {limit.torque_max for limit in limits} == {full_brake_torque(car)}
-
-
-# --- by name -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,7 +1,5 @@
 """The integration itself: balance, order, dead time, actuator, events, sensors, repeatability, and runs that fail."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -29,9 +27,6 @@ from railslip_ctrl.simulation import (
 
 # Rounding of some 1e5 additions to numbers near the starting energy, and the error of Runge-Kutta in it at 1 ms.
 BALANCE = 1e-10
-
-
-# --- energy ----------------------------------------------------------------------------------------------------------
 
 
 def distance_events() -> Scenario:
@@ -69,9 +64,6 @@ def test_a_run_tells_its_lock_and_is_not_drawn_without_its_record() -> None:
         run.plot()
 
 
-# --- order -----------------------------------------------------------------------------------------------------------
-
-
 def test_the_order_of_convergence_is_four() -> None:
     """Controller sampled at 50 ms, smooth law, no noise: halving the step divides the error by 16."""
     vehicle = PARK2008.model_copy(
@@ -95,9 +87,6 @@ def test_the_order_of_convergence_is_four() -> None:
     assert np.all(differences[-1] > 1e-13 * np.abs(values[-1]))  # what is compared is not yet rounding
     # the next term of the error is a step's size, 1.6 ms, smaller, times rates of up to 30/s
     assert orders[-1] == pytest.approx([4.0, 4.0, 4.0], abs=0.05)
-
-
-# --- dead time and lag, in closed form -------------------------------------------------------------------------------
 
 
 def staircase_behind_actuator(time: np.ndarray, command: np.ndarray, dead_time: float, lag: float) -> np.ndarray:
@@ -145,9 +134,6 @@ def test_fill_dump_and_rate_limit() -> None:
     assert run.max_torque == pytest.approx(start, abs=1e-2)
 
 
-# --- events and the viscous coefficient ------------------------------------------------------------------------------
-
-
 def test_events_and_the_stop_are_located_to_rounding() -> None:
     """A constant resistance decelerates the free train, in parabolas; samples of 0.1 s."""
     force, first, second = 3000.0, 3517.0, 5276.0
@@ -162,11 +148,9 @@ def test_events_and_the_stop_are_located_to_rounding() -> None:
     assert run.outcome is Outcome.OUT_OF_TIME
     assert run.final_speed == pytest.approx(at - force / second * (5.0 - when), rel=1e-13)
     assert run.energies.booked == pytest.approx(0.5 * (second - first) * at**2, rel=1e-12)
-
     run = freely(events=(Event(time=1.23456, mass=second),), longest_time=3.0)
     expected = 30.0 - force / first * 1.23456 - force / second * (3.0 - 1.23456)
     assert run.final_speed == pytest.approx(expected, rel=1e-13)
-
     run = freely(final_speed=19.0)
     assert run.stopped
     assert run.braking_time == pytest.approx((30.0 - 19.0) * first / force, rel=1e-13)
@@ -186,9 +170,6 @@ def test_the_viscous_coefficient_over_time(scale: float) -> None:
     # 1e-3 s times 0.2/s, to the fourth power, is below rounding; sigma = v - r omega gives omega to 1e-13 of v
     np.testing.assert_allclose(run.signals.wheel_speed, expected, rtol=1e-11)
     assert abs(run.energies.error) < BALANCE
-
-
-# --- sensors and chance ----------------------------------------------------------------------------------------------
 
 
 def test_measurement_noise_and_random_force_have_their_statistics() -> None:
@@ -275,9 +256,6 @@ def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
         # exp and sin may differ by a rounding, which slip beyond the peak makes grow by e^(2 s * 3/s)
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * (1 + np.max(np.abs(one))), err_msg=name)
     assert numbers(runs[0]) == pytest.approx(numbers(runs[1]), rel=1e-9)
-
-
-# --- what did not work is named ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Braking runs against closed forms, an independent integration in the paper's units, and the linearised loop."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -18,8 +16,6 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import BrakeLimits, Simulator, TorqueProfile, built_in_scenario, simulate
 from railslip_ctrl.simulation import kernel as layout
-
-# --- as published: the paper's own mixed units -----------------------------------------------------------------------
 
 
 def paper_curve(wet: bool) -> CubicHermiteSpline:
@@ -93,9 +89,6 @@ def test_the_as_published_run_is_the_mixed_unit_one() -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.max(np.abs(theirs)), err_msg=name)
 
 
-# --- lock and release -------------------------------------------------------------------------------------------------
-
-
 def test_the_wheel_locks_when_the_torque_has_taken_its_momentum() -> None:
     """Without adhesion J omega' = -T after the dead time; slip is then 1, and its mean tells the lock to rounding."""
     torque, dead_time, end = 4000.0, 0.0837, 2.0
@@ -148,8 +141,6 @@ def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
     assert s.wheel_speed[-1] == pytest.approx(found.y[1, -1], rel=1e-9)
     assert abs(run.energies.error) < 1e-12
 
-
-# --- the linearised loop ----------------------------------------------------------------------------------------------
 
 HEAVY = 1e15  # kg: the speed stays what it is, as the linearisation with frozen speed has it
 

@@ -1,7 +1,5 @@
 """The generated controller: Python against the derivation, C99 against the Python."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -53,9 +51,6 @@ def options(generator):
 SIDES = (("min", -1.0), ("max", 1.0))
 
 
-# --- Python against the derivation ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("reference", REFERENCES)
 def test_control_is_the_derived_law(reference) -> None:
     derivation = derive(reference=reference)
@@ -93,9 +88,6 @@ def test_filter_and_integral_converge_to_the_continuous_ones() -> None:
         errors.append((abs(estimate - exact), abs(state.e_integral - 0.1 * (20.0 * 0.2 - 0.02))))
     assert np.array(errors[1]) == pytest.approx(np.array(errors[0]) / 2.0, rel=0.05)
     assert errors[1][0] < 3e-3
-
-
-# --- the robust variants in the sampled law -------------------------------------------------------------------------
 
 
 def stepped(given, measured, state=None):
@@ -156,9 +148,6 @@ def test_anti_windup(limit, integral) -> None:
     # without it all of them go on, and off its limits it changes nothing
     assert stepped({limit: bound}, MEASURED)[2] == free[2]._replace(command=bound)
     assert stepped({"anti_windup": 1.0}, MEASURED)[:3] == free[:3]
-
-
-# --- C against Python ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -242,9 +231,6 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
     assert not any(calls[name] for name in ("switching", "valid", "refused", *helpers))
 
 
-# --- the committed law -----------------------------------------------------------------------------------------------
-
-
 def test_the_committed_law_is_what_the_derivation_gives():
     assert LAW_FILE.read_text(encoding="utf-8") == generate_law(), "run `make generate`"
     assert law_source() == generate(derive()).python
@@ -268,9 +254,6 @@ def test_a_law_whose_sources_have_changed_is_derived_at_once(tmp_path, monkeypat
     monkeypatch.setattr("railslip_ctrl.sliding.generate.LAW_FILE", stale)
     monkeypatch.setattr("railslip_ctrl.sliding.generate._derived", lambda: "derived")
     assert law_source.__wrapped__() == "derived"
-
-
-# --- where something is wrong, in Python and in C at once -------------------------------------------------------------
 
 
 PERIOD = 1e-3  # s
@@ -314,9 +297,6 @@ def published(made, law, v) -> Both:
         named = zip(type(law).parameter_names(), law.parameters(), strict=True)
         values |= {f"adhesion_{name}": value for name, value in named}
     return Both(made, [values[name] for name in made[0].law.parameters], v)
-
-
-# --- a locked wheel --------------------------------------------------------------------------------------------------
 
 
 @needs_compiler
@@ -366,9 +346,6 @@ def test_the_adhesion_in_the_code_is_the_law(adhesion) -> None:
         assert inside.step(start, v, omega, p)[0] == pytest.approx(expected, rel=1e-9)
 
 
-# --- samples that are no numbers -------------------------------------------------------------------------------------
-
-
 @needs_compiler
 def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(in_both_languages) -> None:
     law = published(in_both_languages(None), None, 25.0)
@@ -385,9 +362,6 @@ def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(in_bot
         assert samples * PERIOD == pytest.approx(HOLD_TIME, abs=1.5 * PERIOD)  # a sum of periods is one more or less
         assert torques == [held] * samples + [0.0] * (300 - samples)
         assert law.state[: -len(KEPT)] == state[: -len(KEPT)]  # the law rests
-
-
-# --- parameters that are refused -------------------------------------------------------------------------------------
 
 
 @needs_compiler

@@ -1,7 +1,5 @@
 """The conditions with the actuator, through the command."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -169,9 +167,6 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     assert "1517 N m" in told
 
 
-# --- the layered law ------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def layered():
     return verify_with_actuator(law="layered")
@@ -242,8 +237,6 @@ def test_bounds_that_a_simulation_breaks_are_not_kept(layered):
     assert not lost.holds
     assert "the wheel is lost at" in evidence(lost)
 
-
-# --- another adhesion, another vehicle --------------------------------------------------------------------------------
 
 BURCKHARDT = """law = "burckhardt"
 [parameters]
@@ -328,9 +321,6 @@ def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, 
     given = () if text is None else ("--adhesion", file(text))
     told = refused(railslip("verify", *arguments, *given))
     assert all(word in told for word in words)
-
-
-# --- bounds, runs and the script of the layered law -------------------------------------------------------------------
 
 
 def test_induced_gain_of_a_first_order_loop_in_closed_form():

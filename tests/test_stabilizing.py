@@ -1,7 +1,5 @@
 """Stabilising sets: published ends, and cell by cell against decisions made another way."""
 
-from __future__ import annotations
-
 import math
 
 import control as ct
@@ -23,9 +21,6 @@ S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))
 NEAR = 1e-6  # relative distance at which inside and outside are told apart
 PID = {"derivative_filter": 0.06}
-
-
-# -- published and closed-form ends ---------------------------------------------------------------------------
 
 
 def test_p_and_pi_sets_of_an_unstable_lag_with_dead_time():
@@ -107,9 +102,6 @@ def test_empty_sets_say_why(plant, match):
         raise AssertionError(region.reason)
 
 
-# -- every cell against the exact count -----------------------------------------------------------------------
-
-
 def random_roots(rng, count, high):
     found = []
     while len(found) < count:
@@ -169,9 +161,6 @@ def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     assert points > 300
 
 
-# -- PID ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
     rng = np.random.default_rng(seed)
@@ -187,9 +176,6 @@ def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
         loop = c * region.plant(s) * np.exp(-s * region.dead_time)
     usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
     assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
-
-
-# -- many plants ----------------------------------------------------------------------------------------------
 
 
 def wheel_plants():
@@ -216,9 +202,6 @@ def test_intersection_over_operating_points():
         assert common.contains(kp, limit * (1 - NEAR))
         assert not common.contains(kp, limit * (1 + NEAR))
     assert not common.contains(low * (1 - NEAR), 0.0)
-
-
-# -- refusals -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -251,9 +234,6 @@ def test_intersection_over_operating_points():
 def test_unsuitable_input_is_refused(make, match):
     with pytest.raises(InputError, match=match):
         make()
-
-
-# --- gains and rectangles of gains, certified ------------------------------------------------------------------------
 
 
 LAGS = 1 / ((S + 1) * (S + 2) * (S + 3))  # s^4 + 6 s^3 + 11 s^2 + (6 + kp) s + ki: ki < (6 + kp)(60 - kp)/36
@@ -300,9 +280,6 @@ def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(at,
     assert stable_intervals(critical, 1.0, lambda k: at if k == 1 else RootCount(0, False), signed=False) == stable
 
 
-# --- where F exp(tau s) + G is real on the axis, against closed forms and a scan -------------------------------------
-
-
 X = fmpq_poly([0, 1])
 NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])
 
@@ -337,9 +314,6 @@ def test_frequencies_are_those_of_a_scan(factor, other, dead_time, highest):
     expected = scanned(factor, other, dead_time, highest)
     assert found.shape == expected.shape
     assert found == pytest.approx(expected, abs=highest / 400_000)
-
-
-# --- outlines of stabilising sets, and margins over a grid of gains --------------------------------------------------
 
 
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():

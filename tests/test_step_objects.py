@@ -1,7 +1,5 @@
 """Controllers known by their step: Python objects and Numba functions in runs and campaigns, and what they do wrong."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
@@ -91,9 +89,6 @@ def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
         )
 
 
-# --- linear systems as they are given --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", ["tf", "ss", "scipy", "discrete", "PI"])
 def test_a_linear_system_runs_as_it_is_given(form):
     s = ct.tf("s")
@@ -115,8 +110,6 @@ def test_a_linear_system_runs_as_it_is_given(form):
     # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
 
-
-# --- campaigns -------------------------------------------------------------------------------------------------------
 
 FILE = """
 import numba
@@ -177,9 +170,6 @@ def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, las
         execute(failing, tmp_path / "made" / "for it", workers=1, part_runs=1)
     assert len(list(tmp_path.rglob("*.parquet"))) == kept
     assert bool(list(tmp_path.iterdir())) == bool(kept)
-
-
-# --- what goes wrong -------------------------------------------------------------------------------------------------
 
 
 PLAIN = "\ndef helped(t):\n    return {}['torque']\n\n"

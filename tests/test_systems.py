@@ -1,7 +1,5 @@
 """Systems as the ecosystem writes them, wherever a function takes one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tuning: optima of the specification, equality designs, families, structures, published rules."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 
@@ -204,9 +202,6 @@ def tuned_at_100(structure, **given):
     return tune_cases(AT_100, PARK2008.actuator, structure=structure, specification=Specification(ms_max=1.8), **given)
 
 
-# -- free of scale, and nothing better by brute force ---------------------------------------------------------
-
-
 def rescaled(plant, gain, time):
     """gain P(time s)."""
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
@@ -253,13 +248,7 @@ def test_brute_force_finds_nothing_better(seed):
         assert design.worst.ms == pytest.approx(ms_max, rel=1e-9)
 
 
-# --- tuning at operating points, by structure ------------------------------------------------------------------------
-
-
 AT_100 = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
-
-
-# --- the parts of tuning, each against what it is defined by ---------------------------------------------------------
 
 
 def test_a_specification_takes_whatever_can_be_asked_and_says_it():
@@ -312,9 +301,6 @@ def test_the_tightest_interval_is_where_a_margin_is_best(margin, best):
     assert found == pytest.approx(np.full(3, best), rel=1e-4)  # 16 halvings of what there may be
 
 
-# --- the gains that a specification forbids, against the definition of its margins on a dense grid -------------------
-
-
 PLANTS = {
     "lags": (Rational([], [-1.0, -4.0], 8.0), 0.3),
     "resonant": (Rational([], [-1.0, -0.2 + 1.5j, -0.2 - 1.5j], 2.0), 0.2),
@@ -361,9 +347,6 @@ def test_gaps_are_what_the_margins_leave(name, wanted):
             if np.abs(ends - kp).min(initial=1.0) > 0.02 * max(abs(kp), 1.0):  # both are rough next to an end
                 inside = any(low < kp < high for low, high in gaps)
                 assert inside == allowed(plant, dead_time, kp, ki, wanted), (ki, kp)
-
-
-# --- tuning rules against their sources' tables, and refused where they do not hold ----------------------------------
 
 
 TAU = PARK2008.actuator.dead_time

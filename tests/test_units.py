@@ -1,7 +1,5 @@
 """Numbers with units: conversion, refusal, and that no text can break or hang the parser; rounding."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Vehicles: the published record, TOML files, railtoolkit files, and every way a file can be wrong."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -47,9 +45,6 @@ def _message(path: Path) -> str:
     return message.replace(str(path.parent) + os.sep, "")
 
 
-# --- records -----------------------------------------------------------------------------------------------
-
-
 def test_the_published_vehicle() -> None:
     # printed to three digits: 34 500 for 34 490
     assert PARK2008.mass * GRAVITY == pytest.approx(PARK2008.wheel_load, rel=5e-4)
@@ -65,9 +60,6 @@ def test_the_published_vehicle() -> None:
     said = Actuator.__doc__ or ""
     assert "- lag: time constant of the first-order lag; s, >= 0." in said
     assert "factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
-
-
-# --- TOML --------------------------------------------------------------------------------------------------
 
 
 def test_published_vehicle_written_as_toml_is_the_published_vehicle(file: Any) -> None:
@@ -106,8 +98,6 @@ def test_what_a_file_lacks_is_the_published_rest_or_follows_from_the_mass_and_is
     loaded = load_vehicle(file('mass = 4000\nmass_loaded = 6000\nwheel_load = "40 kN"\n'))
     assert loaded.wheel_load_loaded == approx(60_000.0)
 
-
-# --- allowed, and yet far from what vehicles have -----------------------------------------------------------
 
 PLAUSIBLE = """
 mass = 4000
@@ -171,9 +161,6 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
     published = (PARK2008, PARK2008.model_copy(update={"inertia_scale": 3.6}))
     for vehicle in (*published, load_vehicle(file(PLAUSIBLE)), *map(load_vehicle, (EXAMPLE, DESIRO, FACS, TRAXX))):
         assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
-
-
-# --- railtoolkit -------------------------------------------------------------------------------------------
 
 
 def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_brake() -> None:

@@ -1,7 +1,5 @@
 """The conditions of the sliding-mode law: verdicts, their numbers, and that a changed plant changes them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace
@@ -72,9 +70,6 @@ def as_published():
     return verify(vehicle=AS_PUBLISHED)
 
 
-# --- verdicts -------------------------------------------------------------------------------------------------------
-
-
 def test_verdicts_of_the_published_law(paper):
     assert {one.name: one.holds for one in paper.conditions} == VERDICTS
     assert not paper.all_hold
@@ -134,9 +129,6 @@ def test_as_published_the_verdicts_are_the_same(as_published):
     assert "25.62 km/h" in evidence(as_published["theta constant"])
 
 
-# --- robust variants ------------------------------------------------------------------------------------------------
-
-
 def test_projection_is_needed_and_never_raises_V():
     gains = robust.dead_zone_design(PARK2008)
     assert robust.largest_cross_term(gains, seed=5) <= 0.0
@@ -170,9 +162,6 @@ def test_the_set_of_the_leak_is_invariant():
     assert np.max(rate) < 0.0
 
 
-# --- scripts --------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.long
 def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     module = script("analysis/lyapunov_asmc.py")
@@ -191,16 +180,11 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     assert "Without the actuator 11 of 28 conditions do not hold in SI" in capsys.readouterr().out
 
 
-# --- reaching ---------------------------------------------------------------------------------------------------------
-
-
 SAME_LOAD = {"wheel_load_loaded": 120_000.0}
 COACH = PARK2008.model_copy(
     update={"mass": 12_200.0, "mass_loaded": 17_400.0, "wheel_load": 120_000.0, "wheel_load_loaded": 171_000.0}
 )
 PARK_ADHESION = 4857.6 / (0.43 * 34_500)  # of the bristle model on dry rail, 100 km/h, at no slip
-
-# --- the bound on K -------------------------------------------------------------------------------------------------
 
 
 def test_least_gain_by_hand():
@@ -293,9 +277,6 @@ def test_reaching_time_is_the_simulated_one():
     assert math.isinf(reaching.reaching_time(PARK2008, K=0.0, D=1.0, start=1.0))
 
 
-# --- counterexample -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("estimated", [True, False])
 def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated):
     box = operating_box(PARK2008)
@@ -313,9 +294,6 @@ def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated)
     others = np.vstack((others, list(itertools.product(*box)))).T
     values = np.sign(others[-1]) * rate_at(others, PARK2008, PUBLISHED_LAW, estimated=estimated)
     assert np.max(values) <= worst.excess * 1.01  # the search stops within 1 % of the supremum
-
-
-# --- simulation of the ideal loop -----------------------------------------------------------------------------------
 
 
 def test_drift_is_the_predicted_one_and_needs_noise():
@@ -344,9 +322,6 @@ def test_gains_are_checked(name, value):
 def test_a_diverging_run_leaves_the_domain():
     with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
         simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
-
-
-# --- the published law's script ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

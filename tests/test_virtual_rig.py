@@ -1,7 +1,5 @@
 """The virtual rig: the course of [Park2008] Fig. 12, its physics, its logs, and what is identified from them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys
@@ -56,9 +54,6 @@ def hits_of(test: RigTest, seeds, *, tests: int = 6) -> tuple[list[Fit], dict[st
     fits = [fit_of(test, tests=tests, seed=seed) for seed in seeds]
     inside = [(p.name, p.interval[0] <= getattr(test.law, p.name) <= p.interval[1]) for f in fits for p in f.parameters]
     return fits, {p.name: inside.count((p.name, True)) for p in fits[0].parameters}
-
-
-# --- the course of a test ------------------------------------------------------------------------------------------
 
 
 def test_the_procedure_ramps_up_and_once_released_stays_so():
@@ -126,9 +121,6 @@ def test_impossible_conditions_are_refused_in_one_line(changes, message):
     with pytest.raises(InputError, match=message) as caught:
         run_tests(RigTest(**{"vehicle": PARK2008, "law": BEAM, "initial_speed": V100} | CLEAN | changes), tests=tests)
     assert "\n" not in str(caught.value)
-
-
-# --- what is identified --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

@@ -1,7 +1,5 @@
 """A campaign of 1 000 runs on two cores against one in the same session; start of workers and disk in the time."""
 
-from __future__ import annotations
-
 import time
 
 from railslip_ctrl.core.processes import cpu_count

@@ -3,8 +3,6 @@
 Run with `make benchmark`; the ordinary tests do not time anything.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

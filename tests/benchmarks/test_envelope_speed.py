@@ -1,7 +1,5 @@
 """A verdict over an envelope of 5 000 points. Run with `make benchmark`; the time is that of one core."""
 
-from __future__ import annotations
-
 import time
 
 import control as ct

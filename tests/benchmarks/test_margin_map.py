@@ -4,8 +4,6 @@ Run with `make benchmark`. For the speed of one core pin it: `taskset -c 0 make 
 one run against the peer; the ordinary tests do not time anything.
 """
 
-from __future__ import annotations
-
 import os
 import time
 

@@ -1,7 +1,5 @@
 """A warm report of the published vehicle against the import of python-control. Run with `make benchmark`."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -4,8 +4,6 @@ Ratios in one run, against a peer; the ordinary tests do not time anything. The 
 "bristle", 58 s at 1 ms, unless said otherwise.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import shutil
@@ -47,9 +45,6 @@ def shortest(call: Callable[[], Any], rounds: int) -> float:
         call()
         times.append(time.perf_counter() - begin)
     return min(times)
-
-
-# --- python-control ---------------------------------------------------------------------------------------------------
 
 
 def python_control_loop(p: tuple[float, ...], table: np.ndarray) -> tuple[Any, int]:
@@ -103,9 +98,6 @@ def test_a_run_against_python_control(benchmark):
     assert theirs / ours >= 100
 
 
-# --- a user's controller ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.benchmark(group="braking run")
 def test_what_a_user_s_controller_costs(benchmark):
     """60 s at a sample each 10 ms, the wheel far from locking: a PI by gains, as a system, an object, for Numba."""
@@ -147,9 +139,6 @@ def test_what_a_user_s_controller_costs(benchmark):
     print("\na run of 60 s, 6000 samples: " + ", ".join(f"{name} {1e3 * best[name]:.2f} ms" for name in best))
     assert best["object"] - best["gains"] <= 15e-3
     assert max(best["system"], best["Numba"]) <= 1.10 * best["gains"]
-
-
-# --- C ----------------------------------------------------------------------------------------------------------------
 
 
 def c_functions() -> str:
@@ -232,8 +221,6 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
     print(f"\na run {1e3 * ours:.1f} ms, in C with -O2 {1e3 * theirs:.1f} ms, ratio {ours / theirs:.2f}")
     assert ours / theirs <= 2
 
-
-# --- start ------------------------------------------------------------------------------------------------------------
 
 ONE_RUN = """
 from railslip_ctrl.model.adhesion import ReferenceSlip

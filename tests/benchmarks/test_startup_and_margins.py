@@ -3,8 +3,6 @@
 Ratios in one run, against a peer; the ordinary tests do not time anything.
 """
 
-from __future__ import annotations
-
 import statistics
 import subprocess
 import sys
