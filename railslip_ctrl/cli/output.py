@@ -15,8 +15,7 @@ from click.core import ParameterSource
 from railslip_ctrl.report.document import WIDTH, columns
 from railslip_ctrl.report.export import Provenance
 
-_NARROWEST = 60
-"""Columns; a narrower terminal breaks the lines itself."""
+_NARROWEST = 60  # columns; a narrower terminal breaks the lines itself
 
 
 def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:

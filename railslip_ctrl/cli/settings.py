@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-Option = Callable[[Callable[..., Any]], Any]
-"""What adds an option to a command."""
+Option = Callable[[Callable[..., Any]], Any]  #: what adds an option to a command
 
 HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 """`context_settings` of every command. Each has them itself: click keeps the names of the help option from the first

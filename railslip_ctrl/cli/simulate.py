@@ -17,8 +17,7 @@ from .options import CaseOptions, ControllerOptions, Number, gain_options, run_o
 from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
-LOG_PERIOD = 0.01
-"""s, between the rows of the CSV and the points of the pictures, unless given."""
+LOG_PERIOD = 0.01  #: s, between the rows of the CSV and the points of the pictures, unless given
 
 LARGEST_SEED = 2**63 - 1
 _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png", "simulation.svg")

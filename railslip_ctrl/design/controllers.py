@@ -345,8 +345,7 @@ _WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e
 _RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
-PERIOD = 0.01
-"""s, at which a controller runs that says none."""
+PERIOD = 0.01  #: s, at which a controller runs that says none
 
 
 class Rule(StrEnum):

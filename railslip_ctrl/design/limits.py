@@ -252,8 +252,7 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float)
 # --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
 
 
-SAMPLING_PERIOD = 0.005
-"""s; measured noise is taken as white up to the Nyquist frequency of this period, 628 rad/s."""
+SAMPLING_PERIOD = 0.005  #: s; measured noise is taken as white up to the Nyquist frequency of this period, 628 rad/s
 
 _HORIZON = 20.0  # s; the peak rates come within the first few
 _TIME_STEP = 1e-3  # s

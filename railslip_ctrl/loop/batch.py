@@ -28,8 +28,7 @@ from .rational import Rational
 Indices = NDArray[np.intp]
 Spans = tuple[Floats, Floats]
 
-DELICATE = 1e-9
-"""A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
+DELICATE = 1e-9  #: a quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it
 
 _NODES_PER_DECADE = 5  # extrema that show are located exactly, and bounds tell what does not show
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`

@@ -26,8 +26,7 @@ from .stability import root_count
 
 Enclosure = tuple[float, float]
 
-WIDTH = 1e-9
-"""Largest relative width of an enclosure."""
+WIDTH = 1e-9  #: largest relative width of an enclosure
 
 _BITS = (80, 320, 1280, 4000)
 _ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained

@@ -132,8 +132,7 @@ _NEWTON_STEPS = 60  # halving included
 _NOTHING_GAINED = 1e-18  # relative, of a peak by a step
 _BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
-MOST_BITS = 4000
-"""Precision at which a sign that is still open is given up as zero."""
+MOST_BITS = 4000  #: precision at which a sign that is still open is given up as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
 """Kinds of frequencies: |L| = 1, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""

@@ -34,8 +34,7 @@ _ALL_LISTED = 1000  # unstable poles up to which surely every gain limit that ma
 _SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error beyond which balls refine a margin, and for how many gain limits
 _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
 
-MOST_POLES = 1000
-"""Closed-loop poles that are looked for; a few dozen show what a loop does."""
+MOST_POLES = 1000  #: closed-loop poles that are looked for; a few dozen show what a loop does
 
 _OF_CONTROL = ("plot_phase", "dt", "ninputs", "frdata", "isctime", "damp")  # what its functions ask of a system first
 

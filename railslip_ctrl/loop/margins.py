@@ -188,8 +188,7 @@ def smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
     return float(values[at]), float(frequencies[at])
 
 
-SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))
-"""(a, b): (a + b L)/(1 + L) is S, T and 1/2 - S."""
+SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))  #: (a, b): (a + b L)/(1 + L) is S, T and 1/2 - S
 
 
 def heights(loop: Complexes) -> Floats:
@@ -205,8 +204,7 @@ def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     return np.abs([s, t, centred]), np.array([-(t * slope).real, (s * slope).real, -(s * t * slope / centred).real])
 
 
-Peaks = list[tuple[float, float]]
-"""Of |S|, |T| and |S - 1/2| the size and where, rad/s."""
+Peaks = list[tuple[float, float]]  #: of |S|, |T| and |S - 1/2| the size and where, rad/s
 
 
 def _peaks(response: Response, cut: Pieces) -> Peaks:

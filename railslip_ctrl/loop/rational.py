@@ -24,8 +24,7 @@ from railslip_ctrl.core.errors import InputError
 
 # -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
 
-DOUBLE_BITS = 64
-"""Precision of what is then taken as a double."""
+DOUBLE_BITS = 64  #: precision of what is then taken as a double
 _SHARP = 56  # bits of a part of a root that rounds to a double
 
 
@@ -150,8 +149,7 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 
 # -- the transfer function --------------------------------------------------------------------------------------
 
-_LEVEL = 20 * np.finfo(float).eps
-"""Relative rounding of a sum of products of matrix entries, for each state."""
+_LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, for each state
 _PAIRED = 1e-9  # relative distance of a root's conjugate from its partner: what eigenvalue routines leave of it
 LARGEST_ORDER = 100
 """Of a Pade approximation; from 10 on it is exact to rounding where the phase of the dead time is a few radians."""

@@ -24,13 +24,11 @@ from rich.text import Text
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 
-WIDTH = 110
-"""Columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print."""
+WIDTH = 110  #: columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print
 
 NONE = "–"
 
-MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")
-"""Columns of `margin_cells`."""
+MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")  #: columns of `margin_cells`
 
 _UNLIMITED = 10_000  # columns that no table has
 _SHORT = 16  # rows of a table that is kept on one page

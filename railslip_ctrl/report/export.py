@@ -30,8 +30,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, remarks
 
-PUBLISHED, GIVEN = "published", "given"
-"""Sources of a law that is from no file."""
+PUBLISHED, GIVEN = "published", "given"  #: sources of a law that is from no file
 
 _PACKAGES = {
     **{"control": "python-control", "numpy": "NumPy", "scipy": "SciPy"},

@@ -43,8 +43,7 @@ from .export import exported, number
 from .page import formula, typeset
 
 _WORDS = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -")
-QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))
-"""What a row of Table 5 is called, with its unit."""
+QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))  #: what a row of Table 5 is called, with its unit
 
 FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
 """The paper's figures by the names of the pictures redrawn."""

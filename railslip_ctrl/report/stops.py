@@ -109,11 +109,8 @@ class RollingLoop:
     stable: bool
 
 
-SEEDS = (0, 1, 2, 3)
-"""Of the noise; statistics over many are the campaign's."""
-
-LOG_PERIOD = 0.01
-"""s, between the samples of a recorded run: those of `railslip simulate`."""
+SEEDS = (0, 1, 2, 3)  #: of the noise; statistics over many are the campaign's
+LOG_PERIOD = 0.01  #: s, between the samples of a recorded run: those of `railslip simulate`
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:

@@ -52,8 +52,7 @@ Column = Literal["beam", "bristle"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 COLUMNS: tuple[Column, ...] = get_args(Column)
 
-FILTER_TIME = 0.1
-"""s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none."""
+FILTER_TIME = 0.1  #: s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none
 
 
 def published_controller(
@@ -110,17 +109,10 @@ def published_reference(column: Column) -> ReferenceSlip:
 # --- this project's own -----------------------------------------------------------------------------------------------
 
 
-MS_MAX = 2.0
-"""Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
-
-LEAD, LEAD_FILTER = 0.6, 0.06
-"""s, for the published brake; see `lead_of`."""
-
-TORQUE_LIMIT = 9000.0
-"""N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take."""
-
-TRACKING_TIME = 2.0
-"""Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
+MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable
+LEAD, LEAD_FILTER = 0.6, 0.06  #: s, for the published brake; see `lead_of`
+TORQUE_LIMIT = 9000.0  #: N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take
+TRACKING_TIME = 2.0  #: Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance
 
 INITIAL_SHARE = 0.12
 """Initial torque of `recommended_pi_lead` by wheel load times radius: less than even the wet rail of [Park2008] takes,

@@ -24,14 +24,12 @@ from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_pl
 from .step_objects import ADDRESS, Call, StepControl, as_control
 from .steps import kernel
 
-LOCKED_SHARE = 0.02
-"""A wheel counts as locked where r omega < 0.02 v."""
+LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
 
 _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
 
-LARGEST_SPACING = 2**31
-"""Samples between rows of a record; more than any run has."""
+LARGEST_SPACING = 2**31  #: samples between rows of a record; more than any run has
 
 
 class Outcome(StrEnum):

@@ -22,11 +22,8 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: REFERENCE.dry, Rail.WET: REFERENCE.wet})
 """The one reference line of [Park2008] Fig. 21, by rail."""
 
-LEAST_STEP = 1e-5
-"""s; a shorter step, or sampling period, fills memory before it gains accuracy."""
-
-LARGEST_STEP = 1.0
-"""s; a longer step of the integration says nothing of a wheel."""
+LEAST_STEP = 1e-5  #: s; a shorter step, or sampling period, fills memory before it gains accuracy
+LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
 
 
 class Event(Record):
@@ -253,8 +250,7 @@ def stop(
     )
 
 
-BUILT_IN = ("park2008", "park2008-si", "stop")
-"""Names of the scenarios that come with the package."""
+BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that come with the package
 
 
 @checked

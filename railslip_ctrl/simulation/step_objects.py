@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
 
 
-ADDRESS = 2
-"""Place of the step's address in a controller's row; see `steps.called`."""
+ADDRESS = 2  #: place of the step's address in a controller's row; see `steps.called`
 
 
 class UserStep:

@@ -22,11 +22,8 @@ if TYPE_CHECKING:
 PAGE_WIDTH = 6.7
 """Inches, 17 cm: the text of an A4 page. Every figure is that wide, so that its letters are printed at their size."""
 
-SMALL, TEXT, TITLE = 7.0, 8.0, 8.5
-"""Points: ticks and legends, axis labels and panel titles, the figure's title."""
-
-GRID = {"color": "0.88", "linewidth": 0.6}
-"""Of lines that help the eye and mean nothing."""
+SMALL, TEXT, TITLE = 7.0, 8.0, 8.5  #: points: ticks and legends, axis labels and panel titles, the figure's title
+GRID = {"color": "0.88", "linewidth": 0.6}  #: of lines that help the eye and mean nothing
 
 _LETTER = 0.56  # mean width of a letter over its height: DejaVu Sans, text of figures
 _DPI = 200  # of a PNG

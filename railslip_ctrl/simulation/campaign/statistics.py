@@ -31,17 +31,10 @@ if TYPE_CHECKING:
 
     Columns = dict[str, Floats]
 
-CONFIDENCE = 0.95
-"""Of every interval."""
-
-LEVELS = (0.05, 0.5, 0.95)
-"""Quantiles reported."""
-
-WORST = 5
-"""Worst runs listed of each controller."""
-
-LISTED = 20
-"""Failed runs listed by number."""
+CONFIDENCE = 0.95  #: of every interval
+LEVELS = (0.05, 0.5, 0.95)  #: quantiles reported
+WORST = 5  #: worst runs listed of each controller
+LISTED = 20  #: failed runs listed by number
 
 BINS = 120
 _SHOWN = 2000  # runs in the record for pictures: the first ones, which are as random as any
