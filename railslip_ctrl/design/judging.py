@@ -35,7 +35,7 @@ from .envelope import Case, Envelope, EnvelopePoints
 from .seeking import seeking_margins
 from .specification import is_robust
 
-UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 % at 10 ms, is not judged"
+UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 %, is not judged"
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
@@ -392,9 +392,10 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     """
     held, seeking = getattr(controller, "reference", None), seeking_of(controller)
     if envelope.reference is None and seeking is not None:
-        fades = round(seeking.fade_speed / KMH, 9)  # below it the slip held is less: the worst speed may be this
-        if min(envelope.speeds) < fades < max(envelope.speeds):
-            envelope = envelope.at(speeds=sorted({*envelope.speeds, fades}))
+        # where it hands over, and where the slip that it holds begins to fade: the worst speed may be one of these
+        own = [round(speed / KMH, 9) for speed in (seeking.hand_over_speed, seeking.fade_speed)]
+        inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
+        envelope = envelope.at(speeds=sorted({*envelope.speeds, *inside}))
         points = envelope.points(nominal=nominal, held=seeking.held_slip)
         return judge_points(controller, envelope, points, nominal=nominal)
     if envelope.reference is None and isinstance(held, ReferenceSlip):

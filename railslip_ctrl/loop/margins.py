@@ -204,7 +204,7 @@ def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     return np.abs([s, t, centred]), np.array([-(t * slope).real, (s * slope).real, -(s * t * slope / centred).real])
 
 
-Peaks = list[tuple[float, float]]  #: of |S|, |T| and |S - 1/2| the size and where, rad/s
+Peaks = list[tuple[float, float]]  #: peaks of S, T and S - 1/2: size and where, rad/s
 
 
 def _peaks(response: Response, cut: Pieces) -> Peaks:

@@ -18,7 +18,7 @@ from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 
 Rows = NDArray[np.intp]
 
-NEAR_ORIGIN, SERIES = 0.03, 12  #: |s| delay in which so many terms of the series serve: 0.03^12 = 5e-19
+NEAR_ORIGIN, SERIES = 0.03, 12  #: abs(s) delay in which so many terms of the series serve: 0.03^12 = 5e-19
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12

@@ -59,7 +59,7 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-_RANKED = "use from the lowest speed (robust, slip below 0.5), then no oscillation, then the mean stop"
+_RANKED = "use from the lowest speed (robust; slip below 0.5, brake as given), then no oscillation, then the mean stop"
 _MOST_WORDS = 75  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _MOST_TOLD = 8  # of points left out and knife edges
 
@@ -149,7 +149,7 @@ def _why(report: DesignReport) -> str:
     if robust != report.above_kmh:
         told += f" Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
     factor = report.best.reference_factor
-    if factor < 1.0:
+    if factor < 1.0 and all(stop.reached for stop in report.stops):
         more = [choice.tier for choice in report.selection.choices if choice.reference_factor > factor]
         less_robust = min(more, default=report.best.tier) > report.best.tier
         told += f" It holds {100 * factor:g} % of the reference slip; designs that hold more "
@@ -159,12 +159,12 @@ def _why(report: DesignReport) -> str:
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
-    """The sentences of each text, the first ones first, as far as so many words go."""
+    """The first sentence of each text, and more as far as so many words go."""
     found: list[list[str]] = []
     for text in texts:
         found.append([])
         for step in text:
-            if len(step.split()) <= most:
+            if len(step.split()) <= most or not found[-1]:
                 found[-1].append(step)
                 most -= len(step.split())
     return found

@@ -277,6 +277,7 @@ def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
 
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
     """The same judgement over the speeds from one up, km/h."""
+    from_kmh *= 1 - 1e-9  # from m/s
     kept = judgement.points.speed_kmh >= from_kmh
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
     speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
@@ -467,8 +468,7 @@ def _designed(
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    ends = [v for v in envelope.speeds if (1 - 1e-9) * v <= judgement.hand_over_kmh]  # the last one below is in use too
-    in_use = restricted(judgement, max([trials[0].lowest_kmh, *ends]))
+    in_use = restricted(judgement, max(trials[0].lowest_kmh, judgement.hand_over_kmh))
     had = submit(attainable_stops, _braked(trials))
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None

@@ -377,7 +377,7 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     rows = [
         ("Envelope", envelope_words(judgement.envelope)),
         ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
-        ("Usable from", _speed(judgement.usable_from_kmh, "at no speed all loops are stable")),
+        ("Stable from", _speed(judgement.usable_from_kmh, "at no speed all loops are stable")),
         ("Robust from", _speed(judgement.robust_from_kmh, "at no speed")),
     ]
     # the first line of the judgement is its verdict

@@ -82,6 +82,7 @@ AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the f
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
 _FLAT_STEPS = 2.0  # in turn
 _TINY = 1e-9  # of the map: weight of a knot never visited
+_WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
 _LOWEST_SLIP = 1e-4  # whose logarithm is taken
 
 
@@ -156,11 +157,12 @@ def learn(x, c):
     while slip > c[FIRST_KNOT + j + 1]:
         j += 1
     share = (slip - c[FIRST_KNOT + j]) / (c[FIRST_KNOT + j + 1] - c[FIRST_KNOT + j])
-    x[matrix + 2 * j] += (1.0 - share) ** 2
-    x[matrix + 2 * j + 1] += share * (1.0 - share)
-    x[matrix + 2 * j + 2] += share**2
-    x[side + j] += (1.0 - share) * coefficient
-    x[side + j + 1] += share * coefficient
+    weight = c[PERIOD] / _WEIGHED_TIME
+    x[matrix + 2 * j] += weight * (1.0 - share) ** 2
+    x[matrix + 2 * j + 1] += weight * share * (1.0 - share)
+    x[matrix + 2 * j + 2] += weight * share**2
+    x[side + j] += weight * (1.0 - share) * coefficient
+    x[side + j + 1] += weight * share * coefficient
 
 
 @compiled

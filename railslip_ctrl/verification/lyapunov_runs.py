@@ -20,7 +20,7 @@ from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, sim
 
 from .reaching import theta_function
 
-TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of |s| is taken
+TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of abs(s) is taken
 
 
 @dataclass(frozen=True)
