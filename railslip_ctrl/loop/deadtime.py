@@ -145,20 +145,21 @@ class Loop(ABC):
         """Closed-loop poles on the boundary of stability or beyond; inf for an unstable neutral loop."""
         return self.root_count.right
 
-    def bode_plot(self) -> Any:
-        """Magnitude and phase of L, a matplotlib figure."""
-        return self._drawn("bode")
+    def bode_plot(self, omega: ArrayLike | None = None) -> Any:
+        """Magnitude and phase of L, a matplotlib figure; between the ends of `omega`, rad/s, or where all happens."""
+        return self._drawn("bode", omega)
 
-    def nyquist_plot(self) -> Any:
-        """L, whole and near -1, a matplotlib figure."""
-        return self._drawn("nyquist")
+    def nyquist_plot(self, omega: ArrayLike | None = None) -> Any:
+        """L, whole and near -1, a matplotlib figure; `omega` as of `bode_plot`."""
+        return self._drawn("nyquist", omega)
 
-    def nichols_plot(self) -> Any:
-        """Magnitude against phase of L, a matplotlib figure."""
-        return self._drawn("nichols")
+    def nichols_plot(self, omega: ArrayLike | None = None) -> Any:
+        """Magnitude against phase of L, a matplotlib figure; `omega` as of `bode_plot`."""
+        return self._drawn("nichols", omega)
 
-    def _drawn(self, kind: str) -> Any:
-        return import_module("railslip_ctrl.report.plots").loop_figure(self, kind)  # a room above
+    def _drawn(self, kind: str, omega: ArrayLike | None) -> Any:
+        band = None if omega is None else np.ravel(numbers("omega", omega, "rad/s", gt=0))
+        return import_module("railslip_ctrl.report.plots").loop_figure(self, kind, band)  # a room above
 
 
 def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:

@@ -14,6 +14,7 @@ Signals, unity negative feedback, L = C G P exp(-tau s)::
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -65,10 +66,9 @@ class TimeResponse:
     disturbance: float
     noise: float
 
-    @property
-    def largest_control_rate(self) -> float:
-        """Largest |du/dt| at the times given, per s."""
-        return float(np.abs(self.control_rate).max())
+    def __iter__(self) -> Iterator[Floats]:
+        """Time and output, as python-control's responses come apart: `t, y = loop.step_response(10)`."""
+        return iter((self.time, self.output))
 
     @property
     def largest_output(self) -> float:

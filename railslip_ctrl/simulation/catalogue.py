@@ -297,8 +297,8 @@ def seeking_control(
     car = PARK2008 if vehicle is None else vehicle
     # its largest torque, with which it starts, is what an empty wheel bears until the dead time is over
     gains = seeking_gains(car, TORQUE_LIMIT * _share(car, car.wheel_load))
-    asked = PERIOD if period is None else period
-    return SeekingControl(gains, reference or published_reference("bristle"), period=min(asked, car.actuator.dead_time / 12))
+    period = min(PERIOD if period is None else period, car.actuator.dead_time / 12)
+    return SeekingControl(gains, reference or published_reference("bristle"), period=period)
 
 
 def published_vehicle() -> Vehicle:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
+from numpy.typing import NDArray
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.units import ms_up
@@ -60,11 +61,12 @@ class _Alone:
         self.unstable_poles = loop.unstable_closed_loop_poles
 
 
-def loop_figure(loop: Loop, kind: str) -> Figure:
-    """A "bode", "nyquist" or "nichols" figure of one loop, over the band in which everything happens."""
+def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
+    """A "bode", "nyquist" or "nichols" figure of one loop, over a band, rad/s, or that in which everything happens."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     alone: Any = _Alone(loop)
-    return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *loop.feature_band()),)),))
+    ends = loop.feature_band() if band is None else (float(band.min()), float(band.max()))
+    return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *ends),)),))
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
