@@ -6,6 +6,8 @@ curve, and of low speed. Answers, asserted in the tests:
 - a wheel that holds the dry peak locks on wet rail even if its brake is let go at the instant of the change, below
   48 km/h (curve, empty), 57 km/h (polach) and, with a brake 30 % slower, 62 and 75 km/h: nothing could have saved
   polach's runs that lock at 90 m; those at 40 m, and the rare ones of other laws, could have been;
+- so with a brake 30 % slower nobody who holds curve's dry peak, empty, comes over a change at 90 m without a lock, and
+  who lets go of polach's at 40 m stops 15 % over the bound;
 - a stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's; noise, which the inner
   loop answers, fills 3 to 6 more, 1.5 to 3 with one half as quick: nothing forbids 12 kN*m;
 - the dead time forbids Ms <= 2 from 1.2 times the slip of polach's peak on; to stay below costs no distance;
@@ -26,7 +28,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root_scalar
 
 import railslip_ctrl as rs
 from railslip_ctrl.design.limits import least_peak
@@ -41,6 +43,7 @@ from railslip_ctrl.simulation.scenario import Disturbances
 
 KMH = 1 / 3.6
 LAWS = ("curve", "bristle", "beam", "polach", "lugre")
+STATIC = ("curve", "beam", "polach")
 LOADS = {"empty": rs.PARK2008, "loaded": rs.PARK2008.loaded()}
 BRAKES = (0.7, 1.0, 1.3)
 PLACES = (40.0, 90.0)  # m
@@ -115,6 +118,50 @@ def least_speed(law: AdhesionLaw, vehicle: Vehicle, slip: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if slides(middle) else (low, middle)
     return 0.5 * (low + high) / KMH if high < 200 * KMH else 0.0
+
+
+def speed_there(law: AdhesionLaw, vehicle: Vehicle, place: float) -> float:
+    """Speed of the clairvoyant stop on dry rail at a place, m/s, by its square: nearly straight over distance."""
+
+    def short(squared: float) -> float:
+        scenario = stop_on(law, "dry", vehicle, final_speed=math.sqrt(squared))
+        return clairvoyant_stop(scenario).braking_distance - place
+
+    return math.sqrt(root_scalar(short, x0=(70 * KMH) ** 2, x1=(50 * KMH) ** 2, xtol=1.0).root)
+
+
+def let_go(name: str, load: str, brake: float, place: float) -> float:
+    """From dry to wet: percent over the bound of one who holds the dry peak up to the place, lets the brake go at the
+    instant of the change, and has the wet peak without delay once the slip is back there; infinite for a lock.
+
+    No noise; of a static law, whose adhesion changes with the rail.
+    """
+    law, vehicle = law_of(name), braked(load, brake)
+    wet, theta, lag = law.on("wet"), vehicle.actuator.dead_time, vehicle.actuator.lag
+    rates, p = numeric_plant(type(wet)).rates, plant_parameters(wet, vehicle)
+    begin, torque = at_peak(law, vehicle, speed_there(law, vehicle, place))
+
+    def motion(t: float, y: np.ndarray) -> list[float]:
+        found = rates(*y[:2], 0.0, torque * math.exp(-max(t - theta, 0.0) / lag), 0.0, 0.0, p)
+        return [float(found[0]), float(found[1]), float(y[0])]
+
+    def locks(t: float, y: np.ndarray) -> float:
+        return float(y[1] - 0.98 * y[0])  # as of a run
+
+    def is_back(t: float, y: np.ndarray) -> float:
+        return float(y[1] - peak(wet, float(y[0]), vehicle.wheel_load).slip * y[0])
+
+    locks.terminal = is_back.terminal = True  # type: ignore[attr-defined]
+    is_back.direction = -1.0  # type: ignore[attr-defined]
+    ends = {"events": (locks, is_back), "method": "LSODA", "rtol": 1e-6, "atol": 1e-8, "max_step": 0.02}
+    found = solve_ivp(motion, (0.0, theta + 10 * lag), [*begin[:2], place], **ends)
+    if not found.t_events[1].size:
+        return math.inf
+    at_once = vehicle.model_copy(update={"actuator": rs.Actuator(dead_time=0.0, lag=0.0)})
+    speed, _, distance = found.y[:, -1]
+    rest = clairvoyant_stop(stop_on(law, "wet", at_once, initial_speed=float(speed))).braking_distance
+    bound = clairvoyant_stop(stop_on(law, f"dry to wet at {place:g} m", vehicle)).braking_distance
+    return 100 * float((distance + rest) / bound - 1)
 
 
 def doomed(seen: Run, place: float) -> bool:
@@ -210,10 +257,11 @@ def locks_under(name: str, rail: str, share: float, seeds: Iterable[int]) -> int
 
 @dataclass(frozen=True)
 class Found:
-    """By their cases: `least_speed` past 0.5 and of a lock, `change`, `filling`, `filled` with less torque, `steep`,
-    `locks_under`."""
+    """By their cases: `least_speed` past 0.5 and of a lock, `let_go`, `change`, `filling`, `filled` with less torque,
+    `steep`, `locks_under`."""
 
     speeds: dict[tuple[str, str, float], list[float]]
+    let_go: dict[tuple[str, str, float, float], float]
     changes: dict[tuple[str, str, float, float], tuple[float, float, int, int]]
     fillings: dict[tuple[str, str], tuple[float, list[tuple[float, float]]]]
     starts: dict[tuple[str, float], tuple[float, float]]
@@ -227,6 +275,7 @@ def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = R
     curve = law_of("curve")
     return Found(
         {case: [least_speed(law_of(case[0]), braked(*case[1:]), slip) for slip in (0.5, 1.0)] for case in brakes},
+        {(*case, place): let_go(*case, place) for case, place in product(brakes, PLACES) if case[0] in STATIC},
         {(*case, place): change(*case, place, every) for case, place in product(brakes, PLACES)},
         {case: filling(*case, every) for case in product(laws, rails)},
         {(on, t): filled(stop_on(curve, on), every, torque_high=t) for on, most in TORQUES.items() for t in most},
@@ -242,6 +291,9 @@ def main() -> None:
     print("dry to wet, the brake let go at that instant, km/h: slides past 0.5 below, locks below")
     for (law, load, brake), (past, locks) in found.speeds.items():
         print(f"  {law:8s}{load:7s}brake x {brake:g}: {past:6.0f}{locks:6.0f}")
+    print("\ndry to wet, who lets go at that instant from the dry peak: over the bound, %")
+    for (law, load, brake, place), over in found.let_go.items():
+        print(f"  {law:8s}{load:7s}brake x {brake:g}, {place:g} m: {f'{over:6.1f}' if over < math.inf else ' locks'}")
     print(f"\nof {seeds} runs with that change those that lock above 5 km/h; and those that letting go would not save")
     for (law, load, brake, place), (slow, fast, locked, lost) in found.changes.items():
         if locked:
