@@ -152,7 +152,8 @@ def test_a_law_s_file_that_is_not_there_is_told_with_the_file_that_names_it(tmp_
     own = "mass = 3517\n" if option == "--vehicle" else ""
     path.write_text(f'{own}[envelope]\nlaws = ["nosuch.py"]', encoding="utf-8")
     words = ("margins", option, path, *(("--envelope", "default") if own else ()))
-    _, _, err = railslip(*words)
+    status, out, err = railslip(*words)
+    assert (status, out) == (2, "")
     told = err.splitlines()[-1]  # after what is assumed of the vehicle
     assert told.startswith(f"railslip: error: {option}: {path}: envelope: laws: {tmp_path / 'nosuch.py'}: no such file")
     assert railslip(*words, "--adhesion", "curve", "--nominal", "--speed", "60")[0] in (0, 1)  # in place of it

@@ -159,16 +159,6 @@ def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(lo
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("model", ["bristle", "bristle_rest", "lugre", "table", "curve", "polach", "burckhardt"])
-def test_every_model_gives_a_file_that_linearizes(railslip, log, tmp_path, model):
-    status, _, err = railslip("identify", log, "--model", model, "--out", tmp_path / "fitted")
-    assert status == 0, err
-    file = tmp_path / "fitted" / "model.toml"
-    slip = [] if load_law(file).reference is not None else ["--slip", "0.2"]
-    assert railslip("linearize", "--adhesion", file, *slip, "--json")[0] == 0
-
-
-@pytest.mark.long
 def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     speeds = (60.0, 100.0, 140.0)
     for v0 in speeds:
