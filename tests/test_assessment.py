@@ -1,7 +1,5 @@
 """The wheel-slip loop: oracles, assessment, the common PI, shaping by hand, schedules and sweeps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

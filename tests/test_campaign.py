@@ -1,7 +1,5 @@
 """Campaigns: what is drawn and where it goes; the same rows whatever runs them, nothing lost by a kill; statistics."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Certificates against an independent checker (`loop_checker`: python-flint alone)."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

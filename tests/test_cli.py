@@ -1,7 +1,5 @@
 """The command as its users meet it: output, JSON, exit status, and bad input."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import subprocess

@@ -1,7 +1,5 @@
 """The command in a terminal, numbers in the derived law, controllers from Python files."""
 
-from __future__ import annotations
-
 import os
 import re
 import struct

@@ -1,7 +1,5 @@
 """Controllers' files, written and read, and `--controller` in every command."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """`railslip report`: what is recommended, its numbers, its files and its page."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

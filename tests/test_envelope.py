@@ -1,7 +1,5 @@
 """The design envelope, the verdict over it, the controller tuned or selected for it, and the commands."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

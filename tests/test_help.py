@@ -1,7 +1,5 @@
 """The help of the command: examples that run, units and defaults of every option; completion; no colour in a pipe."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

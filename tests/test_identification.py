@@ -1,7 +1,5 @@
 """From samples to models: moments, cells, fits against known parameters and closed forms, intervals that cover."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace

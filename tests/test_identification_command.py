@@ -1,7 +1,5 @@
 """`railslip identify`: the contract, the files it writes, and what it says of bad logs."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What the Python interface refuses: one line with the quantity, its value and what to give, and no other error."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import math

@@ -1,7 +1,5 @@
 """What the commands say of an adhesion law from a file: v0, reference slip, a law in Python; options given twice."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,7 +1,5 @@
 """Adhesion laws against [Park2008], their sources, closed forms and independent integration; their files."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Limit cycles of the relay behind the actuator: describing function, linearised, nonlinear, simulated."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Limits of any controller, against closed forms and optimal controllers; compensators and their loops; effort."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Operating points and linear plants against published values, python-control, closed forms, a nonlinear simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import ClassVar

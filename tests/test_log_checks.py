@@ -1,7 +1,5 @@
 """What a log shows to be wrong, told in a line; columns that are late or off zero, found and corrected."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """What is said of a fit: what cannot be is refused, what is by rule or extrapolated is marked, the unseen is told."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Logs: files and headers, columns and units by name, lines that are no rows, time stamps, outliers, bounded memory."""
 
-from __future__ import annotations
-
 import bz2
 import functools
 import gzip

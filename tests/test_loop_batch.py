@@ -1,7 +1,5 @@
 """The vectorised margins against the scalar engine, closed forms and the exact root count."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import control as ct

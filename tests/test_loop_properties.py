@@ -4,8 +4,6 @@ The numbers of examples are twice those that noticed each of six faults put into
 phase, sign, side of a root, imaginary part, crossing or delay margin. More where new ones are drawn.
 """
 
-from __future__ import annotations
-
 import os
 
 import control as ct

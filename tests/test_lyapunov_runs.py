@@ -1,7 +1,5 @@
 """V, V' and the bound of (40) along nonlinear runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
