@@ -10,12 +10,11 @@ import pytest
 from project import refused
 from rig_logs import HEADER, rig_rows, write_log
 
+from railslip_ctrl import PARK2008, Rail, identify
 from railslip_ctrl.cli import main
 from railslip_ctrl.identification.curves import Options, read_curve
-from railslip_ctrl.identification.identify import identify
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BEAM = published_law("beam", Rail.DRY)
 

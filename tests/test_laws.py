@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 from sympy.core.function import ArgumentIndexError
 
-from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
+from railslip_ctrl import PARK2008, DomainError, InputError, MissingParametersError, Rail, linearize, operating_point
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
@@ -21,9 +21,7 @@ from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
 from railslip_ctrl.model.adhesion.curve import Curve, curve_force
 from railslip_ctrl.model.adhesion.polach import Polach
 from railslip_ctrl.model.adhesion.table import LookupTable, table_force, table_slope
-from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 LOAD = 34_500.0
 V100 = 100.0 * KMH
@@ -77,11 +75,9 @@ def test_parameters_of_table_1_and_30_to_32() -> None:
         assert kink.slip == pytest.approx(slip, abs=FOUR_DIGITS)
         assert beam.reference_slip(rail) > kink.slip
     # printed digits of (30)-(32) evaluated at v0 = 100 km/h
-    for found, value, digits in (
-        *((bristle.alpha, 21_938.0, 0.5), (bristle.beta / KMH, 0.013221, 0.5e-6)),
-        (bristle.gamma / KMH, 149.353, 0.5e-3),
-    ):
-        assert found == pytest.approx(value, abs=digits)
+    assert bristle.alpha == pytest.approx(21_938.0, abs=0.5)
+    assert bristle.beta / KMH == pytest.approx(0.013221, abs=0.5e-6)
+    assert bristle.gamma / KMH == pytest.approx(149.353, abs=0.5e-3)
     for name, dry, wet in (("beam", 0.119, 0.059), ("bristle", 0.132, 0.092), ("curve", 0.132, 0.092)):  # p. 55
         law = published_law(name, DRY)
         assert (law.reference_slip(DRY), law.reference_slip(WET)) == (dry, wet)
@@ -101,10 +97,12 @@ def test_curve_is_the_bristle_model_along_a_ramp(v0: float, rail: Rail) -> None:
     """Independent integration of the ramp's differential equation."""
     law = published_law("curve", rail, v0)
     s = np.linspace(0.0, min(1.0, 0.98 * law.domain_limit(V100)[0]), 80) * law.v0
-    solution = solve_ivp(
-        lambda s, force: law.alpha * (1.0 - law.beta * force / (law.gamma - s)) * s / law.R,
-        *((0.0, s[-1]), [0.0], "DOP853", s), rtol=1e-12, atol=1e-8,
-    )  # fmt: skip
+    finely = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-8}
+
+    def rate(s, force):
+        return law.alpha * (1.0 - law.beta * force / (law.gamma - s)) * s / law.R
+
+    solution = solve_ivp(rate, (0.0, s[-1]), [0.0], t_eval=s, **finely)
     force = adhesion_coefficient(law, V100, s / law.v0, 1.0)
     # the integrator's tolerance per step, some hundreds of steps
     np.testing.assert_allclose(force, solution.y[0], rtol=1e-10, atol=1e-6)

@@ -11,14 +11,12 @@ from hypothesis import strategies as st
 from test_assessment import plant as wheel
 from test_loop_properties import random_loops, rounded
 
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl import PARK2008, InputError, PIController, PIGains, Rail, UnstableLoopError, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits, least_peak
 from railslip_ctrl.loop import DeadTimeLoop, Rational, certificate
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, count_right, stable_and_peak
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 

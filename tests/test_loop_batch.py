@@ -5,8 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import DeadTimeLoop, InputError
 from railslip_ctrl.loop import Rational, batch
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
 

@@ -13,9 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.loop import Rational
+from railslip_ctrl import DeadTimeLoop, InputError, Rational, UnstableLoopError
 
 S = ct.tf("s")
 MORE = 5 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 1
