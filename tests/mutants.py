@@ -69,6 +69,7 @@ ROOMS = {
     "model/linearization": "linearization numeric",
     "loop/": "loop_bounds loop_oracles certificate loop_properties",
     "loop/batch": "loop_batch",
+    "loop/certificate": "certificate limits",
     "loop/bounded": "sampled_margins sampled limits",
     "loop/quasi": "limits seeking",
     "loop/responses": "responses",
@@ -175,6 +176,11 @@ EQUIVALENT = {
     r"narrowest\)\) \+ \(9\)": "a node more",
     r"_DOMAIN_INTERVALS = \(32": "still finer than any law bends",
     r"_BACK = \(1.0 \+ _NODES": "nodes and weights are symmetrical",
+    r"_raise\(peak, omega, values, fine.row.*=> pass": "the peaks located between these nodes are higher",
+    r"_LOWEST \* \(1 - k / _FIRST": "other first parts of the axis, which are halved until each is shown",
+    r"folder.mkdir\(exist_ok=\(False\)": "a temporary folder is new",
+    r"_MOST = \(300\)|_PIECE = \(500\)": "how many results are kept, how many lines read again",
+    r"den >= self._up \* num": "nor a bound",
     r"least=\(boxes.turns - boxes.fraction|boxes.half \* \(\(2\) \+": "a box is kept or looked at a little longer",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""

@@ -1,7 +1,5 @@
 """The public API: what `import railslip_ctrl` and its rooms offer is there, listed and documented."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import importlib

@@ -1,7 +1,5 @@
 """The wheel-slip loop: oracles, assessment, the common PI, shaping by hand, schedules and sweeps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -9,22 +7,12 @@ import control as ct
 import numpy as np
 import pytest
 
-from railslip_ctrl import design
+from railslip_ctrl import DeadTimeLoop, PIController, linearize, operating_point, published_law
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import PIController, common_pi, gain_for_crossover, most_phase, wheel_slip_loop
+from railslip_ctrl.design import actuated_plant, common_pi, gain_for_crossover, most_phase, wheel_slip_loop
+from railslip_ctrl.design import schedule as by_speed
 from railslip_ctrl.design.assessment import Verdict, assess
-from railslip_ctrl.design.schedule import (
-    GainSchedule,
-    lowest_held_speed,
-    lowest_stabilisable_speed,
-    plant_at,
-    schedule_gains,
-    sweep_slip,
-    sweep_speed,
-)
-from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.design.schedule import GainSchedule, lowest_held_speed, plant_at, schedule_gains
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 
 SPEED = 100 / 3.6
@@ -69,17 +57,17 @@ def test_published_md_gains_only_just_stable_as_published_and_unstable_in_si(col
 
 def test_common_pi_are_a_minimum_and_inside_their_range():
     plants = [plant(rail) for rail in Rail]
-    design = common_pi(plants, PARK2008.actuator)
-    kp = design.controller.gains.kp
-    assert design.gain_range[0] < kp < design.gain_range[1]
+    found = common_pi(plants, PARK2008.actuator)
+    kp = found.controller.gains.kp
+    assert found.gain_range[0] < kp < found.gain_range[1]
 
     def worst(factor):
-        g = design.controller.gains
+        g = found.controller.gains
         return max(assess(p, pi(g.kp * factor, g.ki * factor), PARK2008.actuator).margins.ms for p in plants)
 
-    assert worst(1.0) == pytest.approx(design.worst_ms, rel=1e-12)
-    assert worst(0.99) > design.worst_ms < worst(1.01)
-    assert design.integral_time == pytest.approx(50 * (PARK2008.actuator.dead_time + PARK2008.actuator.lag))
+    assert worst(1.0) == pytest.approx(found.worst_ms, rel=1e-12)
+    assert worst(0.99) > found.worst_ms < worst(1.01)
+    assert found.integral_time == pytest.approx(50 * (PARK2008.actuator.dead_time + PARK2008.actuator.lag))
 
 
 def test_common_pi_refuse_what_no_pi_holds():
@@ -106,7 +94,7 @@ def test_no_gain_at_all_is_no_design_of_least_ms():
 
 
 def test_loop_shaping_puts_the_crossover_where_the_phase_is_largest():
-    loop = DeadTimeLoop(design.actuated_plant(plant(), PARK2008.actuator), PARK2008.actuator.dead_time)
+    loop = DeadTimeLoop(actuated_plant(plant(), PARK2008.actuator), PARK2008.actuator.dead_time)
     omega, phase = most_phase(loop)
     assert np.all(loop.phase(omega * np.array([0.999, 1.001])) < phase)
     k = gain_for_crossover(loop, omega)
@@ -132,8 +120,8 @@ PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 
 def test_sweeps_have_the_margins_of_each_loop_and_the_pole_of_each_plant():
     scheduled = {"fixed": PI_LEAD, "scheduled": lambda x: PIController(PIGains(kp=200.0 + x, ki=5.0), 0.6, 0.06)}
-    speed = sweep_speed(scheduled, (50.0, 100.0), law="bristle", rail=Rail.WET)
-    slip = sweep_slip({"fixed": PI_LEAD}, (0.092, 0.2), law="bristle", rail=Rail.WET, speed_kmh=50.0)
+    speed = by_speed.sweep_speed(scheduled, (50.0, 100.0), law="bristle", rail=Rail.WET)
+    slip = by_speed.sweep_slip({"fixed": PI_LEAD}, (0.092, 0.2), law="bristle", rail=Rail.WET, speed_kmh=50.0)
     assert (speed.margins["fixed"].ms[0], speed.pole[0]) == pytest.approx((slip.margins["fixed"].ms[0], slip.pole[0]))
     for axis, v, slips in ((speed, (50.0, 100.0), (0.092, 0.092)), (slip, (50.0, 50.0), (0.092, 0.2))):
         for i, value in enumerate(axis.values):
@@ -145,7 +133,7 @@ def test_sweeps_have_the_margins_of_each_loop_and_the_pole_of_each_plant():
                 assert margins.ms[i] == pytest.approx(loop.margins().ms, rel=1e-7)
     for controllers, speeds in (({}, (50.0,)), (scheduled, ())):
         with pytest.raises(InputError, match="at least one value and one controller"):
-            sweep_speed(controllers, speeds)
+            by_speed.sweep_speed(controllers, speeds)
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +173,7 @@ def on_curve(v):
 @pytest.mark.parametrize(("lead", "expected"), [({}, 14.314), ({"lead": 0.6, "lead_filter": 0.06}, 4.0169)])
 def test_lowest_speed_at_which_a_pi_can_hold_the_falling_curve(lead, expected):
     # the curve is a function of slip: dF/dsigma, and with it the unstable pole, grows as 1/v
-    lowest = lowest_stabilisable_speed(on_curve, PARK2008.actuator, **lead)
+    lowest = by_speed.lowest_stabilisable_speed(on_curve, PARK2008.actuator, **lead)
     assert lowest == pytest.approx(expected, rel=1e-4)
     if not lead:
         # p (dead time + lag) = 1 there: the condition for a PI, exact for one pole alone

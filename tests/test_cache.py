@@ -1,7 +1,5 @@
 """Results cached from report to report: found again, never stale, never half of one."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

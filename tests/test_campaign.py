@@ -1,7 +1,5 @@
 """Campaigns: what is drawn and where it goes; the same rows whatever runs them, nothing lost by a kill; statistics."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -20,10 +18,7 @@ import pytest
 from project import refused, script
 from scipy import stats
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import PIController
-from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import PIGains
+from railslip_ctrl import InputError, PIController, PIGains, ReferenceSlip
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.plots.runs import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario

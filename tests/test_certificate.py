@@ -1,7 +1,5 @@
 """Certificates against an independent checker (`loop_checker`: python-flint alone)."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace
@@ -13,8 +11,7 @@ import random_loops
 from loop_checker import poles_right, refused
 from scipy.optimize import brentq
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.loop import Rational
+from railslip_ctrl import DeadTimeLoop, Rational
 from railslip_ctrl.loop.certificate import CertificateError, certify
 
 MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")

@@ -1,7 +1,5 @@
 """The command as its users meet it: output, JSON, exit status, and bad input."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import subprocess
@@ -74,6 +72,7 @@ def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(railslip):
 @pytest.mark.parametrize(("words", "told"), [
     ("margins --mass -3", "--mass: -3 kg is not allowed; give a value > 0 kg"),
     ("margins --slip 1", "--slip: 1 is not allowed; give a value < 1"),
+    ("margins --slip -0.1", "--slip: -0.1 is not allowed; give a value >= 0"),
     ("margins --slip 0", "rest"),
     ("margins --speed 1e9", "--speed: the law's own slip 0.132 at 1e+09 km/h is outside the domain"),
     ("margins --speed 1e9 --slip 0.1", "--slip: 0.1 at 1e+09 km/h is outside the domain"),
@@ -82,6 +81,7 @@ def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(railslip):
     ("margins --adhesion nosuch --envelope default", "error: --adhesion: 'nosuch' is not a law"),
     ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
     ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
+    ("margins --initial-speed 200 --envelope default", "error: --initial-speed: 200 km/h is outside 30 to 140"),
     ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
     ("margins --speed fast", "km/h"),
     ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
@@ -101,6 +101,7 @@ def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(railslip):
     ("xyzzy", "'xyzzy' is no command; choose one of report, "),
     ("tune", "--ms-max: is missing"),
     ("tune --ms-max 1", "--ms-max: 1 is not allowed; give a value > 1"),
+    ("tune --ms-max 2 --ki-min 5", "--minimise-ms and --ki-min: go together"),
     ("tune --minimise-ms", "--minimise-ms and --ki-min: go together"),
     ("tune --structure pdf", "error: --structure: 'pdf' is not known; choose one of pi, pi-lead, pid"),
     ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),

@@ -1,7 +1,5 @@
 """The command in a terminal, numbers in the derived law, controllers from Python files."""
 
-from __future__ import annotations
-
 import os
 import re
 import struct
@@ -14,13 +12,11 @@ import numpy as np
 import pytest
 from project import refused
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import InputError, Rail, derive
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
-from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.document import WIDTH
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
-from railslip_ctrl.sliding.derivation import derive
 
 MARGINS = ("margins", "--rail", "dry", "--kp", "190", "--ki", "5")
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")

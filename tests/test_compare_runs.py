@@ -1,7 +1,5 @@
 """Controllers over the same runs, and the stop no controller can beat."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Controllers' files, written and read, and `--controller` in every command."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -13,17 +11,14 @@ import pytest
 from project import refused
 
 import railslip_ctrl as rs
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIGains, Rail, load_controller
 from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
-from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
 from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import published_reference
-from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.law import LawGains
 
 S = ct.tf("s")

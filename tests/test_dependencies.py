@@ -1,7 +1,5 @@
 """Dependencies: named in the documentation, loaded by the commands that use them alone, missing ones named."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The sliding-mode law derived from the plant: against (45), the plant in numbers, and broken plants."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """`railslip report`: what is recommended, its numbers, its files and its page."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex
@@ -16,16 +14,12 @@ from project import ROOT, SMALL, refused
 from sample_vehicles import COACH
 from test_law_files import LAW
 
+from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.margins import given_controller
 from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.design.controllers import SampledController
-from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import select
-from railslip_ctrl.design.judging import judge
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
-from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import design_report as pages
 from railslip_ctrl.report import recommendation
 from railslip_ctrl.report.design_report import design_report_json, design_report_text, design_sections, first_page
@@ -37,7 +31,6 @@ from railslip_ctrl.report.recommendation import design_report, restricted
 from railslip_ctrl.report.stops import rolling_loops
 from railslip_ctrl.simulation import SeekingControl, simulate, stop
 from railslip_ctrl.simulation.catalogue import published_controller, seeking_control
-from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
 ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")

@@ -1,7 +1,5 @@
 """The design envelope, the verdict over it, the controller tuned or selected for it, and the commands."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -15,20 +13,16 @@ import pytest
 from project import refused
 from sample_vehicles import COACH
 
+from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, envelope_tuning, wheel_slip_loop
 from railslip_ctrl.design.controllers import sampled_loop
-from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.design.envelope_tuning import REACH_SHARE, held_slips, operating_plants, select, tune
-from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
-from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.simulation import LinearControl
-from railslip_ctrl.simulation.controller_files import load_controller
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 
@@ -152,7 +146,8 @@ def test_a_law_s_file_that_is_not_there_is_told_with_the_file_that_names_it(tmp_
     own = "mass = 3517\n" if option == "--vehicle" else ""
     path.write_text(f'{own}[envelope]\nlaws = ["nosuch.py"]', encoding="utf-8")
     words = ("margins", option, path, *(("--envelope", "default") if own else ()))
-    _, _, err = railslip(*words)
+    status, out, err = railslip(*words)
+    assert (status, out) == (2, "")
     told = err.splitlines()[-1]  # after what is assumed of the vehicle
     assert told.startswith(f"railslip: error: {option}: {path}: envelope: laws: {tmp_path / 'nosuch.py'}: no such file")
     assert railslip(*words, "--adhesion", "curve", "--nominal", "--speed", "60")[0] in (0, 1)  # in place of it

@@ -1,7 +1,5 @@
 """The help of the command: examples that run, units and defaults of every option; completion; no colour in a pipe."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -16,14 +14,13 @@ from click.testing import CliRunner
 from project import ROOT
 from rig_logs import rig_rows, write_log
 
-from railslip_ctrl import __version__
+from railslip_ctrl import Rail, __version__
 from railslip_ctrl.cli import main
 from railslip_ctrl.cli.options import Number
 from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import law_names, published_law
-from railslip_ctrl.model.vehicle import Rail
 
 CONTEXT = click.Context(railslip, **HELP)
 COMMANDS = {name: railslip.get_command(CONTEXT, name) for name in _COMMANDS}

@@ -1,7 +1,5 @@
 """From samples to models: moments, cells, fits against known parameters and closed forms, intervals that cover."""
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import replace
@@ -12,7 +10,7 @@ from rig_logs import identified, rig_rows
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, InputError, Rail, adhesion
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import fits, models, results
 from railslip_ctrl.identification.curves import Accumulator, peak_slip
@@ -20,12 +18,10 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, c
 from railslip_ctrl.identification.models import Setting, check_options
 from railslip_ctrl.identification.observed import Observed
 from railslip_ctrl.identification.results import compare, over_initial_speed, peak_of_fit, peak_of_law
-from railslip_ctrl.model import adhesion
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_class, load_law, published_law
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import law_toml, polynomials_toml
 
 LOAD = PARK2008.wheel_load

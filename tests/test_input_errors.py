@@ -1,7 +1,5 @@
 """What the Python interface refuses: one line with the quantity, its value and what to give, and no other error."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import math
@@ -16,28 +14,14 @@ import pytest
 from numpy.typing import ArrayLike
 
 import railslip_ctrl
-from railslip_ctrl import (
-    PARK2008,
-    Actuator,
-    DeadTimeLoop,
-    PIController,
-    PIGains,
-    Rail,
-    RailslipError,
-    Vehicle,
-    built_in_scenario,
-    linearize,
-    operating_point,
-    published_law,
-    stabilizing_pi,
-)
+from railslip_ctrl import DeadTimeLoop, PIController, RailslipError, built_in_scenario, linearize, operating_point
 from railslip_ctrl.core.arguments import check_fields, checked, complexes, number, numbers
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model import vehicle
-from railslip_ctrl.model.adhesion import law_class
-from railslip_ctrl.model.vehicle import Wheel
+from railslip_ctrl.model.adhesion import law_class, published_law
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail, Vehicle, Wheel
 from railslip_ctrl.simulation.catalogue import published_controller
 
 LAW = published_law("bristle", Rail.DRY)
@@ -46,7 +30,7 @@ PLANT = linearize(POINT)
 PI = PIController(PIGains(kp=1200.0, ki=1200.0))
 LAG = Rational(np.array([]), np.array([-1.0]), 1.0)
 LOOP = DeadTimeLoop(LAG, 0.1)
-REGION = stabilizing_pi(LAG, 0.1)
+REGION = railslip_ctrl.stabilizing_pi(LAG, 0.1)
 VEHICLE = PARK2008.model_dump()
 
 
@@ -105,14 +89,14 @@ def test_a_record_refuses_in_one_line_of_the_package(make: Callable[[], object],
 ROOMS = ("model.adhesion", "design", "loop", "simulation")
 
 VALID: dict[str, object] = {
-    **{"actuator": PARK2008.actuator, "adhesion": "curve", "controller": PI, "dead_time": 0.1, "found": None},
-    **{"controllers": {"pi": published_controller("pi")}, "options": Options(), "law": LAW, "loop": LOOP},
-    **{"envelope": Envelope(laws="bristle", rails="dry", speeds=60), "name": "bristle", "omega": 1.0},
-    **{"path": "law.toml", "plant": PLANT, "plants": [PLANT], "point": POINT, "rail": Rail.DRY, "reference_slip": 0.1},
-    **{"region": REGION, "regions": [REGION], "seeds": [0], "source": "stop", "slip": 0.1, "speed": 27.0},
-    **{"scenario": built_in_scenario("park2008"), "speed_kmh": 100.0, "vehicle": PARK2008, "kp": [1.0], "ki": [1.0]},
+    "actuator": PARK2008.actuator, "adhesion": "curve", "controller": PI, "dead_time": 0.1, "found": None,
+    "controllers": {"pi": published_controller("pi")}, "options": Options(), "law": LAW, "loop": LOOP,
+    "envelope": Envelope(laws="bristle", rails="dry", speeds=60), "name": "bristle", "omega": 1.0,
+    "path": "law.toml", "plant": PLANT, "plants": [PLANT], "point": POINT, "rail": Rail.DRY, "reference_slip": 0.1,
+    "region": REGION, "regions": [REGION], "seeds": [0], "source": "stop", "slip": 0.1, "speed": 27.0,
+    "scenario": built_in_scenario("park2008"), "speed_kmh": 100.0, "vehicle": PARK2008, "kp": [1.0], "ki": [1.0],
     "derivative_filter": 0.1,
-}
+}  # fmt: skip
 """What the arguments without a default may be, by name; and of a function of its own where it means another thing."""
 
 OWN: dict[str, dict[str, object]] = {

@@ -1,7 +1,5 @@
 """Ctrl-C, a kill, a second command in the same folder, no cache folder: one line, and nothing stays behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What the commands say of an adhesion law from a file: v0, reference slip, a law in Python; options given twice."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
@@ -9,11 +7,9 @@ import sys
 import pytest
 from project import refused
 
-from railslip_ctrl.model import adhesion
+from railslip_ctrl import PARK2008, adhesion, operating_point
 from railslip_ctrl.model.adhesion import initial_speeds_in, is_over_initial_speed, load_law, published_law
 from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
-from railslip_ctrl.model.linearization import operating_point
-from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.report.export import source_at
 from railslip_ctrl.report.text import case_title
 

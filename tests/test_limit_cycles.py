@@ -1,7 +1,5 @@
 """Limit cycles of the relay behind the actuator: describing function, linearised, nonlinear, simulated."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -9,8 +7,7 @@ import numpy as np
 import pytest
 from sliding_cases import ACTUATOR, DESIGN, READINGS, effect_on, measured_cycle
 
-from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl import PARK2008, Actuator, DomainError, InfeasibleDesignError, InputError, Rail, UnstableLoopError
 from railslip_ctrl.report.verification import findings_text
 from railslip_ctrl.verification import actuator_effects as effects
 from railslip_ctrl.verification import limit_cycles as cycles

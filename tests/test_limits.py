@@ -1,7 +1,5 @@
 """Limits of any controller, against closed forms and optimal controllers; compensators and their loops; effort."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -13,14 +11,12 @@ from hypothesis import strategies as st
 from test_assessment import plant as wheel
 from test_loop_properties import random_loops, rounded
 
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl import PARK2008, InputError, PIController, PIGains, Rail, UnstableLoopError, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits, least_peak
-from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop import DeadTimeLoop, Rational, certificate
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, count_right, stable_and_peak
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 
@@ -222,6 +218,20 @@ def test_certificates_by_parts_of_the_axis_meet_those_by_polynomials(loop):
         m = loop.margins()
         assume(m.gain_decrease < 0.999 and 1.001 < m.gain_increase < 1e6)
     assert_same_enclosures(loop.certificate(), delayed(loop).certificate())
+
+
+def test_a_gain_margin_beyond_a_nearer_one_is_not_certified(monkeypatch):
+    """That of the next phase crossover, and no lower one where there is one."""
+    monkeypatch.setattr(certificate, "_MOST_DELAYED", 600)
+    monkeypatch.setattr(certificate, "_BITS", (80,))
+    loop = delayed(DeadTimeLoop(real([-0.125], [0.0, 0.25, -1 / 0.6], 2.0), 0.15))
+    m = loop.margins()
+    assert loop.certificate().gain_increase[0] <= m.gain_increase < m.phase_crossover_gains[2]
+    farther = {"gain_increase": m.phase_crossover_gains[2], "gain_increase_frequency": m.phase_crossovers[2]}
+    for wrong in (farther, {"gain_decrease": 0.0, "gain_decrease_frequency": math.nan}):
+        monkeypatch.setattr(DelayedLoop, "margins", lambda _, wrong=wrong: dataclasses.replace(m, **wrong))
+        with pytest.raises(certificate.CertificateError):
+            loop.certificate()
 
 
 def test_loops_in_a_batch_are_those_of_their_transfer_functions():

@@ -1,7 +1,5 @@
 """Operating points and linear plants against published values, python-control, closed forms, a nonlinear simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import ClassVar
@@ -11,14 +9,12 @@ import numpy as np
 import pytest
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
-from railslip_ctrl.core.errors import DomainError, InputError, KinkError
+from railslip_ctrl import PARK2008, DomainError, InputError, KinkError, Rail, published_law
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.adhesion.base import Statement
 from railslip_ctrl.model.adhesion.lugre import Dahl
 from railslip_ctrl.model.linearization import linearize, linearize_rolling, nonlinear_plant, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 V100 = 100.0 * KMH
 BRISTLE = published_law("bristle", Rail.DRY)

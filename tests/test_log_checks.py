@@ -1,7 +1,5 @@
 """What a log shows to be wrong, told in a line; columns that are late or off zero, found and corrected."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import itertools
@@ -14,7 +12,7 @@ import pytest
 from project import ROOT, refused
 from rig_logs import BEAM, changed, identified, rig_rows, two_runs
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, InputError, Rail
 from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
@@ -27,7 +25,6 @@ from railslip_ctrl.identification.observed import Readhesion
 from railslip_ctrl.identification.observer import Encoder, FilterObserver
 from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 from railslip_ctrl.model.adhesion import law_class, published_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load

@@ -1,7 +1,5 @@
 """What is said of a fit: what cannot be is refused, what is by rule or extrapolated is marked, the unseen is told."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -11,6 +9,7 @@ import pytest
 from project import refused
 from rig_logs import BEAM, changed, found_in, identified, two_runs, write_log
 
+from railslip_ctrl import PARK2008, Rail, load_law, published_law
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
@@ -21,9 +20,7 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observed import AdhesionStream
 from railslip_ctrl.identification.results import Regimes, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
-from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import identification_json, identification_text, model_toml
 
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load

@@ -1,7 +1,5 @@
 """Logs: files and headers, columns and units by name, lines that are no rows, time stamps, outliers, bounded memory."""
 
-from __future__ import annotations
-
 import bz2
 import functools
 import gzip
@@ -15,13 +13,12 @@ import numpy as np
 import pytest
 from rig_logs import two_runs, write_log
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, InputError
 from railslip_ctrl.identification import curves, log_checks, observed
 from railslip_ctrl.identification.cleaning import BESIDE, OutlierFilter, StampFilter
 from railslip_ctrl.identification.curves import Options, read_curve
 from railslip_ctrl.identification.logs import LONGEST_LINE, NAMES, UNITS, Log, Rows, find_columns
 from railslip_ctrl.identification.observed import Recorder
-from railslip_ctrl.model.vehicle import PARK2008
 
 HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
 ROWS = 120  # lines 2 to 121

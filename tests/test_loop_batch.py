@@ -1,14 +1,11 @@
 """The vectorised margins against the scalar engine, closed forms and the exact root count."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np
 import pytest
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import DeadTimeLoop, InputError
 from railslip_ctrl.loop import Rational, batch
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
 

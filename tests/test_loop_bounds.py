@@ -1,7 +1,5 @@
 """What the engine decides with: the gain at zero, the least distance from -1, many bracketed roots."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

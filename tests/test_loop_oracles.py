@@ -1,7 +1,5 @@
 """Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import control as ct
@@ -12,8 +10,7 @@ from loop_checker import poles_right
 from scipy.optimize import brentq
 from scipy.special import lambertw
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl import DeadTimeLoop, InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational, stability
 from railslip_ctrl.loop.rational import pade
 

@@ -4,8 +4,6 @@ The numbers of examples are twice those that noticed each of six faults put into
 phase, sign, side of a root, imaginary part, crossing or delay margin. More where new ones are drawn.
 """
 
-from __future__ import annotations
-
 import os
 
 import control as ct
@@ -15,9 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.loop import Rational
+from railslip_ctrl import DeadTimeLoop, InputError, Rational, UnstableLoopError
 
 S = ct.tf("s")
 MORE = 5 if os.environ.get("HYPOTHESIS_PROFILE") == "explore" else 1

@@ -1,7 +1,5 @@
 """V, V' and the bound of (40) along nonlinear runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +7,7 @@ import numpy as np
 import pytest
 
 from analysis import lyapunov_along_runs
-from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import PARK2008
+from railslip_ctrl import PARK2008, ReferenceSlip
 from railslip_ctrl.report.plots import adaptation_figure, lyapunov_runs_figure, save_figure
 from railslip_ctrl.report.verification import lyapunov_runs_text
 from railslip_ctrl.simulation import SlidingControl, published_scenario
