@@ -96,10 +96,8 @@ def test_a_loop_has_what_python_control_asks_of_it():
     omega = np.geomspace(0.3, 30, 4000)
     record = LOOP.frequency_response(omega)
     gain, phase, _, _, crossover, _ = ct.stability_margins(record)  # interpolates between the points
-    margins = LOOP.margins()
-    assert (gain, phase, crossover) == pytest.approx(
-        (margins.gain_increase, margins.phase_deg, margins.phase_frequency), rel=1e-6
-    )
+    m = LOOP.margins()
+    assert (gain, phase, crossover) == pytest.approx((m.gain_increase, m.phase_deg, m.phase_frequency), rel=1e-6)
     magnitude = ct.bode_plot(record, display_margins=False).axes[0, 0].lines[0].get_ydata()
     assert magnitude == pytest.approx(np.abs(PLANT(1j * omega)), rel=1e-9)
 
