@@ -22,18 +22,14 @@ import yaml
 from project import ROOT
 
 import railslip_ctrl
+from railslip_ctrl import PARK2008, derive, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force
-from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008
-from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
-from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
 
 DOCS = ROOT / "docs"
 

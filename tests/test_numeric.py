@@ -18,7 +18,7 @@ import sympy as sp
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
 import railslip_ctrl.model.adhesion
-from railslip_ctrl.core.errors import InputError, KinkError
+from railslip_ctrl import InputError, KinkError, linearize, operating_point
 from railslip_ctrl.core.notation import NOTATION, latex_names, symbol
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model import plant
@@ -26,7 +26,6 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.adhesion.lugre import Dahl
 from railslip_ctrl.model.kernels import module_of, module_text
-from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import (
     GENERATED,
     PACKAGE,
@@ -43,8 +42,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Resistance
 # all terms of the resistance at work
 VEHICLE = PARK2008.model_copy(update={"resistance": Resistance(constant=210.0, linear=13.0, quadratic=0.63)})
 
-v, sigma, z, Fa, Tb, Td, Tr = (symbol(name) for name in ("v", "sigma", "z", "Fa", "Tb", "Td", "Tr"))
-M, J, B, r = (symbol(name) for name in ("M", "J", "B", "r"))
+v, sigma, z, Fa, Tb, Td, Tr, M, J, B, r = map(symbol, ["v", "sigma", "z", "Fa", "Tb", "Td", "Tr", "M", "J", "B", "r"])
 RESISTANCE = sum(symbol(f"Fr{power}") * v**power for power in range(3))
 
 

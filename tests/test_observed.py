@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observed import AdhesionStream, Observer, Recorder
-from railslip_ctrl.model.vehicle import PARK2008
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH

@@ -9,7 +9,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp, trapezoid
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl import PARK2008, DomainError, InputError, Rail, published_law
 from railslip_ctrl.identification.observer import (
     Encoder,
     FilterObserver,
@@ -20,8 +20,6 @@ from railslip_ctrl.identification.observer import (
 )
 from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, observer_errors
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import corrected_observer
 

@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 from figure_checks import defects
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import PIController
+from railslip_ctrl import PARK2008, DeadTimeLoop, Envelope, InputError, PIController, PIGains, Rail, Rational, judge
 from railslip_ctrl.design.assessment import assess, controller_group, published_groups
-from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.schedule import plant_at, sweep_slip, sweep_speed
-from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.deadtime import gang_of_four
 from railslip_ctrl.loop.responses import step_response
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report import plots
 from railslip_ctrl.report.plots.style import figure_bytes, new_figure
 

@@ -10,13 +10,10 @@ from html_page import Page
 from project import refused, script
 from scipy.stats import sem
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, InputError, Rail, published_law, simulate
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity
 from railslip_ctrl.paper.tables import CASES, published_facts, published_setup, run_setups, table3, table5
-from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged
 

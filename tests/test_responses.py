@@ -7,8 +7,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl import DeadTimeLoop, InputError, Rational
 from railslip_ctrl.loop.deadtime import frequency_curve, gang_of_four
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response

@@ -10,7 +10,7 @@ import scipy.signal
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from railslip_ctrl import assess
+from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import (
     PIController,
@@ -30,15 +30,12 @@ from railslip_ctrl.design.controllers import (
 )
 from railslip_ctrl.design.limits import control_effort
 from railslip_ctrl.design.schedule import sweep_speed
-from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report import margins_json, margins_text
-from railslip_ctrl.simulation import LinearControl
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)

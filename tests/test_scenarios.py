@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, InputError, Rail, load_scenario, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,
@@ -27,7 +25,6 @@ from railslip_ctrl.simulation import (
 )
 from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
-from railslip_ctrl.simulation.scenario import load_scenario
 
 DESIGNS = Path(__file__).resolve().parent.parent / "designs"
 SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"

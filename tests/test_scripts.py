@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from project import ROOT, script, show
 
+from railslip_ctrl import PARK2008, Rail, load_law
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.design.stabilizing import region_map
-from railslip_ctrl.model.adhesion import load_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from generated_code import begun
 
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, derive, load_scenario
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import Rule, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
-from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.stops import braked
 from railslip_ctrl.simulation import (
     LinearControl,
@@ -28,11 +26,9 @@ from railslip_ctrl.simulation import (
     stop,
 )
 from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.scenario import load_scenario
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import KEPT, gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 

@@ -8,8 +8,7 @@ import pytest
 from braking_runs import REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import InputError, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Resistance
 from railslip_ctrl.simulation import (
     BrakeLimits,

@@ -8,12 +8,9 @@ from braking_runs import REFERENCE, bare_vehicle, pi, published_pi, run_from, sc
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.design.controllers import wheel_slip_loop
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, Actuator, DeadTimeLoop, Rail, published_law, wheel_slip_loop
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import BrakeLimits, Simulator, TorqueProfile, built_in_scenario, simulate
 from railslip_ctrl.simulation import kernel as layout
 
@@ -147,7 +144,7 @@ def small_perturbation(gain: float, extra: float, end: float) -> tuple[DeadTimeL
     torque, z = point.brake_torque, point.adhesion_state or 0.0
     start = {layout.V: point.speed, layout.SIGMA: point.sigma + 1e-5, layout.Z: z, layout.TORQUE: torque}
     found = run_from(Simulator(base, controller), start, (torque, 0.0, 0.0, torque), every=10)
-    return loop, found.time, found.sigma - point.sigma
+    return loop, found[:, layout.TIME], found[:, layout.SIGMA] - point.sigma
 
 
 @pytest.mark.parametrize("factor", [0.99, 1.01])

@@ -15,12 +15,10 @@ import sympy as sp
 from generated_code import COMPILER, Compiled, begun, fields, needs_compiler, parameters, same
 from sample_laws import ALL_LAWS, sample_law
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, InputError, Rail, derive
 from railslip_ctrl.model.adhesion import law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
-from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
 from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
 from railslip_ctrl.sliding.proof import sliding_symbol

@@ -11,9 +11,7 @@ import pytest
 from project import ROOT, refused, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
-from railslip_ctrl.model.adhesion import load_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.model.vehicle_files import load_vehicle
+from railslip_ctrl import PARK2008, Rail, load_law, load_vehicle
 from railslip_ctrl.report.verification import conclusion_text, evidence, findings_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW

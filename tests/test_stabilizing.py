@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 from flint import fmpq_poly
 
-from railslip_ctrl import DeadTimeLoop, stabilizing_pi
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, Rail, Rational, plant_at, stabilizing_pi
 from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
 from railslip_ctrl.design.decomposition import CriticalGains, real_frequencies, stable_intervals
-from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.stability import RootCount
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))

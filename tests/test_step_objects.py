@@ -11,18 +11,12 @@ import pytest
 import scipy.signal
 from project import refused
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import Envelope, InputError, PIController, PIGains, ReferenceSlip, judge, load_controller
 from railslip_ctrl.core.user_files import record_in
-from railslip_ctrl.design import PIController
-from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
 from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.catalogue import full_brake_torque
-from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.step_objects import StepControl, as_control
 
 SCENARIO = built_in_scenario("park2008")

@@ -9,11 +9,10 @@ import pytest
 from figure_checks import defects
 from scipy import signal
 
-from railslip_ctrl import DeadTimeLoop, InputError, stabilizing_pi, tune_pi
+from railslip_ctrl import DeadTimeLoop, InputError, Rational, stabilizing_pi, tune_pi
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits
 from railslip_ctrl.design.tuning import first_order_model, pi_for_crossover, simc_pi
-from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from test_assessment import plant as wheel
 
-from railslip_ctrl import tune_pi
+from railslip_ctrl import PARK2008, DeadTimeLoop, PIGains, Rail, Rational, plant_at, tune_pi
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.specification import Specification, family_margins, is_robust, worst_of
 from railslip_ctrl.design.tuning import (
     Kind,
@@ -23,8 +22,6 @@ from railslip_ctrl.design.tuning import (
     tune_cases,
 )
 from railslip_ctrl.design.tuning_search import Family, Forbidden, _tightest
-from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=1.0, ki=0.0), lead=0.6, lead_filter=0.06).transfer_function

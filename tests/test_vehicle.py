@@ -154,11 +154,10 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
 
 def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_brake() -> None:
     vehicle = load_vehicle(DESIRO)
-    assert vehicle.name == "Siemens Desiro Classic"
+    assert (vehicle.name, vehicle.source) == ("Siemens Desiro Classic", "siemens_desiro_classic.yaml [railtoolkit]")
     assert (vehicle.mass, vehicle.mass_loaded) == approx((68_000.0 / 4, 88_000.0 / 4))
     assert (vehicle.wheel_load, vehicle.wheel_load_loaded) == approx((17_000.0 * GRAVITY, 22_000.0 * GRAVITY))
     assert (vehicle.wheel, vehicle.actuator) == (PARK2008.wheel, PARK2008.actuator)
-    assert vehicle.source == "siemens_desiro_classic.yaml [railtoolkit]"
     notes = " ".join(vehicle.notes)
     # rotating mass is not counted twice: (1.08 - 1) * 17 000 kg * (0.43 m)^2 is told
     for said in ("4 axles are assumed", "Published wheel", "Published actuator", "empty mass", "J = 251.5 kg*m^2"):

@@ -9,12 +9,10 @@ import pytest
 from project import script, show
 from sliding_cases import AS_PUBLISHED
 
-from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl import PARK2008, DomainError, InputError, derive
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.report.verification import evidence, verification_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
-from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification import published_law, reaching, robust
 from railslip_ctrl.verification.fixed_step import simulate_ideal

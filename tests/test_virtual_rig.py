@@ -9,7 +9,7 @@ import pytest
 from project import script
 from rig_logs import identified
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, Actuator, InputError, Rail, load_law, published_law
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
@@ -28,9 +28,7 @@ from railslip_ctrl.identification.virtual_rig import (
     run_tests,
     write_log,
 )
-from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.identification import series_json, series_toml
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))

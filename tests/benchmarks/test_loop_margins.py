@@ -9,11 +9,7 @@ import timeit
 import control as ct
 import pytest
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.design import PIController
-from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.vehicle import PIGains
+from railslip_ctrl import DeadTimeLoop, Envelope, PIController, PIGains, judge
 
 S = ct.tf("s")
 
