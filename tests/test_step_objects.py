@@ -183,6 +183,7 @@ COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = 
         (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
         (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
         (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
+        (COMPILED, "if 30 < omega < 60:\n        raise ValueError('no')\n    return 4e3", "line 7: step at t = "),
     ],
 )
 def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
