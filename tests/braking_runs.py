@@ -1,32 +1,28 @@
 """Scenarios and controllers that the tests of the simulation share, and a start from any state."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 
-from railslip_ctrl.design import PIController
-from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl import PIController, ReferenceSlip
 from railslip_ctrl.model.adhesion.curve import Curve
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Resistance, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Scenario, Simulator, TorqueProfile
 from railslip_ctrl.simulation import kernel as layout
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
+PLAIN = {"period": None, "rule": "backward", "tracking_time": math.inf}
 NO_LIMITS = BrakeLimits(torque_min=-1e9)
 NO_ADHESION = Curve(alpha=1e-20, beta=0.0475, gamma=41.5, v0=100 / 3.6, reference=REFERENCE)
 """A curve that never builds up a force: below 1e-16 N."""
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(
-        PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward", tracking_time=math.inf
-    )
+    return LinearControl(PIController(TABLE4_PI["bristle"]), REFERENCE, **PLAIN)
 
 
 def pi(kp: float, ki: float = 0.0, *, slip: float = 0.132, **fields: object) -> LinearControl:
-    as_built_in = {"period": None, "rule": "backward", "tracking_time": math.inf, **fields}
-    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **as_built_in)
+    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **{**PLAIN, **fields})
 
 
 def constant_torque(torque: float, **fields: object) -> TorqueProfile:
@@ -46,21 +42,17 @@ def scenario(vehicle: Vehicle, **fields: object) -> Scenario:
     return Scenario(name="test", vehicle=vehicle, **given)
 
 
-def run_from(
-    simulator: Simulator, state: dict[int, float], memory: tuple[float, ...], *, every: int
-) -> SimpleNamespace:
-    """A run without noise that starts from a state of the plant (by index) and of the controller.
+def run_from(simulator: Simulator, state: dict[int, float], memory: tuple[float, ...], *, every: int) -> np.ndarray:
+    """The log of a run without noise that starts from a state of the plant (by index) and of the controller.
 
     The command before the start is the torque that acts at it, as at an operating point.
     """
     plan, kernel = simulator._plan, simulator._kernel
     y, summary = np.zeros(layout.STATES), np.empty(layout.SUMMARY)
-    for i, value in state.items():
-        y[i] = value
+    y[list(state)] = list(state.values())
     log = np.empty((plan.samples // every + 2, layout.COLUMNS + len(memory)))
-    status, written = kernel.run(
+    _, written = kernel.run(
         kernel.Settings(**plan.settings), kernel.Events(*plan.events), np.zeros(1), np.zeros((0, 2)), plan.p.copy(),
         plan.c.copy(), plan.chosen.copy(), plan.tables, plan.limits, y, np.array(memory), log, every, summary,
     )  # fmt: skip
-    rows = log[:written]
-    return SimpleNamespace(status=status, time=rows[:, layout.TIME], sigma=rows[:, layout.SIGMA])
+    return log[:written]

@@ -132,6 +132,7 @@ EQUIVALENT = {
     r"<= _KNIFE_EDGE.*=> .* < _KNIFE_EDGE": "a slip just there is not computed",
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
     r"_BISECTIONS \+ \(2\)": "one halving more than needed",
+    r"miss\(root - margin\) < 0|miss\(\(root \+ margin": "a step of rounding lower, or the bracket's end beside it",
     r"curved <= most": "no bound is equal to the last digit",
     r"found \* \(1 \+ \(side / away": "parts are divided further until a bound holds",
     r">= 1 / _FARTHEST": "no part begins just there",

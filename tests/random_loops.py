@@ -37,12 +37,8 @@ def flat(rng):
     _, poles, gain = butter(rng.integers(1, 9), decades(rng, -1, 1), analog=True, output="zpk")
     upper = poles[poles.imag > 1e-9 * abs(poles)]
     poles = [*poles[abs(poles.imag) <= 1e-9 * abs(poles)].real, *upper, *upper.conj()]
-    return (
-        [],
-        poles,
-        gain * (1 + rng.choice([-1, 0, 1]) * decades(rng, -15, -3)),
-        rng.choice([0.0, decades(rng, -2, 1)]),
-    )
+    gain *= 1 + rng.choice([-1, 0, 1]) * decades(rng, -15, -3)
+    return [], poles, gain, rng.choice([0.0, decades(rng, -2, 1)])
 
 
 def fast_integrator(rng):
@@ -57,12 +53,8 @@ def many_crossovers(rng):
 
 def neutral(rng):
     zeros, poles = ([rng.choice([-1, -1, 1]) * decades(rng, -1, 1) for _ in range(2)] for _ in range(2))
-    return (
-        zeros,
-        poles,
-        rng.choice([rng.uniform(-1, 1), 1 - decades(rng, -8, -1)]),
-        rng.choice([0, 1]) * decades(rng, -2, 1),
-    )
+    gain = rng.choice([rng.uniform(-1, 1), 1 - decades(rng, -8, -1)])
+    return zeros, poles, gain, rng.choice([0, 1]) * decades(rng, -2, 1)
 
 
 def hidden_mode(rng):
@@ -73,12 +65,8 @@ def hidden_mode(rng):
 
 def poles_on_axis(rng):
     poles = [*rng.choice([[0.0, 0.0], pair(0.0, decades(rng, -0.5, 0.5))]), *(-decades(rng, -1, 1) for _ in range(2))]
-    return (
-        [rng.choice([-1, -1, 1]) * decades(rng, -1, 1)],
-        poles,
-        decades(rng, -2, 1),
-        rng.choice([0, 1]) * decades(rng, -2, 0),
-    )
+    zeros = [rng.choice([-1, -1, 1]) * decades(rng, -1, 1)]
+    return zeros, poles, decades(rng, -2, 1), rng.choice([0, 1]) * decades(rng, -2, 0)
 
 
 def scaled(rng):
@@ -88,16 +76,8 @@ def scaled(rng):
 
 
 KINDS = (
-    wheel_slip,
-    extremum_of_gain_near_one,
-    gain_one_at_zero,
-    flat,
-    fast_integrator,
-    many_crossovers,
-    neutral,
-    hidden_mode,
-    poles_on_axis,
-    scaled,
+    *(wheel_slip, extremum_of_gain_near_one, gain_one_at_zero, flat, fast_integrator, many_crossovers),
+    *(neutral, hidden_mode, poles_on_axis, scaled),
 )
 
 

@@ -1,8 +1,7 @@
 """One parameter set of every adhesion law, for tests that run over all of them."""
 
-from railslip_ctrl.core.errors import MissingParametersError
+from railslip_ctrl import MissingParametersError, Rail
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names, published_law
-from railslip_ctrl.model.vehicle import Rail
 
 # Magnitudes of a 34.5 kN wheel: some 10 kN of friction built up over a deflection of the order of 0.5 m, as
 # in the published bristle model.

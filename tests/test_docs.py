@@ -22,18 +22,14 @@ import yaml
 from project import ROOT
 
 import railslip_ctrl
+from railslip_ctrl import PARK2008, derive, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force
-from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008
-from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
-from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
 
 DOCS = ROOT / "docs"
 
@@ -59,9 +55,10 @@ RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" i
 LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce")
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(x, marks=[pytest.mark.long] * (named(x) in LONG)) for x in RUNNING], ids=named
-)
+RUN = [pytest.param(page, marks=[pytest.mark.long] * (named(page) in LONG)) for page in RUNNING]
+
+
+@pytest.mark.parametrize("page", RUN, ids=named)
 def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
     """Files are written and commands called in the page's order; then its Python has to give what it shows."""
     monkeypatch.chdir(pages.prepare(tmp_path))
@@ -243,12 +240,8 @@ def test_links_and_includes_resolve(page):
 def test_every_page_is_in_a_table_of_contents(page):
     if page.name == "index.md" and page.parent == DOCS:
         return
-    entries = {
-        os.path.normpath(path.parent / line.strip())
-        for path, text in TEXTS.items()
-        for block in re.findall(r"```\{toctree\}\n(.*?)```", text, flags=re.S)
-        for line in block.splitlines()
-    }
+    tables = [(p, found) for p, text in TEXTS.items() for found in re.findall(r"(?s)```\{toctree\}\n(.*?)```", text)]
+    entries = {os.path.normpath(path.parent / line.strip()) for path, found in tables for line in found.splitlines()}
     assert os.path.normpath(page.with_suffix("")) in entries
 
 
@@ -288,14 +281,13 @@ def test_every_equation_of_the_source_stands_once():
 
 def test_the_beam_stated_here_integrates_to_the_package_s():
     """(5)-(9) over the footprint, as (10) says: the closed form in u, and `beam.integrated_force`."""
-    parts = equations.beam_parts()
-    own, (locking, sliding) = equations.printed, parts.per_length
+    parts, own = equations.beam_parts(), equations.printed
+    locking, sliding = parts.per_length
     positive = {name: sp.Symbol(name, positive=True) for name in ("p", "l_h")}
     mu_d = parts.mu_d.subs(positive["l_h"], parts.sticking)
     slides = sliding.subs(positive["p"], parts.pressure).subs(own.mu_d, mu_d)
-    force = sp.integrate(locking, (own.xc, 0, parts.sticking)) + sp.integrate(
-        slides, (own.xc, parts.sticking, own.length)
-    )
+    force = sp.integrate(locking, (own.xc, 0, parts.sticking))
+    force += sp.integrate(slides, (own.xc, parts.sticking, own.length))
     Kx, N = beam.Beam.symbols()[2], plant.symbol("N")
     force = force.subs(own.Cx, 2 * Kx / own.length**2).subs(own.slip, plant.sigma / plant.v)
     assert sp.simplify(force.subs(own.wheel_load, N) - integrated_force()) == 0
@@ -324,10 +316,8 @@ def test_formulas_become_mathml(tmp_path, monkeypatch):
 
 def test_every_public_module_has_its_page():
     listed = {module for modules in generate.packages().values() for module in modules}
-    files = {
-        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-        for path in (ROOT / "railslip_ctrl").rglob("*.py")
-    }
+    paths = [path.relative_to(ROOT).with_suffix("") for path in (ROOT / "railslip_ctrl").rglob("*.py")]
+    files = {".".join(path.parts).removesuffix(".__init__") for path in paths}
     hidden = {name for name in files if set(name.split(".")) & set(generate.HIDDEN)}
     assert listed == files - hidden
 
@@ -343,6 +333,17 @@ def contributed_command(*words: str) -> list[str]:
     lines = [line.split() for line in CONTRIBUTING.splitlines() if line.startswith("railslip ")]
     (found,) = (line for line in lines if set(words) <= set(line))
     return found[1:]
+
+
+def test_citation():
+    """Keys of the Citation File Format 1.2.0 that must be there, and what must agree with the package."""
+    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    expected = {"cff-version": "1.2.0", "type": "software", "version": railslip_ctrl.__version__}
+    assert {name: content[name] for name in expected} == expected
+    assert {"message", "title", "authors"} <= content.keys()
+    (paper,) = content["references"]
+    told = (f"doi:{paper['doi']}", paper["title"], *(author["family-names"] for author in paper["authors"]))
+    assert all(one in " ".join(SOURCES["Park2008"].split()) for one in told)
 
 
 def test_the_places_to_extend_are_there():
@@ -392,11 +393,14 @@ def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch, 
     assert "kalker" not in law_names()
 
 
-def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch, railslip):
+def test_the_scenario_and_the_controller_of_contributing_brake(tmp_path, monkeypatch, railslip):
     """The interpreted kernel and the compiled one agree in the tests of simulation; here the example is run."""
-    (tmp_path / "relay.py").write_text(recipe("relay.py"))
+    for name in ("downpour.toml", "relay.py"):
+        (tmp_path / name).write_text(recipe(name))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
+    status, out, _ = railslip(*contributed_command("simulate", "downpour.toml"))
+    assert (status, "80 to 5 km/h" in out, "wet rail" in out) == (0, True, True)
     status, out, _ = railslip(*contributed_command("simulate", "relay.py"), "--json")
     assert status == 0
     assert json.loads(out)["max_torque_nm"] <= 6000.0
@@ -410,26 +414,3 @@ def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch, railslip):
     assert str(run.outcome) == "stopped"
     assert run.max_slip > 0.1  # a relay overshoots its reference by what the brake's lag lets it
     assert run.max_torque <= 6000.0
-
-
-def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, railslip):
-    (tmp_path / "downpour.toml").write_text(recipe("downpour.toml"))
-    monkeypatch.chdir(tmp_path)
-    status, out, _ = railslip(*contributed_command("simulate", "downpour.toml"))
-    assert status == 0
-    assert "80 to 5 km/h" in out
-    assert "wet rail" in out
-
-
-def test_citation():
-    """Keys of the Citation File Format 1.2.0 that must be there, and what must agree with the package."""
-    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert content["cff-version"] == "1.2.0"
-    assert {"message", "title", "authors"} <= content.keys()
-    assert content["type"] == "software"
-    assert content["version"] == railslip_ctrl.__version__
-    (paper,) = content["references"]
-    assert f"doi:{paper['doi']}" in SOURCES["Park2008"]
-    for author in paper["authors"]:
-        assert author["family-names"] in SOURCES["Park2008"]
-    assert paper["title"] in " ".join(SOURCES["Park2008"].split())

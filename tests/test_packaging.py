@@ -13,11 +13,8 @@ from project import ROOT
 @pytest.mark.long
 def test_command_works_from_an_installed_wheel(tmp_path):
     built = tmp_path / "wheel"
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", built, ROOT],
-        check=True,
-        capture_output=True,
-    )
+    make = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", built, ROOT]
+    subprocess.run(make, check=True, capture_output=True)
     (wheel,) = built.glob("railslip_ctrl-*.whl")
     files = set(zipfile.ZipFile(wheel).namelist())
     data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/steps.py")

@@ -18,12 +18,8 @@ def test_python_examples_give_what_they_show(tmp_path, monkeypatch):
     assert (result.attempted > 9, result.failed) == (True, 0)
 
 
-COMMANDS = [
-    line for line in dict.fromkeys(re.findall(r"`(railslip [^`]+)`", TEXT)) if not re.search(r"\b[A-Z]{3,}\b", line)
-]
-"""Those that need no file of the reader's."""
-
-
+SHOWN = dict.fromkeys(re.findall(r"`(railslip [^`]+)`", TEXT))
+COMMANDS = [line for line in SHOWN if not re.search(r"\b[A-Z]{3,}\b", line)]  # that need no file of the reader's
 TUNE = next(line for line in COMMANDS if line.startswith("railslip tune"))
 LONG = {line: pytest.mark.long for line in COMMANDS if line.startswith(("railslip report", "railslip verify"))}
 
@@ -44,12 +40,7 @@ def pasted(line, folder, monkeypatch, railslip):
     assert out
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        pytest.param(line, marks=LONG.get(line, ())) for line in COMMANDS if line != "railslip reproduce"
-    ],  # has its own tests
-)
+@pytest.mark.parametrize("line", [pytest.param(x, marks=LONG.get(x, ())) for x in COMMANDS if "reproduce" not in x])
 def test_commands_do_what_their_row_says(line, folder, monkeypatch, railslip):
     if "best.toml" in line and not (folder / "best.toml").exists():
         pasted(TUNE, folder, monkeypatch, railslip)

@@ -17,22 +17,13 @@ MOST_PAGES = 12
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.skipif(
-        BROWSER is None or DRIVER is None,
-        reason="no chromium with chromedriver found; install them (Debian: chromium chromium-driver)",
-    ),
+    pytest.mark.skipif(BROWSER is None or DRIVER is None, reason="no chromium with chromium-driver"),
 ]
 
 # A browser without a network: it looks for nothing by itself.
 _FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
+    *("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
 _WIDER = "return document.documentElement.scrollWidth > document.documentElement.clientWidth"
@@ -77,10 +68,8 @@ def page(full_report):
 
 def shown(browser, address, width):
     """The page at a width in CSS pixels; its console."""
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500},
-    )
+    screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
     browser.get(address)
     return [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
 

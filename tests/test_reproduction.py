@@ -10,13 +10,10 @@ from html_page import Page
 from project import refused, script
 from scipy.stats import sem
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, InputError, Rail, published_law, simulate
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity
 from railslip_ctrl.paper.tables import CASES, published_facts, published_setup, run_setups, table3, table5
-from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged
 
@@ -35,11 +32,9 @@ def test_runs_on_all_cores_are_the_runs_one_by_one():
     setup = published_setup(CASES[1])
     (result,) = run_setups([setup], 3)
     alone = [simulate(setup.scenario, setup.controller, seed=seed, record_every=None) for seed in range(3)]
-    expected = [
-        (run.braking_time, run.braking_distance, 3.6 * run.brake_energy, run.mean_abs_slip_error_published)
-        for run in alone
-    ]
-    assert result.values.tolist() == [list(numbers) for numbers in expected]
+    names = ("braking_time", "braking_distance", "brake_energy", "mean_abs_slip_error_published")
+    expected = [[getattr(run, name) * (3.6 if name == "brake_energy" else 1.0) for name in names] for run in alone]
+    assert result.values.tolist() == expected
     assert result.standard_error == pytest.approx(sem(expected, axis=0))
     assert result.mean == pytest.approx(np.mean(expected, axis=0))
 
@@ -48,10 +43,8 @@ def test_deviation_is_of_the_published_number(few_seeds):
     row = few_seeds.rows[1]
     assert row.published == 700.0
     assert replace(row, obtained=727.9).deviation_percent == pytest.approx(3.9857142857)
-    assert replace(row, obtained=727.9).within
-    assert replace(row, obtained=672.1).within
-    assert not replace(row, obtained=728.1).within
-    assert not replace(row, obtained=671.9).within
+    within = [replace(row, obtained=one).within for one in (671.9, 672.1, 727.9, 728.1)]
+    assert within == [False, True, True, False]
     deviations = [100 * (row.obtained / row.published - 1) for row in few_seeds.rows]
     assert few_seeds.rms_deviation_percent == pytest.approx(np.sqrt(np.mean(np.square(deviations))))
 
@@ -226,9 +219,8 @@ def test_figures_17_to_21(tmp_path, capsys):
         assert result.mean_error_on_dry(f"PI {column}") < -0.02
         assert abs(result.mean_error_on_dry(f"ASMC {column}")) < 0.015
         # and what it says of the fluctuations after 25 s is an understatement: its burst is the larger one
-        assert (
-            result.highest_slip_after_switch(f"ASMC {column}") > result.highest_slip_after_switch(f"PI {column}") > 0.2
-        )
+        highest = [result.highest_slip_after_switch(f"{name} {column}") for name in ("ASMC", "PI")]
+        assert highest[0] > highest[1] > 0.2
     module.main([str(tmp_path)])
     assert {path.name for path in tmp_path.iterdir()} == {f"fig_{number}.png" for number in range(17, 22)}
     assert capsys.readouterr().out.count("Figs. 18-21, ") == 4

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from functools import partial
 
 import control as ct
 import numpy as np
@@ -11,7 +10,7 @@ import scipy.signal
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from railslip_ctrl import assess
+from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import (
     PIController,
@@ -31,15 +30,12 @@ from railslip_ctrl.design.controllers import (
 )
 from railslip_ctrl.design.limits import control_effort
 from railslip_ctrl.design.schedule import sweep_speed
-from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report import margins_json, margins_text
-from railslip_ctrl.simulation import LinearControl
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
@@ -48,19 +44,16 @@ NUM, DEN = SYSTEM.num[0][0], SYSTEM.den[0][0]
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 
 
-class Described:
-    """A step object that says what it is at an operating point."""
-
-    def step(self, t: float, v: float, omega: float) -> float:
-        return 0.0
-
-    def linear(self, point: object) -> ct.TransferFunction:
-        return SYSTEM
-
-
 class Mute:
     def step(self, t: float, v: float, omega: float) -> float:
         return 0.0
+
+
+class Described(Mute):
+    """A step object that says what it is at an operating point."""
+
+    def linear(self, point: object) -> ct.TransferFunction:
+        return SYSTEM
 
 
 KINDS = {
@@ -116,33 +109,25 @@ def test_one_controller_in_every_form_is_one_controller(plant, kind):
 def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
     with pytest.raises(InputError, match=words):
         wheel_slip_loop(plant, controller)
+    with pytest.raises(InputError, match="linear at an operating point; give one"):
+        controller_system(Described())
 
 
 def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant):
     expected = wheel_slip_loop(plant, PIController(PIGains(kp=190.0, ki=0.0))).margins().ms
-    for gain in (
-        190,
-        190.0,
-        ct.ss([], [], [], [[190.0]]),
-        ct.tf([190.0], [1.0]),
-        StateSpaceController((), (), (), 190.0),
-    ):
-        assert wheel_slip_loop(plant, gain).margins().ms == pytest.approx(expected, rel=1e-12)
+    forms = (190, 190.0, ct.ss([], [], [], [[190.0]]), ct.tf([190.0], [1.0]), StateSpaceController((), (), (), 190.0))
+    for form in forms:
+        assert wheel_slip_loop(plant, form).margins().ms == pytest.approx(expected, rel=1e-12)
     for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
         with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
             StateSpaceController(a, b, c)
-
-
-def test_an_object_linear_at_a_point_needs_one():
-    with pytest.raises(InputError, match="linear at an operating point; give one"):
-        controller_system(Described())
 
 
 def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
     sampled = ct.sample_system(SYSTEM, 0.05, "tustin")
     loop = wheel_slip_loop(plant, sampled)
     assert isinstance(loop, SampledLoop)
-    expected = sampled_loop(SampledController(LEAD, 0.05), plant, PARK2008.actuator)
+    expected = loop_of(LEAD, 0.05, plant)
     # python-control's polynomials lose digits next to z = 1
     assert loop.margins().ms == pytest.approx(expected.margins().ms, rel=1e-6)
     found = assess(plant, sampled, PARK2008.actuator)
@@ -188,13 +173,9 @@ CONTROLLERS = {
 }
 
 
+LEADING = 240 * (1 + 0.02 / S) * (0.6 * S + 1) / (0.05 * S + 1)
 ANY = {
-    "PID with filter and notch": 240
-    * (1 + 0.02 / S)
-    * (0.6 * S + 1)
-    / (0.05 * S + 1)
-    * (S**2 + S + 400)
-    / (S + 20) ** 2,
+    "PID with filter and notch": LEADING * (S**2 + S + 400) / (S + 20) ** 2,
     "double integrator": (3.0 * S**2 + 2.0 * S + 1.0) / (S**2 * (0.1 * S + 1)),
     "no direct path": 100 / ((0.3 * S + 1) * (0.1 * S + 1) * (0.05 * S + 1)),
 }
@@ -218,9 +199,8 @@ def test_steps_equal_the_transfer_function_on_random_errors(name):
 
 @pytest.mark.parametrize("design", [LEAD, *ANY.values()], ids=["PI-lead", *ANY])
 def test_rules_are_those_of_python_control(design):
-    system = (
-        ct.zpk(*(getattr(LEAD.transfer_function, k) for k in ("zeros", "poles", "gain"))) if design is LEAD else design
-    )
+    made = LEAD.transfer_function
+    system = ct.zpk(made.zeros, made.poles, made.gain) if design is LEAD else design
     z = np.exp(1j * np.array([0.1, 1.0, 30.0]))
     for rule, method in ((Rule.TUSTIN, "tustin"), (Rule.BACKWARD, "backward_diff")):
         expected = ct.sample_system(ct.tf2ss(system) if method == "backward_diff" else system, 0.02, method)
@@ -334,7 +314,7 @@ def test_integrator_with_proportional_control_closed_form():
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.09])
 def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):
-    loop = sampled_loop(SampledController(design, period), plant, ACTUATOR)
+    loop = loop_of(design, period, plant)
     m = loop.margins()
     for limit in (m.gain_increase, m.gain_decrease):
         outward = 1 + 1e-8 if limit > 1 else 1 - 1e-8
@@ -345,16 +325,21 @@ def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant
     assert not loop.delayed(m.delay_s * (1 + 1e-8)).is_stable()
 
 
+PERIOD = r"period: .* s is not allowed; give a finite value > 0"
+
+
+def loop_of(design, period: float, plant, **given) -> SampledLoop:
+    return sampled_loop(SampledController(design, period), plant, ACTUATOR, **given)
+
+
 FIELDS = ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk")
 
 
 @pytest.mark.parametrize("computation", [0.0, 0.004])
 def test_short_periods_converge_to_the_continuous_margins(plant, computation):
     # the hold costs h/2: order 1 against the continuous design, order 2 against the equivalent with that delay
-    records = [
-        sampled_margins(SampledController(LEAD, h), plant, ACTUATOR, computation=computation)
-        for h in (0.04, 0.02, 0.01, 0.005)
-    ]
+    sampled = [SampledController(LEAD, h) for h in (0.04, 0.02, 0.01, 0.005)]
+    records = [sampled_margins(one, plant, ACTUATOR, computation=computation) for one in sampled]
     without = continuous_equivalent(SampledController(LEAD, 1e-12), plant, ACTUATOR, computation=computation).margins()
     for name in FIELDS:
         exact = np.array([getattr(r.exact, name) for r in records])
@@ -366,20 +351,16 @@ def test_short_periods_converge_to_the_continuous_margins(plant, computation):
 
 
 def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plant):
-    controller = SampledController(LEAD, 0.05)
-    wild = sampled_loop(controller, plant, ACTUATOR).scaled(20.0)
+    wild, held = loop_of(LEAD, 0.05, plant).scaled(20.0), loop_of(LEAD, 0.05, plant).margins()
     low, high = wild.stabilizing_gain_range
-    held = sampled_loop(controller, plant, ACTUATOR).margins()
     assert (20 * low, 20 * high) == pytest.approx((held.gain_decrease, held.gain_increase), rel=1e-9)
     with pytest.raises(UnstableLoopError, match="unstable with 2 pole") as caught:
         wild.margins()
     assert caught.value.stabilizing_gain_range == (low, high)
-    slow = SampledController(LEAD, 0.05)
-    record = sampled_margins(slow, plant, ACTUATOR, computation=2.0)
-    assert record.exact is None
-    assert record.equivalent is None
+    record = sampled_margins(SampledController(LEAD, 0.05), plant, ACTUATOR, computation=2.0)
+    assert (record.exact, record.equivalent) == (None, None)
     with pytest.raises(UnstableLoopError, match="no factor on the loop gain"):
-        sampled_loop(slow, plant, ACTUATOR, computation=2.0).margins()
+        loop_of(LEAD, 0.05, plant, computation=2.0).margins()
 
 
 def test_suggested_period_takes_its_share_of_the_delay_margin(plant):
@@ -407,31 +388,19 @@ def test_suggested_period_refuses_what_it_cannot_serve(plant):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        *(
-            (lambda _, h=h, make=make: make(h), r"period: .* s is not allowed; give a finite value > 0")
-            for make in (partial(SampledController, PLAIN), partial(SampledLoop, gain(1.0), INTEGRATOR, 0.0))
-            for h in (0.0, -0.1, math.nan, math.inf)
-        ),
+        *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
+        *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
         (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
         (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
         (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
         (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
-        (
-            lambda _: SampledController(PLAIN, 0.02, rule="euler"),
-            r"rule: 'euler' is not allowed; give tustin or backward",
-        ),
+        (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
         (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
         (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
         (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
         (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),
-        (
-            lambda plant: sampled_loop(SampledController(PLAIN, 1e-5), plant, ACTUATOR).margins(),
-            r"period: 1e-05 s .* give a value >= 0.0003",
-        ),
-        (
-            lambda plant: sampled_loop(SampledController(PLAIN, 0.01), plant, ACTUATOR, computation=-1.0),
-            "computation: -1",
-        ),
+        (lambda plant: loop_of(PLAIN, 1e-5, plant).margins(), r"period: 1e-05 s .* give a value >= 0.0003"),
+        (lambda plant: loop_of(PLAIN, 0.01, plant, computation=-1.0), "computation: -1"),
     ],
 )
 def test_bad_controllers_and_loops_are_refused_in_one_line(plant, make, message):

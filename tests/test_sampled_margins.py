@@ -26,12 +26,8 @@ class FractionalModel:
         self.a = np.array([[0.0, 1.0], [-(lag**-2), -2 / lag]])
         self.c = np.array([1.0, -1 / zero]) / lag**2
         self.kp, self.ki = kp, ki
-        self.loop = SampledLoop(
-            Rational(np.array([1 - ki / kp]), np.array([1.0]), kp),
-            Rational(np.array([zero]), np.full(2, -1 / lag), -1 / (zero * lag**2)),
-            0.0,
-            1.0,
-        )
+        plant = Rational(np.array([zero]), np.full(2, -1 / lag), -1 / (zero * lag**2))
+        self.loop = SampledLoop(Rational(np.array([1 - ki / kp]), np.array([1.0]), kp), plant, 0.0, 1.0)
 
     def driven(self, times: np.ndarray) -> np.ndarray:
         block = np.zeros((times.size, 3, 3))
@@ -65,10 +61,7 @@ class FractionalModel:
             if unstable.size:
                 high = times[unstable[0]]
                 low = max(dead_time, high - 1 / 64)
-                for _ in range(40):
-                    middle = (low + high) / 2
-                    low, high = (low, middle) if self.radius(np.array([middle]))[0] >= 1 else (middle, high)
-                return high - dead_time
+                return brentq(lambda t: self.radius(np.array([t]))[0] - 1, low, high, xtol=1e-14) - dead_time
         return math.inf
 
 
@@ -103,11 +96,8 @@ RESONANT = {
 
 
 def resonant(resonance, damping, dip, damping_dip, k, dead_time) -> SampledLoop:
-    roots = [
-        w * np.exp(1j * (math.pi / 2 + math.asin(z)) * np.array([1, -1]))
-        for w, z in ((resonance, damping), (dip, damping_dip))
-    ]
-    return SampledLoop(gain(1.0), Rational(roots[1], np.append(roots[0], -1.0), k), dead_time, 0.1)
+    poles, zeros = (np.roots([1, 2 * z * w, w * w]) for w, z in ((resonance, damping), (dip, damping_dip)))
+    return SampledLoop(gain(1.0), Rational(zeros, np.append(poles, -1.0), k), dead_time, 0.1)
 
 
 @pytest.mark.parametrize("name", RESONANT)

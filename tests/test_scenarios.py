@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, InputError, Rail, load_scenario, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,
@@ -22,52 +20,31 @@ from railslip_ctrl.simulation import (
     SlidingControl,
     TorqueProfile,
     built_in_scenario,
+    catalogue,
     simulate,
 )
 from railslip_ctrl.simulation.campaign.specification import load_campaign
-from railslip_ctrl.simulation.catalogue import (
-    published_controller,
-    recommended_pi_lead,
-    recommended_schedule,
-    slide_protection,
-)
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
-from railslip_ctrl.simulation.scenario import load_scenario
 
 DESIGNS = Path(__file__).resolve().parent.parent / "designs"
 SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"
 
 
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
 @pytest.fixture
 def scenario_of(tmp_path):
     """A scenario from the text of a file."""
-
-    def read(text, name="mine.toml"):
-        path = tmp_path / name
-        path.write_text(text)
-        return load_scenario(path)
-
-    return read
+    return lambda text, name="mine.toml": load_scenario(written(tmp_path / name, text))
 
 
 @pytest.fixture
 def controller_of(tmp_path):
     """A controller from the text of a file."""
-
-    def read(text):
-        path = tmp_path / "controller.toml"
-        path.write_text(text)
-        return load_controller(path)
-
-    return read
-
-
-def refusal(read, text, words):
-    """The one line with which a file's text is refused."""
-    with pytest.raises(InputError, match=words) as caught:
-        read(text)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+    return lambda text: load_controller(written(tmp_path / "controller.toml", text))
 
 
 def test_the_published_scenario_by_name_and_as_a_file():
@@ -79,7 +56,7 @@ def test_the_published_scenario_by_name_and_as_a_file():
 def test_the_leaf_patch_takes_its_adhesion_away_and_gives_it_back():
     scenario = load_scenario(SCENARIOS / "leaf_patch.toml")
     assert scenario.vehicle.mass == pytest.approx(68_000 / 6)  # kg, railtoolkit, six axles
-    run = simulate(scenario, SlideProtection(recommended_pi_lead().reference), seed=None)
+    run = simulate(scenario, SlideProtection(catalogue.recommended_pi_lead().reference), seed=None)
     assert run.stopped
     place, slip, force = run.signals.distance, run.signals.slip, run.signals.adhesion_force
     law = published_law("curve", Rail.DRY, 100.0, scenario.vehicle.wheel_load)
@@ -197,31 +174,29 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
 )
 def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
     alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
-    told = refusal(scenario_of, text if alone else f'extends = "park2008"\n{text}', words)
-    assert "none.toml" in told or "mine.toml" in told
+    with pytest.raises(InputError, match=words) as caught:
+        scenario_of(text if alone else f'extends = "park2008"\n{text}')
+    assert "\n" not in str(caught.value)
+    assert "none.toml" in str(caught.value) or "mine.toml" in str(caught.value)
 
 
-def test_the_designs_as_files():
-    assert load_controller(CONTROLLERS / "pi_lead.toml") == recommended_pi_lead()
-    assert load_controller(CONTROLLERS / "slide_protection.toml") == slide_protection()
-
-
-def test_table_4_as_files(controller_of):
+def test_the_designs_and_table_4_as_files(controller_of):
+    assert load_controller(CONTROLLERS / "pi_lead.toml") == catalogue.recommended_pi_lead()
+    assert load_controller(CONTROLLERS / "slide_protection.toml") == catalogue.slide_protection()
     pi = controller_of('kind = "pi"\nkp = "650 N*m/(km/h)"\nki = "27 N*m/(km/h)/s"\nanti_windup = false\n')
     assert isinstance(pi, LinearControl)
     assert pi.tracking_time == math.inf
     assert (pi.design.gains.kp, pi.design.gains.ki) == pytest.approx((2340.0, 97.2))
-    asmc = controller_of(
-        'kind = "asmc"\nK = 70\nD = "1.53 N*m/(km/h)"\nrho = 1.54\nnominal_mass = 3517\nknows_rail = false\n'
-    )
-    published = published_controller("asmc", "bristle", knows_rail=False)
+    keys = 'K = 70\nD = "1.53 N*m/(km/h)"\nrho = 1.54\nnominal_mass = 3517\nknows_rail = false\n'
+    asmc = controller_of(f'kind = "asmc"\n{keys}')
+    published = catalogue.published_controller("asmc", "bristle", knows_rail=False)
     assert isinstance(asmc, SlidingControl)
     assert math.isclose(asmc.gains.D, published.gains.D, rel_tol=1e-12)  # 1.53 N*m/(km/h) through Pint
     assert (asmc.nominal_mass, asmc.knows_rail, asmc.filter_time) == (3517.0, False, published.filter_time)
 
 
 OVER_V0 = (
-    'law = "beam"\ninitial_speed_range = [60, 100]\n[polynomials]\nmu_max = [0.4, -0.001]\na = [0.003]\nKx = [3e5]\n'
+    'law = "beam"\ninitial_speed_range = [60, 100]\npolynomials = {mu_max = [0.4, -0.001], a = [0.003], Kx = [3e5]}'
 )
 WITH_MODEL = 'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n'
 
@@ -234,15 +209,14 @@ def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_
     for speed_kmh in (60.0, 80.0):
         law = load_controller(path, initial_speed=speed_kmh / 3.6).model_law
         assert law.mu_max == pytest.approx(0.4 - 0.001 * speed_kmh, rel=1e-12)  # km/h to m/s and back
-    (tmp_path / "campaign.toml").write_text(
-        'scenario = "slow.toml"\nruns = 1\n[[controller]]\ncontroller = "controller.toml"\n'
-    )
+    keys = 'scenario = "slow.toml"\nruns = 1\n[[controller]]\ncontroller = "controller.toml"\n'
+    (tmp_path / "campaign.toml").write_text(keys)
     (tmp_path / "slow.toml").write_text('extends = "park2008"\ninitial_speed = "70 km/h"\n')
     assert load_campaign(tmp_path / "campaign.toml").controllers[0].model_law.mu_max == pytest.approx(0.33, rel=1e-12)
 
 
 def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_path):
-    schedule = recommended_schedule().schedule
+    schedule = catalogue.recommended_schedule().schedule
     (tmp_path / "schedule.json").write_text(schedule.to_json())
     scheduled = controller_of('kind = "scheduled"\nschedule = "schedule.json"\ntorque_high = 9000\n')
     assert isinstance(scheduled, ScheduledControl)

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from project import ROOT, script, show
 
+from railslip_ctrl import PARK2008, Rail, load_law
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.design.stabilizing import region_map
-from railslip_ctrl.model.adhesion import load_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)
@@ -221,48 +220,29 @@ def test_compare_designs(tmp_path, capsys, monkeypatch):
     assert "no controller gets Ms or Mt below 1.13" in out
 
 
-@pytest.fixture(scope="module")
-def observers():
-    return script("analysis/observer_tradeoff.py")
-
-
-@pytest.fixture(scope="module")
-def trade_off(observers):
-    return observers.run()
-
-
 @pytest.mark.long
-def test_what_the_printed_form_does_wrong(observers, trade_off):
-    printed, corrected, _ = observers.NAMES
-    assert trade_off.passed_at_once == {printed: 1.0, corrected: 0.0}
-    after = trade_off.trial.time[1:] >= trade_off.trial.release_time
-    worst = {name: np.abs(error[after]).max() for name, error in trade_off.errors.items()}
+def test_observer_tradeoff(tmp_path, capsys, monkeypatch):
+    module = script("analysis/observer_tradeoff.py")
+    result = module.run()
+    printed, corrected, kalman = module.NAMES
+    assert result.passed_at_once == {printed: 1.0, corrected: 0.0}
+    after = result.trial.time[1:] >= result.trial.release_time
+    worst = {name: np.abs(error[after]).max() for name, error in result.errors.items()}
     # the released brake torque, 6.5 kN*m, stands in the printed estimate as 2 kN*m of adhesion that was not there
-    assert trade_off.errors[printed].min() < -1900
-    assert trade_off.errors[corrected].min() > -700
-    assert worst[printed] > 1.4 * worst[corrected] > 1.4 * worst[observers.NAMES[2]]
-
-
-@pytest.mark.long
-def test_best_settings(observers, trade_off):
-    printed, corrected, kalman = (trade_off.curves[name] for name in observers.NAMES)
+    assert result.errors[printed].min() < -1900 < -700 < result.errors[corrected].min()
+    assert worst[printed] > 1.4 * worst[corrected] > 1.4 * worst[kalman]
+    curves = [result.curves[name] for name in module.NAMES]
     # flat minima: the settings to 2 %, the errors to 1 N*m
-    assert (printed.best, corrected.best) == pytest.approx((0.0304, 0.0490), rel=0.02)
-    totals = [curve.at_best.total for curve in (printed, corrected, kalman)]
+    assert [curve.best for curve in curves[:2]] == pytest.approx([0.0304, 0.0490], rel=0.02)
+    totals = [curve.at_best.total for curve in curves]
     assert totals == pytest.approx([379.4, 234.4, 131.6], abs=1.0)
-    for curve in (printed, corrected, kalman):
-        # one draw of the noise over a thousand samples with memory
-        assert curve.at_best.simulated == pytest.approx(curve.at_best.total, rel=0.05)
-    mu = trade_off.coefficient_errors
-    assert mu[observers.NAMES[1]] == pytest.approx(corrected.at_best.total / (34_500 * 0.43))
-    assert mu[observers.NAMES[2]] < 0.0138 < mu[observers.NAMES[1]]  # Table 3's error of the bristle model in adhesion
-
-
-@pytest.mark.long
-def test_script_prints_and_draws(observers, trade_off, tmp_path, capsys, monkeypatch):
-    show(observers, trade_off, tmp_path / "pictures", monkeypatch)
-    out = capsys.readouterr().out
-    assert "printed (27): 100 % of a step of the brake torque" in out
+    # one draw of the noise over a thousand samples with memory
+    assert [curve.at_best.simulated for curve in curves] == pytest.approx(totals, rel=0.05)
+    mu = result.coefficient_errors
+    assert mu[corrected] == pytest.approx(totals[1] / (34_500 * 0.43))
+    assert mu[kalman] < 0.0138 < mu[corrected]  # Table 3's error of the bristle model in adhesion
+    show(module, result, tmp_path / "pictures", monkeypatch)
+    assert "printed (27): 100 % of a step of the brake torque" in capsys.readouterr().out
     assert len(list((tmp_path / "pictures").glob("observer_*.png"))) == 3
 
 
@@ -273,8 +253,7 @@ def test_from_log(tmp_path, capsys, monkeypatch):
     truth, fit = module.TRUE_LAW, result.found.chosen.fit
     # 1. The vehicle is not the paper's, and the log tells its law and its parameters.
     assert result.vehicle.wheel_load > 3.0 * PARK2008.wheel_load
-    # ten digits in the log
-    assert result.found.setting.wheel_load == pytest.approx(result.vehicle.wheel_load, rel=1e-9)
+    assert result.found.setting.wheel_load == pytest.approx(result.vehicle.wheel_load, rel=1e-9)  # ten digits
     assert fit.model.name == truth.name
     for p in fit.parameters:
         assert p.interval[0] <= getattr(truth, p.name) <= p.interval[1]

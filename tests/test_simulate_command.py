@@ -24,7 +24,6 @@ KEYS = (  # interface.md
 
 @pytest.fixture
 def railslip(railslip):
-    """`railslip simulate` in this process, as the fixture of all commands runs it."""
     return partial(railslip, "simulate")
 
 
@@ -45,10 +44,9 @@ def test_json_has_the_contract_s_keys_and_the_run_s_numbers(numbers):
     assert set(KEYS) <= found.keys()
     run = simulate(built_in_scenario("park2008"), published_controller("asmc", "beam"), seed=7)
     assert [found[key] for key in KEYS[:6]] == ["park2008", "asmc", "beam", 3.6, 7, True]
-    assert found["braking_time_s"] == run.braking_time
-    assert found["braking_distance_m"] == run.braking_distance
-    assert found["mean_abs_slip_error"] == run.mean_abs_slip_error
-    assert found["mean_abs_slip_error_published"] == run.mean_abs_slip_error_published
+    assert (found["braking_time_s"], found["braking_distance_m"]) == (run.braking_time, run.braking_distance)
+    for name in ("mean_abs_slip_error", "mean_abs_slip_error_published"):
+        assert found[name] == getattr(run, name)
     assert found["mean_abs_slip_error_published"] != found["mean_abs_slip_error"]  # 0.119/0.059 is held
     assert found["reference_slip"] == {"dry": 0.119, "wet": 0.059}
 
@@ -66,9 +64,8 @@ def test_options_reach_the_run(numbers):
     assert (found["inertia_scale"], found["gains"]) == (1.0, None)
     assert found["gain_values"] == {"kp_si": 190.0, "ki_si": 5.0, "lead_s": 0.0, "lead_filter_s": 0.0}
     assert (found["step_s"], found["period_s"]) == (0.002, 0.01)
-    assert numbers("--scenario", "park2008-si", "--inertia-scale", 3.6)["braking_time_s"] == pytest.approx(
-        numbers()["braking_time_s"]
-    )
+    scaled = numbers("--scenario", "park2008-si", "--inertia-scale", 3.6)
+    assert scaled["braking_time_s"] == pytest.approx(numbers()["braking_time_s"])
     slower = numbers("--scenario", "park2008-si", "--controller", "asmc", "--speed", 80, "--slip", 0.1)
     assert slower["energy_balance"]["starting_j"] == pytest.approx(0.5 * (3517 + 60.35 / 0.43**2) * (80 / 3.6) ** 2)
     assert slower["reference_slip"] == {"dry": 0.1, "wet": 0.1}
@@ -85,39 +82,33 @@ def test_other_adhesion_and_an_unknown_rail(numbers):
 
 def test_another_vehicle_with_what_was_assumed_of_it(railslip, tmp_path):
     (tmp_path / "train.toml").write_text("mass = 3000\nmass_loaded = 4000\n")
-    status, out, err = railslip(
-        *("--vehicle", tmp_path / "train.toml", "--controller", "slide-protection", "--json", "--loaded")
-    )
+    given = ("--vehicle", tmp_path / "train.toml", "--controller", "slide-protection", "--loaded")
+    status, out, err = railslip(*given, "--json")
     assert status == 0
     found = json.loads(out)
     assert (found["vehicle"], found["inertia_scale"]) == ("train", 1.0)
     assert "inertia scale 1, the file's, in place of the scenario's 3.6" in err
     assert "No travelling resistance is given" in err
-    text = railslip("--vehicle", tmp_path / "train.toml", "--controller", "slide-protection", "--loaded")[1]
-    assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in text
+    assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in railslip(*given)[1]
     assert found["energy_balance"]["starting_j"] == pytest.approx(0.5 * (4000 + 60.35 / 0.43**2) * (100 / 3.6) ** 2)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("limits", "profile", "outcomes"),
+    ("limits", "profile"),
     [
-        ("", "times = [0]\ntorques = [0]\n", {"did not stop"}),
-        (
-            "[limits]\ntorque_min = -1e308\n",
-            "times = [0, 1]\ntorques = [0, -1e308]\n",
-            {"not a number", "left the adhesion law's domain", "too stiff for the step"},
-        ),
+        ("", "times = [0]\ntorques = [0]\n"),
+        ("[limits]\ntorque_min = -1e308\n", "times = [0, 1]\ntorques = [0, -1e308]\n"),
     ],
     ids=["no torque", "beyond all bounds"],
 )
-def test_a_run_that_does_not_stop_has_no_braking_distance(railslip, tmp_path, limits, profile, outcomes):
+def test_a_run_that_does_not_stop_has_no_braking_distance(railslip, tmp_path, limits, profile):
     (tmp_path / "own.toml").write_text(f'kind = "torque-profile"\n{profile}')
     (tmp_path / "free.toml").write_text(f'extends = "park2008"\n{limits}')
     run = ("--scenario", tmp_path / "free.toml", "--controller", tmp_path / "own.toml")
     status, out, _ = railslip(*run, "--json")
     found = json.loads(out)
-    assert (status, found["stopped"], found["outcome"] in outcomes) == (1, False, True)
+    assert (status, found["stopped"], found["outcome"] == "did not stop") == (1, False, not limits)
     for key in ("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"):
         assert found[key] is None
     assert found["ended_at_s"] == 180.0 or limits
@@ -135,28 +126,23 @@ def test_the_csv_is_the_record(tmp_path):
     # 12 digits are written
     np.testing.assert_allclose(back.to_numpy(), record.to_numpy(), rtol=1e-11, atol=1e-300)
     found = find_columns(list(back))  # as `railslip identify` reads it
-    assert {name: column.header for name, column in found.items()} == {
-        "time": "time [s]",
-        "train_speed": "train speed [m/s]",
-        "wheel_angular_speed": "wheel angular speed [rad/s]",
-        "brake_torque": "brake torque [N*m]",
-    }
+    units = {"time": "s", "train_speed": "m/s", "wheel_angular_speed": "rad/s", "brake_torque": "N*m"}
+    headers = {name: f"{name.replace('_', ' ')} [{unit}]" for name, unit in units.items()}
+    assert {name: column.header for name, column in found.items()} == headers
 
 
-def events_scenario(tmp_path):
-    """Three events out of order in the file, the one in distance second; a fourth is never reached."""
-    path = tmp_path / "events.toml"
-    path.write_text(
-        'extends = "park2008-si"\nrail = "wet"\n'
-        "[[events]]\ndistance = 100000\nmass = 5000\n[[events]]\ntime = 9.0\nmass = 4000\n"
-        "[[events]]\ndistance = 100\nmass = 3800\n[[events]]\ntime = 1.0\nmass = 3700\n"
-    )
-    return path
+EVENTS = """extends = "park2008-si"
+rail = "wet"
+events = [{distance = 100000, mass = 5000}, {time = 9.0, mass = 4000},
+          {distance = 100, mass = 3800}, {time = 1.0, mass = 3700}]
+"""
 
 
 @pytest.mark.parametrize("log_period", ["0.01", "2.5"])
 def test_events_are_told_in_order_of_happening(railslip, tmp_path, log_period):
-    scenario = events_scenario(tmp_path)
+    """Three events out of order in the file, the one in distance second; a fourth is never reached."""
+    scenario = tmp_path / "events.toml"
+    scenario.write_text(EVENTS)
     run = simulate(load_scenario(scenario), published_controller("pi"), seed=0)
     signals = run.signals
     at = np.interp(100.0, signals.distance, signals.time)  # rows every 1 ms, the train's speed all but constant

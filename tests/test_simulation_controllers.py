@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from generated_code import begun
 
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, derive, load_scenario
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import Rule, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
-from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.stops import braked
 from railslip_ctrl.simulation import (
     LinearControl,
@@ -23,28 +21,14 @@ from railslip_ctrl.simulation import (
     SlideProtection,
     TorqueProfile,
     built_in_scenario,
+    catalogue,
     simulate,
     stop,
 )
-from railslip_ctrl.simulation.catalogue import (
-    MS_MAX,
-    NAMES,
-    controller_named,
-    full_brake_torque,
-    margins_over_points,
-    published_controller,
-    published_law_gains,
-    published_vehicle,
-    recommended_pi_lead,
-    recommended_schedule,
-    slide_protection,
-)
 from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.scenario import load_scenario
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import KEPT, gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 
@@ -84,14 +68,8 @@ def slip_error(v, omega):
 @pytest.mark.parametrize("tracking_time", [None, 0.5, math.inf])
 @pytest.mark.parametrize("lead", [(0.0, 0.0), (0.6, 0.06)])
 def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
-    control = LinearControl(
-        PIController(PIGains(kp=900.0, ki=700.0), *lead),
-        REFERENCE,
-        torque_low=0.0,
-        torque_high=5000.0,
-        tracking_time=tracking_time,
-        rule=rule,
-    )
+    given = {"torque_low": 0.0, "torque_high": 5000.0, "tracking_time": tracking_time, "rule": rule}
+    control = LinearControl(PIController(PIGains(kp=900.0, ki=700.0), *lead), REFERENCE, **given)
     step, sampled = Stepped(control), control.sampled(PERIOD)
     x = np.array(sampled.start())
     limited, applied = 0, 0.0
@@ -105,7 +83,7 @@ def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
 
 
 def test_linear_control_skips_a_sample_that_is_not_finite():
-    step = Stepped(recommended_pi_lead())
+    step = Stepped(catalogue.recommended_pi_lead())
     step(20.0, 40.0, 0.0)
     before = step.x.copy()
     assert step(math.nan, 40.0, 1234.0) == 1234.0
@@ -117,9 +95,8 @@ def test_linear_control_skips_a_sample_that_is_not_finite():
 def test_scheduled_control_takes_over_without_a_bump(rail, tracking_time):
     """Against [Astrom1997] 8's PI behind a lead, its integral set anew by the gains of each sample's speed."""
     entries = [(Rail.DRY, 20.0, 300.0, 150.0), (Rail.DRY, 60.0, 900.0, 400.0), (Rail.WET, 40.0, 500.0, 0.0)]
-    schedule = GainSchedule(
-        tuple(ScheduleEntry(r, v, PIGains(kp=kp, ki=ki), 2.0) for r, v, kp, ki in entries), 0.6, 0.06, 5.0, 2.0
-    )
+    made = tuple(ScheduleEntry(r, v, PIGains(kp=kp, ki=ki), 2.0) for r, v, kp, ki in entries)
+    schedule = GainSchedule(made, 0.6, 0.06, 5.0, 2.0)
     control = ScheduledControl(schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time, rule="backward")
     step = Stepped(control, rail)
     held, applied = (REFERENCE.dry if rail is Rail.DRY else REFERENCE.wet), 0.0
@@ -147,14 +124,14 @@ def test_scheduled_control_refuses_a_rail_without_gains():
 
 
 def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
-    control = published_controller("asmc", "bristle", adaptive=True)
+    control = catalogue.published_controller("asmc", "bristle", adaptive=True)
     step = Stepped(control)
     law, module = SCENARIO.law(Rail.DRY), python_law(derive())
     table, scale = adhesion_table(law, SCENARIO.vehicle.wheel_load), SCENARIO.vehicle.inertia_scale
     p = module.Parameters(
         J=scale * 60.35, r=RADIUS, Mn=scale * 3517.0, Bn=scale * 0.25, lambda_d=REFERENCE.dry, filter_time=0.1,
         torque_min=-LARGEST, torque_max=LARGEST, period=PERIOD,
-        **gain_parameters(published_law_gains("bristle", adaptive=True)),
+        **gain_parameters(catalogue.published_law_gains("bristle", adaptive=True)),
     )  # fmt: skip
     state = begun(module, SCENARIO.initial_speed, p)
     force, parameters = numeric_plant(type(law)).force, plant_parameters(law, SCENARIO.vehicle)
@@ -166,12 +143,9 @@ def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
         assert step.x == pytest.approx([s, *state[: -len(KEPT)]], rel=1e-9, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "phases",
-    [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)],
-    ids=["settled: a filter of 0.02 s", "from the first sample on"],
-)
+@pytest.mark.parametrize("phases", [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)])
 def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
+    """Settled, with its filter of 0.02 s, and from the first sample on."""
     step = Stepped(SlideProtection(REFERENCE))
     rim = 20.0
     for deceleration, samples, valve in phases:
@@ -181,18 +155,18 @@ def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
         assert step.x[3] == valve
 
 
-@pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
+@pytest.mark.parametrize("vehicle", [catalogue.published_vehicle(), PARK2008], ids=["as published", "SI"])
 def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
-    control = recommended_pi_lead(vehicle)
-    margins = margins_over_points(control, vehicle)
+    control = catalogue.recommended_pi_lead(vehicle)
+    margins = catalogue.margins_over_points(control, vehicle)
     assert margins.stable.all()
     assert margins.ms.size == 24
-    assert 0.99 * MS_MAX < margins.ms.max() <= MS_MAX
+    assert 0.99 * catalogue.MS_MAX < margins.ms.max() <= catalogue.MS_MAX
 
 
-@pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
+@pytest.mark.parametrize("vehicle", [catalogue.published_vehicle(), PARK2008], ids=["as published", "SI"])
 def test_the_recommended_schedule_keeps_what_it_says(vehicle):
-    schedule = recommended_schedule(vehicle).schedule
+    schedule = catalogue.recommended_schedule(vehicle).schedule
     loads = (vehicle, vehicle.loaded())
 
     def loops(rail, speed):
@@ -200,7 +174,7 @@ def test_the_recommended_schedule_keeps_what_it_says(vehicle):
         return [wheel_slip_loop(plant_at("curve", car, rail, speed), controller, vehicle.actuator) for car in loads]
 
     entries = [family_margins(loops(e.rail, e.speed_kmh)).ms.max() for e in schedule.entries]
-    assert entries == pytest.approx([MS_MAX] * 8, rel=0.005)  # the gains are rounded to 1 in about 1000
+    assert entries == pytest.approx([catalogue.MS_MAX] * 8, rel=0.005)  # the gains are rounded to 1 in about 1000
     between = family_margins([loop for rail in Rail for v in np.linspace(20, 100, 25) for loop in loops(rail, v)])
     assert between.ms.max() == pytest.approx(schedule.worst_ms, rel=0.003)
     low = schedule.lowest_speed_kmh
@@ -212,22 +186,22 @@ def test_the_recommended_schedule_keeps_what_it_says(vehicle):
 @pytest.mark.parametrize("controller", ["pi-lead", "scheduled", "slide-protection"])
 def test_designs_stop_without_locking_in_both_readings(name, controller):
     scenario = built_in_scenario(name)
-    run = simulate(scenario, controller_named(controller, scenario.vehicle), seed=4)
-    assert run.stopped
-    assert run.locked_fraction == 0.0
+    run = simulate(scenario, catalogue.controller_named(controller, scenario.vehicle), seed=4)
+    assert (run.stopped, run.locked_fraction) == (True, 0.0)
 
 
 @pytest.mark.long
 def test_designs_follow_another_vehicle():
     slow = PARK2008.actuator.model_copy(update={"dead_time": 1.5})
-    heavy = PARK2008.model_copy(
-        update={"mass_loaded": 6000.0, "wheel_load": 69_000.0, "wheel_load_loaded": 69_000.0, "actuator": slow}
-    )
-    assert full_brake_torque(heavy) == pytest.approx(18_000.0)
-    assert full_brake_torque(heavy.model_copy(update={"wheel_load": 40_000.0})) == pytest.approx(18_000.0)  # loaded
-    assert slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
+    heavier = {"mass_loaded": 6000.0, "wheel_load": 69_000.0, "wheel_load_loaded": 69_000.0}
+    heavy = PARK2008.model_copy(update={**heavier, "actuator": slow})
+    assert catalogue.full_brake_torque(heavy) == pytest.approx(18_000.0)
+    assert catalogue.full_brake_torque(heavy.model_copy(update={"wheel_load": 40_000.0})) == pytest.approx(
+        18_000.0
+    )  # loaded
+    assert catalogue.slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
     with pytest.raises(InfeasibleDesignError, match="give its gains"):
-        recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
+        catalogue.recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
 
 
 @pytest.mark.parametrize("name", ["seeking", "slide-protection"])
@@ -237,31 +211,30 @@ def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_loa
     scenario = load_scenario(tmp_path / "loaded.toml")
     car = scenario.vehicle.empty()
     assert (car.mass, scenario.vehicle.mass) == (4e3, 7e3)
-    own = controller_named(name, car)
-    assert controller_named(name, scenario.vehicle) == own
-    limits = [
-        braked(stop(one), control).limits for one in (car, car.loaded()) for control in (own, recommended_pi_lead())
-    ]
-    assert {limit.torque_max for limit in limits} == {full_brake_torque(car)}
+    own = catalogue.controller_named(name, car)
+    assert catalogue.controller_named(name, scenario.vehicle) == own
+    controls = (own, catalogue.recommended_pi_lead())
+    limits = [braked(stop(one), control).limits for one in (car, car.loaded()) for control in controls]
+    assert {limit.torque_max for limit in limits} == {catalogue.full_brake_torque(car)}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", catalogue.NAMES)
 def test_every_named_controller_has_its_reference_and_period(name):
     held = ReferenceSlip(dry=0.05, wet=0.04)
-    controller = controller_named(name, published_vehicle(), reference=held, period=0.02)
+    controller = catalogue.controller_named(name, catalogue.published_vehicle(), reference=held, period=0.02)
     assert (controller.reference, controller.period) == (held, 0.02)
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
-        (lambda: controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
-        (lambda: controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
-        (lambda: controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
-        (lambda: published_controller("pid"), "choose pi or asmc"),
-        (lambda: published_controller("pi", "dahl"), "choose beam or bristle"),
-        (lambda: published_controller("pi", adaptive=True), "choose 'asmc'"),
+        (lambda: catalogue.controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
+        (lambda: catalogue.controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
+        (lambda: catalogue.controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
+        (lambda: catalogue.controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
+        (lambda: catalogue.published_controller("pid"), "choose pi or asmc"),
+        (lambda: catalogue.published_controller("pi", "dahl"), "choose beam or bristle"),
+        (lambda: catalogue.published_controller("pi", adaptive=True), "choose 'asmc'"),
         (lambda: TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
         (lambda: TorqueProfile((), (), REFERENCE), "as many"),
         (lambda: TorqueProfile((0.0,), (), REFERENCE), "as many"),
@@ -275,7 +248,9 @@ def test_controllers_that_do_not_exist_are_refused(call, words):
 
 def test_an_initial_torque_is_commanded_at_once():
     """kp e + the integral's start at the first sample, by hand for the free-rolling wheel: e = lambda_d v."""
-    control = replace(recommended_pi_lead(), design=PIController(PIGains(kp=100.0, ki=0.0)), initial_torque=1500.0)
+    control = replace(
+        catalogue.recommended_pi_lead(), design=PIController(PIGains(kp=100.0, ki=0.0)), initial_torque=1500.0
+    )
     run = simulate(SCENARIO, control, seed=None)
     assert run.signals.command[0] == pytest.approx(1500.0 + 100.0 * 0.132 * 100 / 3.6, rel=1e-12)
     with pytest.raises(InputError, match="initial torque"):
@@ -285,12 +260,8 @@ def test_an_initial_torque_is_commanded_at_once():
 def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
     """By hand: 200 N*m a sample down above slip 0.2, 100 N*m up below 0.1, no further than 0 and 9 000 N*m."""
     c = np.array([0.1, 0.43, 0.2, 0.1, 50.0, 1e4, 2e4, 9000.0, 0.01, 0.05])
-    for torque, slip, expected in (
-        (500.0, 0.3, 300.0),
-        (150.0, 0.3, 0.0),
-        (500.0, 0.15, 500.0),
-        (8950.0, 0.05, 9000.0),
-    ):
+    cases = ((500.0, 0.3, 300.0), (150.0, 0.3, 0.0), (500.0, 0.15, 500.0), (8950.0, 0.05, 9000.0))
+    for torque, slip, expected in cases:
         omega = 20.0 * (1.0 - slip) / 0.43
         x = np.array([torque, 0.43 * omega, 1.0, 0.0])
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
@@ -298,7 +269,7 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
 
 def test_the_domain_of_a_law_is_linear_between_speeds():
     limits = np.array([30.0, 1.0, 4.0, 5.0, 9.0])
-    limit = Stepped(recommended_pi_lead()).module.domain_limit
+    limit = Stepped(catalogue.recommended_pi_lead()).module.domain_limit
     speeds = np.linspace(0.0, 33.0, 100)
     expected = np.interp(speeds, np.linspace(0.0, 30.0, 4), limits[1:])
     assert [limit(v, limits) for v in speeds] == pytest.approx(expected, rel=1e-12)

@@ -8,12 +8,9 @@ from braking_runs import REFERENCE, bare_vehicle, pi, published_pi, run_from, sc
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
-from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.design.controllers import wheel_slip_loop
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl import PARK2008, Actuator, DeadTimeLoop, Rail, published_law, wheel_slip_loop
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import BrakeLimits, Simulator, TorqueProfile, built_in_scenario, simulate
 from railslip_ctrl.simulation import kernel as layout
 
@@ -80,13 +77,8 @@ def test_the_as_published_run_is_the_mixed_unit_one() -> None:
     assert run.stopped
     s = run.signals
     rows = paper_run(s.random_force[:-1])
-    for name, ours, theirs in (
-        ("speed", 3.6 * s.speed[:-1], rows[:, 0]),
-        ("slip velocity", 3.6 * s.slip_velocity[:-1], rows[:, 1]),
-        ("torque", s.torque[:-1], rows[:, 2]),
-        ("distance", s.distance[:-1], rows[:, 3]),
-    ):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.max(np.abs(theirs)), err_msg=name)
+    for ours, theirs in zip((3.6 * s.speed, 3.6 * s.slip_velocity, s.torque, s.distance), rows.T, strict=True):
+        np.testing.assert_allclose(ours[:-1], theirs, rtol=0, atol=1e-9 * np.max(np.abs(theirs)))
 
 
 def test_the_wheel_locks_when_the_torque_has_taken_its_momentum() -> None:
@@ -108,12 +100,8 @@ def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
     """Locked, v falls at F(1)/M; the torque dumps exponentially; omega' > 0 from T = r F(1) on."""
     dump, torque, off, dead_time, end = 0.2, 8000.0, 4.0, 0.15, 6.0
     law = published_law("curve", Rail.DRY)
-    base = scenario(
-        bare_vehicle(dead_time=dead_time, lag=0.3),
-        adhesion=law,
-        limits=BrakeLimits(torque_min=0.0, dump_lag=dump),
-        longest_time=end,
-    )
+    limits = BrakeLimits(torque_min=0.0, dump_lag=dump)
+    base = scenario(bare_vehicle(dead_time=dead_time, lag=0.3), adhesion=law, limits=limits, longest_time=end)
     controller = TorqueProfile((0.0, off - 1e-6, off), (torque, torque, 0.0), REFERENCE, period=0.01)
     run = simulate(base, controller, seed=None)
     s = run.signals
@@ -145,48 +133,29 @@ def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
 HEAVY = 1e15  # kg: the speed stays what it is, as the linearisation with frozen speed has it
 
 
-def small_perturbation(
-    *, gain: float = 1.0, extra_dead_time: float = 0.0, end: float = 30.0
-) -> tuple[DeadTimeLoop, np.ndarray, np.ndarray]:
+def small_perturbation(gain: float, extra: float, end: float) -> tuple[DeadTimeLoop, np.ndarray, np.ndarray]:
     """The dry bristle loop at 100 km/h, slip 0.132, kp 190, ki 5: the loop, times and the slip velocity's deviation."""
-    kp, ki = 190.0 * gain, 5.0 * gain
-    law = published_law("bristle", Rail.DRY)
-    dead_time = PARK2008.actuator.dead_time + extra_dead_time
+    law, dead_time = published_law("bristle", Rail.DRY), PARK2008.actuator.dead_time + extra
     vehicle = bare_vehicle(dead_time=dead_time, lag=PARK2008.actuator.lag, viscous=0.25, mass=HEAVY, mass_loaded=HEAVY)
     point = operating_point(law, vehicle, 100 / 3.6, 0.132)
-    controller = pi(kp, ki)
+    controller = pi(190.0 * gain, 5.0 * gain)
     loop = wheel_slip_loop(linearize(point), controller.design, Actuator(dead_time=dead_time, lag=0.6))
     base = scenario(vehicle, adhesion=law, initial_speed=100 / 3.6, longest_time=end, step=1e-4)
-    simulator = Simulator(base, controller)
-    torque = point.brake_torque
-    start = {
-        layout.V: point.speed,
-        layout.SIGMA: point.sigma + 1e-5,
-        layout.Z: point.adhesion_state or 0.0,
-        layout.TORQUE: torque,
-    }
-    found = run_from(simulator, start, (torque, 0.0, 0.0, torque), every=10)
-    return loop, found.time, found.sigma - point.sigma
+    torque, z = point.brake_torque, point.adhesion_state or 0.0
+    start = {layout.V: point.speed, layout.SIGMA: point.sigma + 1e-5, layout.Z: z, layout.TORQUE: torque}
+    found = run_from(Simulator(base, controller), start, (torque, 0.0, 0.0, torque), every=10)
+    return loop, found[:, layout.TIME], found[:, layout.SIGMA] - point.sigma
 
 
-@pytest.fixture(scope="module")
-def published_margins() -> tuple[float, float]:
-    margins = small_perturbation(end=0.1)[0].margins()
-    # [Park2008]'s loop, frozen speed: 2.89166823 and 0.23715801 s with M = 3517 kg, here without 1/M
-    return margins.gain_increase, margins.delay_s
-
-
-@pytest.mark.parametrize("case", ["gain x 0.99", "gain x 1.01", "delay x 0.99", "delay x 1.01"])
-def test_both_sides_of_a_margin(case: str, published_margins: tuple[float, float]) -> None:
-    gain_increase, delay_margin = published_margins
-    what, factor = case.split(" x ")
-    if what == "gain":
-        loop, t, deviation = small_perturbation(gain=float(factor) * gain_increase, end=40.0)
-    else:
-        loop, t, deviation = small_perturbation(extra_dead_time=float(factor) * delay_margin, end=120.0)
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+@pytest.mark.parametrize("what", ["gain", "delay"])
+def test_both_sides_of_a_margin(what: str, factor: float) -> None:
+    margins = small_perturbation(1.0, 0.0, 0.1)[0].margins()  # [Park2008]'s loop, frozen speed, without 1/M
+    changed = (factor * margins.gain_increase, 0.0, 40.0) if what == "gain" else (1.0, factor * margins.delay_s, 120.0)
+    loop, t, deviation = small_perturbation(*changed)
     window = t[-1] / 4  # over a period of the slowest oscillation, 8 s
     early = np.max(np.abs(deviation[(t > window) & (t < 2 * window)]))
     late = np.max(np.abs(deviation[t > 3 * window]))
-    assert loop.is_stable() == (float(factor) < 1)
+    assert loop.is_stable() == (factor < 1)
     assert (late < early) == loop.is_stable()
     assert late < 1e-2  # small still, so that the linearisation is what is compared

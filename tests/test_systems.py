@@ -9,11 +9,10 @@ import pytest
 from figure_checks import defects
 from scipy import signal
 
-from railslip_ctrl import DeadTimeLoop, InputError, stabilizing_pi, tune_pi
+from railslip_ctrl import DeadTimeLoop, InputError, Rational, stabilizing_pi, tune_pi
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits
 from railslip_ctrl.design.tuning import first_order_model, pi_for_crossover, simc_pi
-from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 
@@ -96,10 +95,8 @@ def test_a_loop_has_what_python_control_asks_of_it():
     omega = np.geomspace(0.3, 30, 4000)
     record = LOOP.frequency_response(omega)
     gain, phase, _, _, crossover, _ = ct.stability_margins(record)  # interpolates between the points
-    margins = LOOP.margins()
-    assert (gain, phase, crossover) == pytest.approx(
-        (margins.gain_increase, margins.phase_deg, margins.phase_frequency), rel=1e-6
-    )
+    m = LOOP.margins()
+    assert (gain, phase, crossover) == pytest.approx((m.gain_increase, m.phase_deg, m.phase_frequency), rel=1e-6)
     magnitude = ct.bode_plot(record, display_margins=False).axes[0, 0].lines[0].get_ydata()
     assert magnitude == pytest.approx(np.abs(PLANT(1j * omega)), rel=1e-9)
 

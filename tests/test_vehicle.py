@@ -13,10 +13,8 @@ from railslip_ctrl.core.user_files import LARGEST_FILE
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle, read_rolling_stock
 
-DATA = Path(__file__).parent / "data" / "rolling-stock"
-DESIRO = DATA / "siemens_desiro_classic.yaml"
-FACS = DATA / "Facs124.yaml"
-TRAXX = DATA / "Bombardier_Traxx_2_P160.yaml"
+FILES = ("siemens_desiro_classic.yaml", "Facs124.yaml", "Bombardier_Traxx_2_P160.yaml")
+DESIRO, FACS, TRAXX = (Path(__file__).parent / "data" / "rolling-stock" / name for name in FILES)
 EXAMPLE = Path(__file__).parents[1] / "designs" / "vehicles" / "desiro_classic.toml"
 
 
@@ -65,11 +63,11 @@ def test_the_published_vehicle() -> None:
 def test_published_vehicle_written_as_toml_is_the_published_vehicle(file: Any) -> None:
     text = """
         name = "as published"
+        inertia_scale = 3.6
         mass = 3517
         mass_loaded = "5.276 t"
         wheel_load = "34.5 kN"
         wheel_load_loaded = 34500
-        inertia_scale = 3.6
         wheel = {radius = "43 cm", inertia = 60.35, viscous_friction = 0.25}
         resistance.quadratic = "0.63 N/(m/s)^2"
         actuator = {dead_time = "150 ms", lag = 0.6}
@@ -99,23 +97,13 @@ def test_what_a_file_lacks_is_the_published_rest_or_follows_from_the_mass_and_is
     assert loaded.wheel_load_loaded == approx(60_000.0)
 
 
-PLAUSIBLE = """
-mass = 4000
-mass_loaded = 6000
-wheel_load = 39000
-wheel_load_loaded = 58000
-[wheel]
-radius = 0.43
-inertia = 60
-viscous_friction = 0.25
-[resistance]
-quadratic = 0.6
-[actuator]
-dead_time = 0.15
-lag = 0.6
-"""
+PLAUSIBLE = {
+    **{"mass": 4000, "mass_loaded": 6000, "wheel_load": 39000, "wheel_load_loaded": 58000, "wheel.radius": 0.43},
+    **{"wheel.inertia": 60, "wheel.viscous_friction": 0.25, "resistance.quadratic": 0.6},
+    **{"actuator.dead_time": 0.15, "actuator.lag": 0.6},
+}
 
-# what stands in place of a line above, and what is said of it: the value, the range, the remedy
+# what stands in place of a number above, and what is said of it: the value, the range, the remedy
 IMPLAUSIBLE = {
     "mass = 4": ("mass = 4 kg", "1000 to 45000 kg", 'if 4 t is meant, give "4 t"'),
     "mass = 60": ("mass = 60 kg", "1000 to 45000 kg", "divide the mass of a whole vehicle by the number of its axles"),
@@ -136,10 +124,11 @@ IMPLAUSIBLE = {
 }
 
 
-def _with(line: str) -> str:
-    """The plausible file with a line of the same key in place of its own."""
-    key = line.split(" = ")[0]
-    return re.sub(rf"^{key} = .*$", line, PLAUSIBLE, flags=re.MULTILINE)
+def _with(line: str = "mass = 4000", without: str = "") -> str:
+    """The plausible file with another number, or without one."""
+    key, _, number = line.partition(" = ")
+    (name,) = (one for one in PLAUSIBLE if one.rpartition(".")[2] == key)
+    return "".join(f"{one} = {value}\n" for one, value in (PLAUSIBLE | {name: number}).items() if one != without)
 
 
 @pytest.mark.parametrize("line", IMPLAUSIBLE)
@@ -156,20 +145,19 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
     assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == set(USUAL_RANGES)
     edges = {"dead_time = 2": 0, "dead_time = 2.001": 1, "mass_loaded = 45000": 0, "mass_loaded = 45001": 1}
     for line, told in edges.items():
-        text = _with(line).replace("wheel_load_loaded = 58000\n", "")  # the weight of the loaded mass, then
+        text = _with(line, without="wheel_load_loaded")  # the weight of the loaded mass, then
         assert len(doubts(load_vehicle(file(text)))) == told
     published = (PARK2008, PARK2008.model_copy(update={"inertia_scale": 3.6}))
-    for vehicle in (*published, load_vehicle(file(PLAUSIBLE)), *map(load_vehicle, (EXAMPLE, DESIRO, FACS, TRAXX))):
+    for vehicle in (*published, load_vehicle(file(_with())), *map(load_vehicle, (EXAMPLE, DESIRO, FACS, TRAXX))):
         assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
 
 
 def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_brake() -> None:
     vehicle = load_vehicle(DESIRO)
-    assert vehicle.name == "Siemens Desiro Classic"
+    assert (vehicle.name, vehicle.source) == ("Siemens Desiro Classic", "siemens_desiro_classic.yaml [railtoolkit]")
     assert (vehicle.mass, vehicle.mass_loaded) == approx((68_000.0 / 4, 88_000.0 / 4))
     assert (vehicle.wheel_load, vehicle.wheel_load_loaded) == approx((17_000.0 * GRAVITY, 22_000.0 * GRAVITY))
     assert (vehicle.wheel, vehicle.actuator) == (PARK2008.wheel, PARK2008.actuator)
-    assert vehicle.source == "siemens_desiro_classic.yaml [railtoolkit]"
     notes = " ".join(vehicle.notes)
     # rotating mass is not counted twice: (1.08 - 1) * 17 000 kg * (0.43 m)^2 is told
     for said in ("4 axles are assumed", "Published wheel", "Published actuator", "empty mass", "J = 251.5 kg*m^2"):
@@ -275,10 +263,7 @@ WRONG_TOML = {
 
 @pytest.mark.parametrize(
     ("name", "text", "message"),
-    [
-        *(("stock.yaml", text, told) for text, told in WRONG_YAML.items()),
-        *(("vehicle.toml", text, told) for text, told in WRONG_TOML.items()),
-    ],
+    [(name, *one) for name, wrong in (("v.yaml", WRONG_YAML), ("v.toml", WRONG_TOML)) for one in wrong.items()],
     ids=lambda text: text[:30],
 )
 def test_a_wrong_file_is_refused_in_one_line(file: Any, name: str, text: str, message: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 from project import script
 from rig_logs import identified
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl import PARK2008, Actuator, InputError, Rail, load_law, published_law
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
@@ -28,9 +28,7 @@ from railslip_ctrl.identification.virtual_rig import (
     run_tests,
     write_log,
 )
-from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.identification import series_json, series_toml
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
@@ -66,9 +64,8 @@ def test_the_procedure_ramps_up_and_once_released_stays_so():
 
 def test_scatter_is_what_was_asked_for():
     quiet = RigTest(PARK2008, CURVE, V100, random_force=0.0, wheel_noise=0.02, torque_noise=80.0)
-    noisy, clean = (
-        run_tests(t, tests=3, seed=4).columns for t in (quiet, dataclasses.replace(quiet, **CLEAN, torque_noise=0))
-    )
+    silent = dataclasses.replace(quiet, **CLEAN, torque_noise=0)
+    noisy, clean = (run_tests(test, tests=3, seed=4).columns for test in (quiet, silent))
     n = min(noisy["time"].size, clean["time"].size)
     first = slice(0, min(n, 200))  # before the release, whose instant depends on the noise
     deviation = noisy["brake_torque"][first] - clean["brake_torque"][first]
@@ -92,8 +89,7 @@ def test_a_written_log_is_the_log_that_is_read(tmp_path):
     columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     assert set(columns) == set(log.columns)
     for name, written in log.columns.items():
-        # ten digits
-        assert columns[name] == pytest.approx(written, rel=1e-9, abs=1e-6), name
+        assert columns[name] == pytest.approx(written, rel=1e-9, abs=1e-6), name  # ten digits
     curve = read_curve(path, PARK2008, Options())
     assert (curve.survey.gap_count, curve.broken_lines) == (1, 0)
     assert curve.survey.gaps[0][1] == pytest.approx(30.0)  # between tests, to run up again
@@ -164,9 +160,8 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     """One log each; the counts of a hundred are what the script is for."""
     module = script("analysis/interval_coverage.py")
     result = module.run(1)
-    assert [(c.law, round(c.speed_kmh)) for c in result[::3]] == [
-        (law, speed) for law in ("beam", "bristle") for speed in (30, 60, 100, 140)
-    ]
+    expected = [(law, speed) for law in ("beam", "bristle") for speed in (30, 60, 100, 140)]
+    assert [(c.law, round(c.speed_kmh)) for c in result[::3]] == expected
     # 24 parameters in dependent threes; at 99 % each more than one law and speed amiss has a probability below 1 %
     assert sum(c.held for c in result) >= 21
     truth = published_tests("beam")[0].law
@@ -233,9 +228,7 @@ def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     laws = [dataclasses.replace(fitted.model, known={**fitted.model.known, "R": f * R}) for f in (0.98, 1.02)]
     low, high = (peak(law.make_force_law(fitted.values, Rail.DRY), V100, found.setting.wheel_load).slip for law in laws)
     share = (high - low) / (0.04 * R) * spread
-    assert dry.slip_stderr**2 == pytest.approx(
-        without.slip_stderr**2 + share**2, rel=1e-2
-    )  # 2 % of R, squared, is bent
+    assert dry.slip_stderr**2 == pytest.approx(without.slip_stderr**2 + share**2, rel=1e-2)  # R's square is bent
     assert share > 0.2 * without.slip_stderr
     assert f"counts the ramp's scatter from run to run, {spread:.2g} m/s^2" in fitted.notes[0]
     given = Options(model="bristle", initial_speed=V100, slip_acceleration=2.93)

@@ -20,12 +20,9 @@ import numba
 import numpy as np
 import pytest
 
-from railslip_ctrl.design import PIController
-from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl import TABLE4_PI, PIController, PIGains, ReferenceSlip, StepControl
 from railslip_ctrl.model.numeric import adhesion_table, plant_parameters
-from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
-from railslip_ctrl.simulation.step_objects import StepControl
 from railslip_ctrl.simulation.steps import kernel
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
@@ -52,10 +49,8 @@ def python_control_loop(p: tuple[float, ...], table: np.ndarray) -> tuple[Any, i
 
     Its right-hand side is the kernel's, in plain Python: the interconnection of separate systems would be slower.
     """
-    plant = kernel(
-        type(published_scenario().adhesion), TorqueProfile((0.0,), (0.0,), REFERENCE).source(), compiled=False
-    )
-    vehicle = published_scenario().vehicle
+    vehicle, law = published_scenario().vehicle, type(published_scenario().adhesion)
+    plant = kernel(law, TorqueProfile((0.0,), (0.0,), REFERENCE).source(), compiled=False)
     delay = ct.tf2ss(*ct.pade(vehicle.actuator.dead_time, 5))
     A, B, C, D = delay.A, delay.B[:, 0], delay.C[0], float(delay.D[0, 0])
 
@@ -80,9 +75,8 @@ def test_a_run_against_python_control(benchmark):
     benchmark(simulator.run, 0)
     ours = benchmark.stats.stats.min / run.braking_time
     law = scenario.adhesion
-    system, order = python_control_loop(
-        plant_parameters(law, scenario.vehicle), adhesion_table(law, scenario.vehicle.wheel_load)
-    )
+    p, table = plant_parameters(law, scenario.vehicle), adhesion_table(law, scenario.vehicle.wheel_load)
+    system, order = python_control_loop(p, table)
     t = np.arange(round(PEER_SPAN / 1e-3) + 1) * 1e-3
     forces, start = run.signals.random_force[: t.size], np.array([scenario.initial_speed] + [0.0] * (3 + order))
     begin = time.perf_counter()
