@@ -11,8 +11,8 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Resistance, Vehicle
 from railslip_ctrl.report.plots import run_comparison_figure, save_figure
 from railslip_ctrl.report.simulation import run_comparison_text
-from railslip_ctrl.simulation import BrakeLimits, Disturbances, Event, built_in_scenario, published_scenario
-from railslip_ctrl.simulation.bound import clairvoyant_stop, compare_runs
+from railslip_ctrl.simulation import BrakeLimits, Disturbances, Event, built_in_scenario, published_scenario, stop
+from railslip_ctrl.simulation.bound import attainable_stop, clairvoyant_stop, compare_runs
 from railslip_ctrl.simulation.catalogue import published_controller
 
 SI = published_scenario(as_published=False)
@@ -85,6 +85,16 @@ def test_a_weak_brake_stops_by_its_torque_behind_dead_time_and_lag(lag: float) -
     since = clairvoyant_stop(scenario).braking_time - 0.5
     built_up = since - (lag * (1.0 - math.exp(-since / lag)) if lag else 0.0)
     assert 1000.0 / 0.43 * built_up == pytest.approx(3517 * 95 / 3.6, rel=1e-6)  # of the integration
+
+
+@pytest.mark.parametrize("law", ["curve", "bristle"])
+def test_what_is_attainable_tends_to_that_without_lag(law: str) -> None:
+    """Of a brake whose torque jumps the slip is held at once; a lag of a millisecond is as good."""
+    found = []
+    for lag in (0.0, 1e-3):
+        scenario = stop(braked(Actuator(dead_time=0.15, lag=lag)), "dry", adhesion=law)
+        found.append(attainable_stop(scenario.with_changes(limits=BrakeLimits(torque_max=9000.0))).braking_distance)
+    assert found[0] == pytest.approx(found[1], rel=3e-3)  # of the lag, and of the search
 
 
 def test_events_of_both_kinds_are_refused() -> None:

@@ -205,6 +205,8 @@ class _Path:
         if not (self._actuator.dead_time < switch < self.latest and 0 < share <= 1 and time > _LEAST_TIME):
             return never
         begin = self._full.sol(switch)
+        if self._actuator.lag == 0:  # the torque jumps, so that the slip is held from here on
+            return self._held(switch, begin, share, time)
         if rests(switch, begin) <= 0:
             return never
         back = solve_ivp(taken_back, (switch, switch + _LONGEST_BACK), begin, events=rests, **_SOLVER)
