@@ -104,7 +104,7 @@ ROOMS = {
     "simulation/bound": "compare_runs seeking",
     "simulation/controller_": "controller_files scenarios",
     "simulation/kernel": "simulation_engine simulation_physics",
-    "simulation/run": "simulation_engine",
+    "simulation/run": "simulation_engine step_objects",
     "simulation/seeking": "seeking",
     "simulation/seeking_step": "seeking",
     "simulation/step_objects": "step_objects",
