@@ -77,14 +77,15 @@ def test_without_a_brake_the_resistance_alone_stops() -> None:
         assert found == pytest.approx(over_speed, rel=1e-6)  # of the integration
 
 
-@pytest.mark.parametrize("lag", [0.0, 3.0])
-def test_a_weak_brake_stops_by_its_torque_behind_dead_time_and_lag(lag: float) -> None:
-    """M (v0 - v) = Tmax/r (s - lag (1 - exp(-s/lag))), s after the dead time, below the adhesion all the time."""
-    vehicle = braked(Actuator(dead_time=0.5, lag=lag))
-    scenario = SI.with_changes(vehicle=vehicle, events=(), limits=BrakeLimits(torque_max=1000.0))
+@pytest.mark.parametrize(("lag", "rate"), [(0.0, math.inf), (3.0, math.inf), (1e-9, 500.0)])
+def test_a_weak_brake_stops_by_its_torque_behind_dead_time_and_lag_or_rate(lag: float, rate: float) -> None:
+    """M (v0 - v) = Tmax/r (s - late), s after the dead time, below the adhesion all the time; of a lag
+    late = lag (1 - exp(-s/lag)), of a rate Tmax/(2 rate)."""
+    limits = BrakeLimits(torque_max=1000.0, **({"rate": rate} if math.isfinite(rate) else {}))
+    scenario = SI.with_changes(vehicle=braked(Actuator(dead_time=0.5, lag=lag)), events=(), limits=limits)
     since = clairvoyant_stop(scenario).braking_time - 0.5
-    built_up = since - (lag * (1.0 - math.exp(-since / lag)) if lag else 0.0)
-    assert 1000.0 / 0.43 * built_up == pytest.approx(3517 * 95 / 3.6, rel=1e-6)  # of the integration
+    late = 1000.0 / (2 * rate) + (lag * (1.0 - math.exp(-since / lag)) if lag else 0.0)
+    assert 1000.0 / 0.43 * (since - late) == pytest.approx(3517 * 95 / 3.6, rel=1e-6)  # of the integration
 
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])
