@@ -365,6 +365,15 @@ def test_means_quantiles_and_shares_with_their_intervals():
     assert math.isnan(share(0, 0).value)
 
 
+def test_a_histogram_for_a_picture_has_at_most_the_bins_of_rice_s_rule():
+    """2 n^(1/3), of those that the bins counted make without a rest; the counts are numpy's."""
+    data = np.random.default_rng(1).normal(size=1100)  # 20.6 bins
+    found = statistics.Histogram.of(data).merged()
+    bins = max(k for k in range(1, 21) if statistics.BINS % k == 0)
+    counts, edges = np.histogram(data, bins)
+    assert (found.counts.tolist(), found.edges.tolist()) == (counts.tolist(), pytest.approx(edges.tolist()))
+
+
 def test_statistics_are_numpys(finished):
     summary, frame = summarise(finished, worst_by="max_slip"), rows_of(finished)
     for name in ("pi", "soft"):
