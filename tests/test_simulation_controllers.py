@@ -273,3 +273,12 @@ def test_the_domain_of_a_law_is_linear_between_speeds():
     speeds = np.linspace(0.0, 33.0, 100)
     expected = np.interp(speeds, np.linspace(0.0, 30.0, 4), limits[1:])
     assert [limit(v, limits) for v in speeds] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_design_brakes_from_the_torque_that_every_point_takes_and_hands_over_to_it():
+    points = [plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail]
+    design, sure = PIController(PIGains(kp=190.0, ki=5.0)), catalogue.SURE_SHARE * points[1].brake_torque  # wet: less
+    for speed_kmh, torque in ((36.0, sure), (0.0, 0.0)):
+        control = catalogue.braking_control(design, points, REFERENCE, name="mine", hand_over_kmh=speed_kmh)
+        assert (control.cut_out_speed, control.cut_out_torque) == (pytest.approx(speed_kmh / 3.6), torque)
+        assert control.initial_torque == sure
