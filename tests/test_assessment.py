@@ -203,3 +203,10 @@ def test_schedule_refuses_what_it_did_not_write_in_one_line(schedule, old, new):
         GainSchedule.from_json(text.replace(old, new) if old else new)
     assert str(caught.value).isprintable()
     assert "http" not in str(caught.value)
+
+
+def test_the_poles_of_a_fast_sampled_loop_are_nearly_the_continuous_ones():
+    continuous, s = pi(190.0, 5.0), ct.tf("s")
+    fast = ct.sample_system(190.0 + 5.0 / s, 0.005, "tustin")
+    ours, theirs = (assess(plant(), one, PARK2008.actuator).closed_loop_poles[:3] for one in (fast, continuous))
+    assert ours == pytest.approx(theirs, rel=0.01)  # half a period more of dead time, 2 % of it

@@ -324,6 +324,7 @@ def test_a_weighted_polynomial_is_numpys_and_says_where_it_misses_the_logs(kink,
     residual = (values - np.polyval(expected, speeds)) / stderrs
     # of two degrees of freedom chi-squared has the tail exp(-x/2)
     assert c1.misfit_probability == pytest.approx(math.exp(-float(residual @ residual) / 2.0), rel=1e-6)
+    assert 0.0 < over_initial_speed(speeds[:4] * KMH, fits[:4])[0].misfit_probability < 1.0  # of one degree
     assert math.isnan(over_initial_speed([10.0, 20.0], [burckhardt_fit()] * 2)[0].misfit_probability)  # through both
 
 
