@@ -40,7 +40,6 @@ from railslip_ctrl.model.vehicle import PARK2008, Resistance
 
 # all terms of the resistance at work
 VEHICLE = PARK2008.model_copy(update={"resistance": Resistance(constant=210.0, linear=13.0, quadratic=0.63)})
-
 v, sigma, z, Fa, Tb, Td, Tr, M, J, B, r = map(symbol, ["v", "sigma", "z", "Fa", "Tb", "Td", "Tr", "M", "J", "B", "r"])
 RESISTANCE = sum(symbol(f"Fr{power}") * v**power for power in range(3))
 
