@@ -15,7 +15,6 @@ settings.register_profile("explore", deadline=None)
 settings.register_profile("mutants", derandomize=True, deadline=None, phases=(Phase.explicit, Phase.generate))
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
-
 LONGEST = (
     *("test_virtual_rig.py", "test_scripts.py", "html report", "test_seeking.py", "test_sliding_verification.py"),
     *("test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py", "test_limit_cycles.py"),
@@ -23,7 +22,6 @@ LONGEST = (
     *("test_controller_files.py", "test_readme.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
 )
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
-
 
 TOGETHER = dict.fromkeys(("test_design_report.py", "test_report_browser.py"), "html report")
 """Files that share a worker, for their fixture `full_report`."""

@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
 LARGEST_BYTES = 5_000_000
-
 CITED = ("https://doi.org/", "https://github.com/railtoolkit/")
 """Where a source may be looked up: a link loads nothing until it is followed."""
-
 _VOID = {"meta", "link", "img", "br", "hr", "input"}
 _LOADS = {"src", "srcset", "poster", "data", "action"}
 

@@ -75,7 +75,7 @@ ROOMS = {
     "loop/responses": "responses",
     "loop/rational": "systems responses loop_oracles loop_properties",
     "loop/stability": "loop_oracles loop_properties",
-    "loop/sampled": "sampled_margins sampled",
+    "loop/sampled": "sampled_margins sampled systems",
     "model/numeric": "numeric laws",
     "model/plant": "numeric linearization",
     "identification/": "log_checks identification log_judgement",

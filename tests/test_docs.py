@@ -54,7 +54,6 @@ def named(path: Path) -> str:
 RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text]
 LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce")
 
-
 RUN = [pytest.param(page, marks=[pytest.mark.long] * (named(page) in LONG)) for page in RUNNING]
 
 

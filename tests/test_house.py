@@ -8,7 +8,6 @@ from project import ROOT
 
 LONGEST_MODULE = 800
 LONGEST_FUNCTION = 60  # lines without its docstring: a screen
-
 MADE = {"_generated", "_build"}
 TEXTS = {
     path: path.read_text(encoding="utf-8")

@@ -35,7 +35,6 @@ LAG = rational([1], [0.6, 1])
 PI_LEAD = pi(229.0, 5.0) * rational([0.6, 1], [0.06, 1])
 DEAD_TIME = 0.15
 
-
 SYSTEMS = {
     "gain": gain(3.0),
     "PI": pi(190.0, 5.0),

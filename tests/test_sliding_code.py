@@ -28,7 +28,6 @@ REFERENCES = ("proportional", "constant")
 FEW_CASES = [("proportional", "bristle"), ("constant", None)]  # `make test` compiles; the others have the same printer
 LONG_CASES = [*(("proportional", law) for law in (None, *ALL_LAWS) if law != "bristle"), ("constant", "bristle")]
 CASES = [*FEW_CASES, *(pytest.param(*case, marks=pytest.mark.long) for case in LONG_CASES)]
-
 SEQUENCES = 12  # four of each kind of parameters
 
 ARGUMENTS = {
@@ -176,7 +175,6 @@ def test_c_sequences_are_the_python_s(reference, adhesion, in_both_languages) ->
 
 EXTREMES = (0.0, -0.0, 5e-324, 1e-300, -1e-160, 1.0, -3.0, 80.0, 1e12, -1e13, 1e100, -1e200, 1.7e308, -1.7e308)
 NOT_FINITE = (math.nan, math.inf, -math.inf)
-
 
 ANY_LAW = [pytest.param(name, marks=[pytest.mark.long] * (name != "bristle")) for name in (None, *ALL_LAWS)]
 

@@ -86,13 +86,8 @@ def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
 def test_a_linear_system_runs_as_it_is_given(form):
     s = ct.tf("s")
     system = 1210.0 + 1220.0 / s
-    given = {
-        "tf": system,
-        "ss": ct.tf2ss(system),
-        "scipy": scipy.signal.lti(system.num[0][0], system.den[0][0]),
-        "discrete": ct.sample_system(system, 0.01, "tustin"),
-        "PI": BUILT_IN.design,
-    }[form]
+    given = {"tf": system, "ss": ct.tf2ss(system), "scipy": scipy.signal.lti(system.num[0][0], system.den[0][0])}
+    given = (given | {"discrete": ct.sample_system(system, 0.01, "tustin"), "PI": BUILT_IN.design})[form]
     limit = full_brake_torque(SCENARIO.vehicle)
     reference = SCENARIO.adhesion.reference
     own = LinearControl(BUILT_IN.design, reference, torque_low=0.0, torque_high=limit, tracking_time=None)

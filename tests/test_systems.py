@@ -26,7 +26,6 @@ SYSTEMS: dict[str, Callable[[], Any]] = {
     "scipy.ZerosPolesGain": lambda: signal.ZerosPolesGain([-4], [-2, -2.5], 0.75),
 }
 SAME = Rational(np.array([-4.0]), np.array([-2.0, -2.5]), 0.75)
-
 S = np.array([0.3 + 2j, 5j])
 LAG = ct.tf([1], [0.3, 1])
 TIMES = np.linspace(0, 3, 7)

@@ -13,7 +13,6 @@ from railslip_ctrl import DeadTimeLoop, Envelope, PIController, PIGains, judge
 
 S = ct.tf("s")
 
-
 SLIP_LOOP = 1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1)
 
 
