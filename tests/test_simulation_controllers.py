@@ -221,8 +221,8 @@ def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_loa
 @pytest.mark.parametrize("name", catalogue.NAMES)
 def test_every_named_controller_has_its_reference_and_period(name):
     held = ReferenceSlip(dry=0.05, wet=0.04)
-    controller = catalogue.controller_named(name, catalogue.published_vehicle(), reference=held, period=0.02)
-    assert (controller.reference, controller.period) == (held, 0.02)
+    controller = catalogue.controller_named(name, catalogue.published_vehicle(), reference=held, period=0.005)
+    assert (controller.reference, controller.period) == (held, 0.005)
 
 
 @pytest.mark.parametrize(

@@ -289,8 +289,8 @@ def seeking_control(
 
     - vehicle: left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
     - reference: slip ratios that its error is taken against; left out, the published.
-    - period: sampling period, s; left out, 10 ms; or a twelfth of the dead time if that is less, with which sampling
-      adds at most 4 % to Ms.
+    - period: sampling period, s, left out 10 ms; also of one given at most a twelfth of the dead time is taken, with
+      which sampling adds at most 4 % to Ms.
 
     In SI. InputError: a vehicle whose brake has no dead time, by which its gains go.
     """
