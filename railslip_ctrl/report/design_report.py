@@ -171,10 +171,12 @@ def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
 
 
 def _below(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """What the file does below the speed at which it hands over."""
+    """What the file does below the speeds that were judged, and below that at which it hands over."""
     if report.hands_over and report.control is not None:
-        speed = f"Below {short(report.control.cut_out_speed / KMH)} km/h"
-        yield speed, f"it brakes without slip control: {_handed_over(report.control)}."
+        over, judged = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
+        if judged > float(over):
+            yield f"{over} to {judged:g} km/h", "it controls slip, but was not judged."
+        yield f"Below {over} km/h", f"it brakes without slip control: {_handed_over(report.control)}."
 
 
 def _risks(report: DesignReport) -> Iterator[str]:

@@ -25,6 +25,7 @@ from .scenario import Event, Scenario, event_place
 
 _SPEEDS = 33  # of the grid on which the peak is looked for; it is smooth in speed
 _TOLERANCE = 1e-9  # of the integration, relative
+_FAR = 1e6  # m, in place of no stop at all, with which a search by parabolas cannot reckon
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,7 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     found = [path.stop(float(switch)) for switch in tried]
     at = int(np.argmin([one.braking_distance for one in found]))
     ends = tried[max(at - 1, 0)], tried[min(at + 1, _SWITCHES - 1)]
-    once = minimize_scalar(lambda switch: path.stop(switch).braking_distance, bounds=ends, method="bounded")
+    once = minimize_scalar(lambda x: min(path.stop(x).braking_distance, _FAR), bounds=ends, method="bounded")
     every = [path.stop(float(once.x)), found[at]]
     if path.stop(float(once.x), *_LESS).braking_distance < every[0].braking_distance:  # as where adhesion falls
         best = minimize(
