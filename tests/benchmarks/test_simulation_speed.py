@@ -31,7 +31,8 @@ PEER_SPAN = 1.0  # s of simulated time for python-control, 58 times as much for 
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(PIController(GAINS), REFERENCE, period=None)
+    """The gains as the peers run them: by the backward difference, without anti-windup."""
+    return LinearControl(PIController(GAINS), REFERENCE, period=None, tracking_time=math.inf, rule="backward")
 
 
 def shortest(call: Callable[[], Any], rounds: int) -> float:
