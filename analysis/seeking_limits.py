@@ -9,7 +9,7 @@ curve, and of low speed. Answers, asserted in the tests:
 - so with a brake 30 % slower nobody who holds curve's dry peak, empty, comes over a change at 90 m without a lock, and
   who lets go of polach's at 40 m stops 15 % over the bound;
 - a stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's; noise, which the inner
-  loop answers, fills 3 to 6 more, 1.5 to 3 with one half as quick: nothing forbids 12 kN*m;
+  loop answers, fills 2 to 5 more, 1 to 3 with one half as quick: nothing forbids 12 kN*m;
 - the dead time forbids Ms <= 2 from 1.2 times the slip of polach's peak on; to stay below costs no distance;
 - random forces do not forbid a stop to 2 km/h without locks on static curves; with bristles they lock a wheel now and
   then, even under a tenth of the torque.

@@ -290,17 +290,17 @@ def test_certificate_of_the_inner_loop(rail, slip, late):
     "name", ["", *(pytest.param(name, marks=pytest.mark.long) for name in ("coach", "desiro_classic"))]
 )
 def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
-    """Ms at most 1.9 at every operating point of the default envelope, from 10 km/h up, and at most 1.95 as it runs
+    """Ms at most 2 at every operating point of the default envelope, from 10 km/h up, and at most 4 % more as it runs
     sampled; stable with every tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
     car = load_vehicle(DESIGNS / f"{name}.toml") if name else PARK2008
     control = seeking_control(car)
     found = judge(control, Envelope(car), nominal=True)
     assert (found.stable.all(), min(found.points.speed_kmh)) == (True, 10.0)
-    assert found.ms.max() <= 1.9
+    assert found.ms.max() <= 2
     case = found.worst.case
     omega = np.geomspace(0.5, 40.0, 1500)
     sampled = sampled_sensitivity(case.point, car.actuator, PERIOD, omega, control.gains).max()
-    assert found.worst.ms < sampled <= 1.95
+    assert sampled <= 1.04 * found.worst.ms
     hardest = {"laws": ("bristle",), "rails": ("dry",), "speeds": (10, 60, 100)}
     assert judge(control, Envelope(car).at(**hardest)).stable.all()
 
@@ -333,7 +333,7 @@ def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(row):
 
 
 def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
-    """Robust at the slips that it comes to; margins, JSON and a file say the same; a reference given is judged at."""
+    """Robust at the slips that it comes to, also where the envelope has a reference; margins, JSON and a file agree."""
     envelope = Envelope(vehicle=PARK2008, laws=("curve",), speeds=(60,), dead_time=(0.7, 1.3), lag=(1,), radius=(1,))
     found = judge(CONTROL, envelope)
     assert (found.verdict, found.stable.all(), len(found.points)) == ("robust", True, 28)
@@ -342,8 +342,8 @@ def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     dense = np.abs(1 / (1 + seeking_loop(case.point, GAINS)(1j * np.geomspace(0.1, 100, 20_000)))).max()
     assert found.worst.ms == pytest.approx(dense, rel=1e-5)  # of the grid
     assert wheel_slip_loop(case.point, CONTROL).margins().ms == found.worst.ms
-    told = judge(CONTROL, envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)), nominal=True)
-    assert {plant.point.slip for plant in told.points.plants} == {0.05}
+    told = judge(CONTROL, envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)))
+    assert (told.verdict_line, told.slips_told) == (found.verdict_line, found.slips_told)
     options = ["--controller", "seeking", "--adhesion", "curve", "--rail", "wet", "--speed", "60", "--json"]
     table = json.loads(railslip("margins", *options)[1])["cases"][0]
     point = operating_point(published_law("curve", "wet"), PARK2008, 60 / 3.6, 0.092)

@@ -157,14 +157,16 @@ LinearController = PIController | PolynomialController | StateSpaceController
 def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
     """A linear controller as a record, from slip error e (m/s) to torque (N*m).
 
-    - controller: linear system; `PIController`, python-control TransferFunction or StateSpace, scipy.signal system,
-      `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
+    - controller: linear system; `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
+      system, `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
     - point: what `linear` is asked for.
 
     InputError: what is none of these: a step object or function has no margins.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
+    if isinstance(controller, PIGains):
+        return PIController(controller)
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
     if callable(linear := linear_of(controller)):

@@ -35,7 +35,7 @@ from .envelope import Case, Envelope, EnvelopePoints
 from .seeking import seeking_margins
 from .specification import is_robust
 
-UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, 1 to 4 %, is not judged"
+UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, at most 4 %, is not judged"
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
@@ -188,12 +188,13 @@ class Judgement:
 
     @cached_property
     def usable_from_kmh(self) -> float | None:
-        """The lowest speed of the envelope from which on up every loop is stable; None if not at the highest."""
+        """The lowest speed of the envelope from which on up every loop is stable and slip is controlled; None if that
+        is not so at the highest."""
         return self._lowest(lambda cases: bool(np.isfinite(self.run_ms[cases]).all()))
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
-        """The lowest speed of the envelope from which on up it is "robust"; None if not at the highest."""
+        """As `usable_from_kmh`, from which on up it is "robust"."""
         return self._lowest(lambda cases: self._verdict(cases) == "robust")
 
     @cached_property
@@ -245,9 +246,9 @@ class Judgement:
         line = self._decided(np.ones(len(self.points), dtype=bool))
         if self.verdict == "robust" and not self.nominal:
             line += f"; with tolerances {self.worst_with_tolerances.words}"
-        if self.usable_from_kmh is None:
+        if self.usable_from_kmh is None and self._in_use.any():
             return f"{line}; unstable at the highest speed too, {max(self.envelope.speeds):g} km/h{self._handed_over}"
-        if self.usable_from_kmh > min(self.envelope.speeds):
+        if (self.usable_from_kmh or 0.0) > max(min(self.envelope.speeds), self.hand_over_kmh / _ROUNDING):
             line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
         left_out = len(self.points.skipped)
         return line + (f"; {left_out} left out" if left_out else "") + self._handed_over
@@ -271,7 +272,7 @@ class Judgement:
     @property
     def slips_told(self) -> tuple[str, ...]:
         """What the slips stand for that were judged at: reference slips on a knife's edge, or those that it finds."""
-        if self.envelope.reference is not None or seeking_of(self.controller) is None:
+        if seeking_of(self.controller) is None:
             return self.envelope.knife_edges()
         points = [plant.point for plant in self.points.plants]
         found = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
@@ -340,7 +341,7 @@ class Judgement:
     def _lowest(self, holds: Any) -> float | None:
         speeds, found = self.points.speed_kmh, None
         for speed in np.unique(speeds)[::-1].tolist():
-            if not holds(speeds == speed):
+            if not (holds(speeds == speed) and self._in_use[speeds == speed].all()):
                 break
             found = speed
         return found
@@ -391,7 +392,7 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.
     """
     held, seeking = getattr(controller, "reference", None), seeking_of(controller)
-    if envelope.reference is None and seeking is not None:
+    if seeking is not None:  # it seeks its own slip, whatever the envelope's reference
         # where it hands over, and where the slip that it holds begins to fade: the worst speed may be one of these
         own = [round(speed / KMH, 9) for speed in (seeking.hand_over_speed, seeking.fade_speed)]
         inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]

@@ -32,6 +32,10 @@ FADED = 0.7
 """Share of the reference slip that is left at the hand-over."""
 
 _RUN_AWAY = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
+_QUICKEST = 0.44  # of x: with less, a brake 30 % quicker than believed makes the loop unstable
+_HAND_OVER = 4.4  # that, over the speed below which the slip ratio is not held: 13 km/h for the published vehicle
+_FADE = 27 / 13  # the speed below which the reference fades, over that
+_LEAST_HAND_OVER_KMH = 5
 _SLIPS = 1001  # up to the peak, among which the slip held is looked for
 
 
@@ -103,11 +107,15 @@ class SeekingGains(Record):
 @checked
 def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     """The gains for a vehicle, by rules in its dead time theta: kappa = 0.16 x/theta, torque time
-    0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched
-    for over stops, x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
+    0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta; hand-over below
+    N r^2 theta/(4.4 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors
+    were searched for over stops, x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
 
-    x = min(1, 16 m/s J/(N r^2 theta)): under a heavy load for its wheel the slip runs away sooner past the peak, so
-    that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be filtered.
+    x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
+    peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be
+    filtered.
+    N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at the hand-over 4.4
+    times the train's speed.
 
     Parameters
     ----------
@@ -125,7 +133,8 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     if dead_time <= 0:
         raise InputError(f"seeking: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
     run_away = vehicle.wheel_load * vehicle.wheel.radius**2 * dead_time / vehicle.effective_inertia
-    quick = min(1.0, _RUN_AWAY / run_away)
+    quick = min(max(_RUN_AWAY / run_away, _QUICKEST), 1.0)
+    hand_over_kmh = max(round(run_away / _HAND_OVER / KMH), _LEAST_HAND_OVER_KMH)
     return SeekingGains(
         inertia=vehicle.effective_inertia,
         viscous_friction=vehicle.inertia_scale * vehicle.wheel.viscous_friction,
@@ -138,6 +147,8 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
         observer_time=0.34 * quick * dead_time,
         deceleration_time=0.52 * dead_time,
         start_lead=0.9 * dead_time,
+        hand_over_speed=hand_over_kmh * KMH,
+        fade_speed=round(_FADE * hand_over_kmh) * KMH,
     )
 
 

@@ -69,7 +69,7 @@ _MOST_TOLD = 8  # of points left out and knife edges
 
 def first_page(report: DesignReport) -> FirstPage:
     """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
-    headline, why, after = _headline(report), _why(report), tuple(_below(report))
+    headline, why, after = _headline(report), _why(report), tuple(_not_judged(report))
     told = " ".join([headline, why, *(" ".join(line) for line in after)])
     risk, to_do = (
         " ".join(steps) for steps in _within(_MOST_WORDS - len(told.split()), _risks(report), _steps(report))
@@ -170,8 +170,11 @@ def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
     return found
 
 
-def _below(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """What the file does below the speeds that were judged, and below that at which it hands over."""
+def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """What the file does at speeds that were not judged, and below that at which it hands over."""
+    top, begins = max(report.envelope.speeds), report.envelope.initial_speed
+    if report.stops and begins > top:
+        yield f"{top:g} to {begins:g} km/h", "its stops begin there, but it was not judged."
     if report.hands_over and report.control is not None:
         over, judged = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
         if judged > float(over):
@@ -407,7 +410,7 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
 
 def _envelope(report: DesignReport) -> Section:
     judged, used, car = report.judgement, report.in_use, report.vehicle
-    blocks: list[Block] = [facts([("Envelope", envelope_words(report.envelope))])]
+    blocks: list[Block] = [facts([("Envelope", envelope_words(report.judged_envelope))])]
     if judged is not None and used is not None:
         worst = [("Operating points", used.worst)]
         worst += [] if used.nominal else [("With tolerances", used.worst_with_tolerances)]
@@ -695,7 +698,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "date": report.date.isoformat(),
         "vehicle": plain(report.vehicle),
         "recommended": _recommended(report),
-        "envelope": report.envelope.table(),
+        "envelope": report.judged_envelope.table(),
         "skipped": [] if judgement is None else list(judgement.points.skipped),
         "knife_edges": list(report.envelope.knife_edges() if judgement is None else judgement.slips_told),
         "candidates": [

@@ -38,12 +38,12 @@ from railslip_ctrl.design.envelope_tuning import (
     seeking_over,
     select,
 )
-from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
+from railslip_ctrl.design.judging import Judgement, WorstCase, judge, judge_points, margins_at
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
+from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
@@ -243,6 +243,11 @@ class DesignReport:
     def judgement(self) -> Judgement | None:
         """The best design's, over the whole envelope."""
         return None if self.best is None or self.best.design is None else self.best.design.judgement
+
+    @property
+    def judged_envelope(self) -> Envelope:
+        """The envelope, with the speeds that the best design has of its own."""
+        return self.envelope if self.judgement is None else self.judgement.envelope
 
     @property
     def hands_over(self) -> bool:
@@ -590,8 +595,9 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
         slips = tuple(sorted(slip for slip in here if not min(known) <= slip <= max(known)))
         most = 0.0
         for slip in slips:
-            envelope = judged.envelope.at(rails=(rail,), reference=ReferenceSlip(dry=slip, wet=slip))
-            found = judge(judged.controller, envelope, nominal=True)
+            envelope = judged.envelope.at(rails=(rail,))
+            there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
+            found = judge_points(judged.controller, envelope, there, nominal=True)
             mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
             most = max(most, float(found.ms[mine].max()))
         if slips:

@@ -72,8 +72,9 @@ RADIUS = 1
     MEAN_TORQUE,
     QUICK_TORQUE,
     MEAN_HOLDING,
+    HANDED_OVER,
     HISTORY,
-) = range(24)
+) = range(25)
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
 _QUICK_TIME = 0.05  # s
@@ -271,29 +272,33 @@ def fast_start(x, c, v, sigma, reference):
         x[REFERENCE_SLIP] = min(max(1.2 * slip, c[LEAST_SLIP]), x[REFERENCE_SLIP])
     x[LOW_TIME], x[MEAN_TORQUE], x[QUICK_TORQUE] = 0.0, x[ADHESION_TORQUE], x[ADHESION_TORQUE]
     if x[STARTING] > 1.0:
-        return min(c[TORQUE_HIGH], c[AGAIN_SHARE] * x[MEAN_HOLDING])
+        return min(c[TORQUE_HIGH], c[AGAIN_SHARE] * max(x[MEAN_HOLDING], x[HOLDING_TORQUE]))
     return c[TORQUE_HIGH]
 
 
 @compiled
 def inner_loop(x, c, reference):
-    """The torque that brings the predicted slip to the reference with kappa, and the acting torque to it in tau_c."""
+    """The command that brings the predicted slip to the reference with kappa, the acting torque in tau_c."""
     error = reference * x[SPEED_AHEAD] - x[SIGMA_AHEAD]
     wanted = x[HOLDING_TORQUE] + c[INERTIA] / c[RADIUS] * c[KAPPA] * error
-    below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.25) / 0.75, 0.0), 1.0)
+    below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.15) / 0.85, 0.0), 1.0)
     if below > 0.0:
         wanted = max(wanted, x[HOLDING_TORQUE] * (1.0 + 0.3 * below))
-    return wanted
+    return x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
 
 
 @compiled
-def hand_over(x, c, v, wanted):
-    """Below the hand-over speed at most a share of what held the slip before, which falls with the speed."""
+def hand_over(x, c, v, torque, reference):
+    """Below the hand-over speed at most a share of what held the slip before, which falls with the speed; that share
+    itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is left alone."""
     if v >= c[HAND_OVER_SPEED]:
         x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
-        return wanted
+        return torque
+    if max(x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[SIGMA_AHEAD] / x[SPEED_AHEAD]) < reference:
+        x[HANDED_OVER] = 1.0
     slow = min((c[HAND_OVER_SPEED] - v) / (c[HAND_OVER_SPEED] - c[LAST_SPEED]), 1.0)
-    return min(wanted, (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow) * x[MEAN_HOLDING])
+    held = (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow) * x[MEAN_HOLDING]
+    return held if x[HANDED_OVER] > 0.0 else min(torque, held)
 
 
 @compiled
@@ -332,8 +337,7 @@ def seeking(x, t, v, omega, applied, c, table):
             x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
         torque = fast_start(x, c, v, sigma, reference)
     else:
-        wanted = hand_over(x, c, v, inner_loop(x, c, reference))
-        torque = x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
+        torque = hand_over(x, c, v, inner_loop(x, c, reference), reference)
         readhesion(x, c, v, sigma / v, reference)
     x[SAMPLES] += 1.0
     return min(max(torque, 0.0), c[TORQUE_HIGH])
