@@ -42,11 +42,11 @@ from .settings import HELP, option, switch
 @click.command(context_settings=HELP)
 @case_options
 @envelope_options("the points of those options")
-@gain_options
+@gain_options("Table 4's")
 @controller_option("a PI of --kp, --ki and --lead")
 @option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Number("s", ge=0))
 @option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Number("s", ge=0))
-@switch("--certify", "Enclosures of all margins by ball arithmetic, relative width at most 1e-9.")
+@switch("--certify", "Proven bounds on all margins, relative width at most 1e-9.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -62,9 +62,9 @@ def command(
     certify: bool,
 ) -> None:
     """Stability margins of the wheel-slip loop with a PI, any linear controller or the seeking one, the dead time exact
-    (of a discrete one those of its sampled loop), at the operating points named, or one verdict over an envelope. A
-    controller's file is judged at its own reference slip. Exit status 1 if a loop (of an envelope: at an operating
-    point) is unstable, 2 for bad input.
+    (discrete controllers: as sampled), at the operating points named, or one verdict over an envelope. A controller's
+    file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop (of an envelope: at an
+    operating point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """

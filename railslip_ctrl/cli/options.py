@@ -347,6 +347,11 @@ def stop_options(function: F) -> F:
     return _collected(function, _options(speeds=False))
 
 
+def over_options(function: F) -> F:
+    """As `case_options` for a command that always looks at an envelope, whose loads are not a mass alone."""
+    return _collected(function, _options(over=True))
+
+
 def run_options(function: F) -> F:
     """The options of a braking run and its controller, handed to the command as `cases` and `control`."""
     return _collected(function, [*_options(run=True), *_controller_options()], control=True)
@@ -371,24 +376,27 @@ def _collected(function: F, options: list[Option], *, control: bool = False) -> 
     return command
 
 
-def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Option]:
-    """Without `speeds` for whole stops, with several `masses`, or for a `run`, which takes one of each."""
+def _options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> list[Option]:
+    """Without `speeds` for whole stops, with several `masses`, for a `run`, which takes one of each, or over an
+    envelope, which has what is left out."""
+    of_envelope = "the envelope's" if over else None
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
     law = f"Adhesion law: {laws}, which is run."
-    rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", "both")
+    rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
     v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
     of_run = ("Speed at which the brake is applied, km/h.", _SCENARIO)
-    speed = of_run if run else ("Train speed, km/h; repeatable.", "100")
+    speed = of_run if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
     vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
     scale = (
         "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
         "as-published reading."
     )
-    late = "Actuator dead time, s; no part of the linearised plant."
+    unnamed = _SCENARIO if run else of_envelope or "bristle; an envelope has its own"
+    late = "Actuator dead time, s; linearize leaves it out."
     own = "the vehicle's"
     of_law = [
-        option("--adhesion", _LAW, law, _SCENARIO if run else "bristle", default="bristle"),
+        option("--adhesion", _LAW, law, unnamed, default="bristle"),
         option("--rail", "dry|wet", *rail, to="rails", multiple=not run),
         number_option(
             "--initial-speed", "km/h", v0, "--speed" if run else str(INITIAL_SPEED_KMH), default=INITIAL_SPEED_KMH, gt=0
@@ -398,7 +406,7 @@ def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) ->
     of_vehicle = [
         path_option("--vehicle", "FILE", vehicle, _SCENARIO if run else "the published vehicle"),
         switch("--loaded", "Use the vehicle's loaded mass and wheel load."),
-        number_option("--mass", "kg", mass, own, to="masses", multiple=masses, gt=0),
+        *([] if over else [number_option("--mass", "kg", mass, own, to="masses", multiple=masses, gt=0)]),
         number_option("--inertia-scale", "1", scale, _SCENARIO if run else f"{own}, 1", gt=0),
         number_option("--dead-time", "s", late, own, ge=0),
         number_option("--lag", "s", "Actuator lag, s.", own, ge=0),
@@ -409,7 +417,7 @@ def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) ->
 
 
 def _scenario_options() -> list[Option]:
-    text = "The published run in the as-published reading or in SI, or a file."
+    text = "The published run as published or in SI, a plain stop, or a file."
     return [
         preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", text, BUILT_IN[0]),
         number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
@@ -426,7 +434,7 @@ def _slip_option(*, of_point: bool) -> Option:
 
 def envelope_options(left_out: str) -> Callable[[F], F]:
     """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
-    nominal = switch("--nominal", "Judge its operating points alone, without tolerances around them.")
+    nominal = switch("--nominal", "Judge an envelope without tolerances.")
     text = (
         "Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML file; "
         "--rail, --adhesion, --speed, --slip and --loaded narrow it."
@@ -435,12 +443,12 @@ def envelope_options(left_out: str) -> Callable[[F], F]:
     return lambda function: envelope(nominal(function))
 
 
-def gain_options(function: F) -> F:
-    """The options that give the PI gains."""
+def gain_options(left_out: str) -> Callable[[F], F]:
+    """The options that give the PI gains; `left_out` says what holds without them."""
     kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
     ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.'
-    of_kp, of_ki = number_option("--kp", "N*m/(m/s)", kp, "Table 4's"), number_option("--ki", "N*m/m", ki, "Table 4's")
-    return cast(F, of_kp(of_ki(function)))
+    of_kp, of_ki = number_option("--kp", "N*m/(m/s)", kp, left_out), number_option("--ki", "N*m/m", ki, left_out)
+    return lambda function: of_kp(of_ki(function))
 
 
 def naming(option: str, made: Callable[[], R]) -> R:
@@ -632,6 +640,6 @@ def _controller_options() -> list[Option]:
         option("--gains", "|".join(COLUMNS), "Column of Table 4: gains and reference slip.", column),
         option("--slip", "X", "Reference slip on either rail.", reference, type=SLIP),
         switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet."),
-        switch("--adaptive", "asmc: with the printed adaptation."),
+        switch("--adaptive", "asmc: adapt as printed in the paper."),
         number_option("--period", "s", "The controller's sampling period, s.", period, ge=LEAST_STEP),
     ]

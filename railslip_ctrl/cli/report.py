@@ -34,11 +34,11 @@ from .margins import given_controller
 from .options import (
     DEFAULT_ENVELOPE,
     CaseOptions,
-    case_options,
     chosen_gains,
     controller_option,
     envelope_options,
     gain_options,
+    over_options,
 )
 from .output import progress, provenance, show
 from .settings import HELP, preset, switch
@@ -49,9 +49,9 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 
 
 @click.command(context_settings=HELP)
-@case_options
+@over_options
 @envelope_options("the vehicle's own, or the default")
-@gain_options
+@gain_options("only the recommended design is judged and run")
 @controller_option("only the recommended design is judged and run")
 @preset(
     "--out",
@@ -69,8 +69,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 )
 @switch(
     "--fresh",
-    "Decide the conditions of the sliding-mode law again; what an earlier report of this version found of the "
-    "same vehicle is taken otherwise.",
+    "Decide the conditions of the sliding-mode law again; otherwise an earlier result for the same vehicle is reused.",
 )
 @click.pass_context
 def command(

@@ -25,7 +25,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 
 @click.command(context_settings=HELP)
 @run_options
-@gain_options
+@gain_options("Table 4's")
 @preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")

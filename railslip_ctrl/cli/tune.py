@@ -42,7 +42,7 @@ from .settings import HELP, path_option, preset, switch
 @switch("--minimise-ms", "Minimise the worst Ms instead; needs --ki-min.")
 @number_option("--ki-min", "N*m/m", "Least integral gain, N*m/m.", "none", gt=0)
 @number_option("--lead", "s", "Lead of pi-lead, s.", "the actuator's lag", gt=0)
-@number_option("--lead-filter", "s", "Its filter, s.", "a tenth of it", gt=0)
+@number_option("--lead-filter", "s", "Time constant of the lead's filter, s.", "a tenth of it", gt=0)
 @preset(
     "--period",
     "S",
