@@ -4,10 +4,10 @@ The published vehicle, empty and loaded, five adhesion laws, five sequences of r
 quicker and 30 % slower. Every stop is compared with the clairvoyant one through the same brake. Answers, of few seeds
 asserted in the tests:
 
-- on curve, bristle and beam the median is about 6 %, 95 in 100 stops are below 10 %, and with the brake as believed no
-  wheel locks above 5 km/h, two in a thousand below; 7 % and 13 % with one that is 30 % slower, where fifteen wheels in
-  a thousand lock above 5 km/h, all after a change from dry to wet, and six below;
-- the worst there, 16 % and 49 %, are beam's from wet to dry; in two such that were looked at the map keeps a peak from
+- on curve, bristle and beam the median is about 6 % and 95 in 100 stops are below 10 % with the brake as believed,
+  where two wheels in a thousand lock above 5 km/h and two below; 7 % and 13 % with one that is 30 % slower, where six
+  in a thousand lock above 5 km/h and two below;
+- the worst there, 26 % and 51 %, are beam's from wet to dry; in two such that were looked at the map keeps a peak from
   the moment of the change, and the slip does not come there again to correct it;
 - polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it: there and on a LuGre law
   the stops are longer, and wheels lock after a change from dry to wet;

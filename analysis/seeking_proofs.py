@@ -150,7 +150,7 @@ def _highest(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: 
         error = (reference - slip) * (speed if slip < reference else after)
         error += g.dead_time * (reference * slowing + rate * worst[i])
         rests = g.kappa * error / rate + turning * max(slip - reference, 0.0)  # it holds the reference, not the slip
-        below = min(max((error / (reference * after) - 0.15) / 0.85, 0.0), 1.0)
+        below = min(max((error / (reference * after) - 0.25) / 0.75, 0.0), 1.0)
         if below > 0:
             rests = max(rests, 0.3 * below * float(holding(vehicle, 0.0, rising[-1], speed, 0.0)))
         over = max(over, rests)

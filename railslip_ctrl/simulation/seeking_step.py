@@ -281,7 +281,7 @@ def inner_loop(x, c, reference):
     """The command that brings the predicted slip to the reference with kappa, the acting torque in tau_c."""
     error = reference * x[SPEED_AHEAD] - x[SIGMA_AHEAD]
     wanted = x[HOLDING_TORQUE] + c[INERTIA] / c[RADIUS] * c[KAPPA] * error
-    below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.15) / 0.85, 0.0), 1.0)
+    below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.25) / 0.75, 0.0), 1.0)
     if below > 0.0:
         wanted = max(wanted, x[HOLDING_TORQUE] * (1.0 + 0.3 * below))
     return x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
