@@ -60,7 +60,7 @@ _AXES = {
     "lag_s": "lag, s",
 }
 _RANKED = "use from the lowest speed (robust; slip below 0.5, brake as given), then no oscillation, then the mean stop"
-_MOST_WORDS = 75  # of headline, why and what to do: a minute's reading leaves time for the numbers
+_MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _MOST_TOLD = 8  # of points left out and knife edges
 
 
