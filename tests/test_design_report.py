@@ -291,6 +291,24 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
     assert float(worst["Least phase margin, continuous"].split()[0]) == pytest.approx(least, rel=5e-3)
 
 
+def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robust):
+    """Were the design used from 100 km/h up and controlled slip from 5 km/h on; were the highest speed judged 60."""
+    over = replace(robust.control, cut_out_speed=5 / 3.6)
+    unused = replace(robust, above_kmh=100.0, control=over)
+    assert dict(first_page(unused).lines)["5 to 100 km/h"] == "it controls slip, and is not robust."
+    assert "Below 100 km/h use another" in dict(first_page(unused).lines)["To do"]
+    lost = judge(PIController(PIGains(kp=804.0, ki=694.0)), robust.envelope)
+    choice = replace(robust.best, design=replace(robust.best.design, judgement=lost))
+    told = first_page(replace(unused, selection=replace(robust.selection, choices=(choice,))))
+    assert dict(told.lines)["5 to 100 km/h"] == "it controls slip, and is unstable with tolerances at 10 km/h."
+    short = replace(robust, envelope=robust.envelope.at(speeds=(10, 60)))
+    assert first_page(short).headline == "USE FROM 10 TO 60 km/h"
+    slid = replace(robust.stops[0], run=replace(robust.stops[0].run, max_slip=0.8), others=())
+    near = first_page(replace(robust, tolerance_stops=(slid,)))
+    assert dict(near.lines)["Risk"].startswith("Slip reaches 0.8")
+    assert {name: value for name, value, _ in near.rows}["Highest slip"] == "0.8"
+
+
 def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):
     first, level = robust.trials[0], [one for one in robust.trials if one.above_kmh == robust.above_kmh]
     assert first.choice is robust.best
@@ -316,6 +334,9 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
     assert json.loads(json.dumps(design_report_json(hopeless), allow_nan=False))["recommended"] is None
     assert len(design_report_text(hopeless, first, "").splitlines()) <= MOST_LINES
     assert "Seeking: " in dict(first.lines)["Why"]
+    page = rendered(hopeless)  # with the stops that this tells of, and among what was tried
+    assert ("seeking" in page, "(--controller seeking) in its stops" in page) == (True, True)
+    assert "Judge from a higher speed" in dict(first.lines)["To do"]
     assert len(design_report_json(hopeless)["seeking"]) == len(hopeless.seeking.stops) > 0
 
 
@@ -336,7 +357,7 @@ def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust,
     why, (name, worst, _) = dict(told.lines)["Why"], told.rows[0]
     assert name.startswith("Worst Ms, ")
     if verdict == "fragile":
-        assert float(worst) == pytest.approx(weak.worst.ms, rel=1e-2)  # three digits, rounded up
+        assert float(worst) == pytest.approx(weak.worst.run_ms, rel=1e-2)  # three digits, rounded up
         assert f"The best is stable at every operating point, Ms {worst} at worst." in why
     else:
         assert (worst, "The best has unstable loops." in why) == ("unstable", True)

@@ -13,9 +13,10 @@ import pytest
 from project import refused
 from sample_vehicles import COACH
 
-from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle
+from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle, seeking_control
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, envelope_tuning, wheel_slip_loop
+from railslip_ctrl.design.assessment import Verdict, assess
 from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope_tuning import REACH_SHARE, held_slips, operating_plants, select, tune
 from railslip_ctrl.design.specification import Specification
@@ -244,26 +245,51 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     judged = judge(PI_LEAD, on_bristle)
     assert judged.verdict == "robust"
     assert judged.verdict_line == (
-        "robust: Ms 1.43 at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 at bristle, dry, empty, 100 km/h, "
-        "slip +25 %, dead time +30 %, lag +30 %"
+        "robust: Ms 1.43 (Ms 1.45 sampled every 0.01 s) at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 (Ms "
+        "2.05 sampled every 0.01 s) at bristle, dry, empty, 100 km/h, slip +25 %, dead time +30 %, lag +30 %"
     )
     assert judged.usable_from_kmh == judged.robust_from_kmh == 20.0
     # on the curve every operating point is well damped, but past its peak a slow brake loses the wheel at low speed
     both = on_bristle.at(laws=("bristle", "curve"))
     judged, nominal = judge(PI_LEAD, both), judge(PI_LEAD, both, nominal=True)
     assert (judged.verdict, nominal.verdict) == ("fragile", "robust")
-    assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 at curve, dry, empty, 20 km/h")
+    assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 (Ms 1.59 sampled")
     assert judged.worst.ms <= nominal.worst.ms
     assert judged.usable_from_kmh == judged.robust_from_kmh == 60.0
     assert judged.worst.point.speed_kmh >= 60.0
     assert "unstable at curve, dry, empty, 20 km/h, slip +25 %" in str(judged)
-    assert "stable from 60 km/h up, there Ms 44.52 at curve, dry" in str(judged)
+    assert f"stable from 60 km/h up, there {judged.worst_with_tolerances.words}" in str(judged)
+    assert judged.worst_with_tolerances.ms == pytest.approx(44.51, abs=0.01)
     slow = judge(PI_LEAD, both.at(speeds=(10, 100)))
     assert (slow.verdict, slow.usable_from_kmh) == ("unstable", 100.0)
     nowhere = judge(PIController(PIGains(kp=1e6, ki=1.0)), Envelope(speeds=(60, 100)))
     assert (nowhere.verdict, nowhere.usable_from_kmh, nowhere.robust_from_kmh) == ("unstable", None, None)
     assert (nowhere.worst.margins, nowhere.table()["worst"]["ms"]) == (None, None)
     assert "unstable at the highest speed too, 100 km/h" in nowhere.verdict_line
+
+
+def test_a_bare_system_is_judged_as_it_runs_and_at_one_point_alike():
+    """Ms is 1.99 in continuous time and 2.03 sampled every 10 ms: one verdict, whatever asks."""
+    s = ct.tf("s")
+    bare = 489 * (1 + 0.02 / s) * (0.6 * s + 1) / (0.06 * s + 1)
+    envelope = Envelope(laws="bristle", rails="wet", loads="empty", speeds=(60, 100))
+    found = judge(bare, envelope, nominal=True)
+    same = judge(LinearControl(bare, ReferenceSlip(dry=0.132, wet=0.092)), envelope, nominal=True)
+    assert found.worst.ms < 2 < found.worst.run_ms == same.worst.run_ms
+    assert found.map.operating.max() == pytest.approx(found.worst.run_ms, rel=1e-9)  # by a grid
+    assert found.verdict == same.verdict == "fragile"
+    case = found.worst.run_case
+    assert assess(case.plant, same.controller, case.actuator).verdict is Verdict.FRAGILE
+    assert assess(case.plant, bare, case.actuator).verdict is Verdict.ROBUST  # it says nothing of a period
+
+
+def test_least_margins_are_those_of_exact_loops_where_the_batch_has_ms_alone():
+    control = seeking_control(COACH)
+    found = judge(control, Envelope(COACH, laws="bristle", rails="dry", speeds=(30, 100)), nominal=True)
+    exact = [wheel_slip_loop(one, control).margins() for one in found.points.plants]
+    for name, sign in (("phase_deg", 1), ("delay_s", 1), ("gain_decrease", -1), ("gain_increase", 1)):
+        least = min(exact, key=lambda margins, name=name, sign=sign: sign * getattr(margins, name))
+        assert found.least(name, sign)[0] == getattr(least, name)
 
 
 def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_use(railslip, tmp_path):

@@ -215,8 +215,12 @@ def failure(error: BaseException, what: str) -> str:
 
 
 def _own(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
-    """Those of the user's code."""
-    not_own = (str(Path(__file__).parents[1]), *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+    """Those of the user's code; <string> is what dataclasses write."""
+    not_own = (
+        "<string>",
+        str(Path(__file__).parents[1]),
+        *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")),
+    )
     return [frame for frame in frames if not frame[0].startswith(not_own)]
 
 

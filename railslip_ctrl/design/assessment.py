@@ -66,7 +66,7 @@ class Assessment:
     - closed_loop_poles: array, 1-D; the rightmost, 1/s; none of a `DelayedLoop`.
     - margins: none of an unstable loop.
     - pade: the same with Pade approximations.
-    - verdict: in a word.
+    - verdict: in a word, of the loop and of `as_run`.
     - as_run, sampled: the sampled loop of a continuous controller that says how it is run, and its margins.
     """
 
@@ -88,8 +88,8 @@ class Assessment:
 
     @property
     def stable(self) -> bool:
-        """Whether every closed-loop pole lies left of the imaginary axis."""
-        return self.margins is not None
+        """Whether every closed-loop pole lies left of the imaginary axis, also as run."""
+        return self.margins is not None and (self.as_run is None or self.sampled is not None)
 
     @property
     def marginal(self) -> bool:
@@ -123,7 +123,11 @@ class Assessment:
         if self.verdict is Verdict.NO_FEEDBACK:
             return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
-            return f"{self.verdict.value} (Ms {ms_up(self.margins.ms)})"
+            told = f"Ms {ms_up(self.margins.ms)}"
+            if self.as_run is not None:
+                ms = "unstable" if self.sampled is None else f"Ms {ms_up(self.sampled.ms)}"
+                told += f", {ms} sampled every {self.as_run.period:g} s"
+            return f"{self.verdict.value} ({told})"
         how_many = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
         if math.isinf(self.unstable_poles):
             how_many = "a chain of closed-loop poles"
@@ -159,6 +163,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     loop = wheel_slip_loop(plant, design, actuator)
     margins = loop.margins() if loop.is_stable() else None
     run = None if isinstance(loop, SampledLoop) else loop_as_run(plant, controller, actuator)
+    sampled = run.margins() if run is not None and run.is_stable() else None
     return Assessment(
         label=label or design.structure,
         plant=plant,
@@ -167,9 +172,9 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         loop=loop,
         limits=limits_of(plant, actuator),
         margins=margins,
-        verdict=_verdict(margins, design),
+        verdict=_verdict((margins,) if run is None else (margins, sampled), design),
         as_run=run,
-        sampled=run.margins() if run is not None and run.is_stable() else None,
+        sampled=sampled,
         closed_loop_poles=_poles_found(loop, poles),
         pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS) if isinstance(loop, DeadTimeLoop) else (),
     )
@@ -192,12 +197,14 @@ def _poles_found(loop: Any, count: int) -> Complexes:
     return np.array([], dtype=np.complex128)
 
 
-def _verdict(margins: Margins | None, controller: Any) -> Verdict:
-    if margins is None:
+def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
+    """Of the margins of every loop, None of an unstable one."""
+    stable = [one for one in margins if one is not None]
+    if len(stable) < len(margins):
         return Verdict.UNSTABLE
     if seeking_of(controller) is None and controller.transfer_function.gain == 0:  # Ms is 1: of nothing
         return Verdict.NO_FEEDBACK
-    return Verdict.ROBUST if is_robust(margins.ms) else Verdict.FRAGILE
+    return Verdict.ROBUST if is_robust(max(one.ms for one in stable)) else Verdict.FRAGILE
 
 
 def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:

@@ -533,7 +533,7 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
     rising, falling = float(np.max(real, initial=0.0)), float(np.max(-real, initial=0.0))
     fastest = max(rising, falling) if rule is Rule.TUSTIN else rising
     if rising * h >= limit or (rule is Rule.TUSTIN and falling * h > limit):
-        other = ", or the backward rule" if rule is Rule.TUSTIN else ""
+        other = ", or the backward rule, as LinearControl and a file take it" if rule is Rule.TUSTIN else ""
         raise InputError(
             f"period: {h:g} s is not allowed with a pole of {fastest:g} 1/s; give a value <= {limit / fastest:.3g} (s)"
             f"{other}"

@@ -24,9 +24,12 @@ from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import (
     PIController,
+    SampledController,
+    has_step,
     linear_controller,
     linear_of,
     loop_as_run,
+    run_period,
     sampled_peak,
     seeking_of,
     wheel_slip_loop,
@@ -39,6 +42,8 @@ UNSAMPLED = "the loop is that of a short period; what sampling adds to Ms, at mo
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
+_ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
+_ROUGHLY_LEAST = 2  # of them are had exactly
 _ROUNDING = 1 - 1e-9  # of a speed, km/h, from m/s
 _ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: both find peaks to 1e-9
 
@@ -109,7 +114,8 @@ def _kept(margins: Margins | None) -> str:
 
 @dataclass(frozen=True)
 class MsMap:
-    """Worst Ms over speed and load, of the operating points and with tolerances.
+    """Worst Ms over speed and load, of the operating points and with tolerances; that of the sampled loop where it is
+    larger.
 
     `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
     and NaN where there is none.
@@ -190,7 +196,7 @@ class Judgement:
     def usable_from_kmh(self) -> float | None:
         """The lowest speed of the envelope from which on up every loop is stable and slip is controlled; None if that
         is not so at the highest."""
-        return self._lowest(lambda cases: bool(np.isfinite(self.run_ms[cases]).all()))
+        return self._lowest(self._stable)
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
@@ -207,6 +213,28 @@ class Judgement:
         """As `worst`, of all cases."""
         return self._worst(self._usable)
 
+    def least(self, margin: str, sign: float = 1.0) -> tuple[float, Case]:
+        """The least value of a margin, by its name in `Margins`, among the operating points from `usable_from_kmh` up,
+        and where; with `sign` -1 the largest. All loops there are stable."""
+        cases = np.flatnonzero(self._usable & self.points.operating)
+        values = getattr(self.margins, margin)[cases]
+        if np.isnan(values).any():  # of a seeking controller: the batch has Ms alone
+            cases = cases[np.argsort(sign * self._rough[margin][cases])[:_ROUGHLY_LEAST]]
+            values = np.array([getattr(self._loop(i, wheel_slip_loop)[1], margin) for i in cases.tolist()])
+        index = int(np.argmin(sign * values))
+        return float(values[index]), self.points.case(int(cases[index]))
+
+    @cached_property
+    def _rough(self) -> dict[str, Floats]:
+        """Margins of the operating points by a grid of frequencies, to tell which are to be had exactly, (n,)."""
+        found = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
+        for i in np.flatnonzero(self.points.operating).tolist():
+            plant, actuator = _of(self.points, i)
+            margins = _rough_margins(wheel_slip_loop(plant, self.controller, actuator))
+            for name, value in zip(_ROUGH, margins, strict=True):
+                found[name][i] = value
+        return found
+
     @cached_property
     def map(self) -> MsMap:
         """Worst Ms over speed and load."""
@@ -216,7 +244,7 @@ class Judgement:
         def worst(chosen: Flags) -> Floats:
             table = np.full((speeds.size, len(loads)), np.nan)
             columns = np.array([loads.index(one) for one in load[chosen].tolist()], dtype=int)
-            np.fmax.at(table, (np.searchsorted(speeds, speed[chosen]), columns), self.ms[chosen])
+            np.fmax.at(table, (np.searchsorted(speeds, speed[chosen]), columns), self.run_ms[chosen])
             return table
 
         return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
@@ -243,8 +271,9 @@ class Judgement:
     @property
     def verdict_line(self) -> str:
         """The verdict with the case that decides it, and from which speed on the controller may be used."""
-        line = self._decided(np.ones(len(self.points), dtype=bool))
-        if self.verdict == "robust" and not self.nominal:
+        everywhere = np.ones(len(self.points), dtype=bool)
+        line = self._decided(everywhere)
+        if self.verdict != "unstable" and not self.nominal and self._stable(everywhere):
             line += f"; with tolerances {self.worst_with_tolerances.words}"
         if self.usable_from_kmh is None and self._in_use.any():
             return f"{line}; unstable at the highest speed too, {max(self.envelope.speeds):g} km/h{self._handed_over}"
@@ -321,9 +350,11 @@ class Judgement:
         )
 
     def _decided(self, cases: Flags) -> str:
-        """The verdict over some cases, with the case that decides it."""
+        """The verdict over some cases, with the case that decides it: an operating point, or a tolerance that makes a
+        loop unstable."""
         verdict = self._verdict(cases)
-        worst = self._worst(cases if verdict == "fragile" else cases & self.points.operating)
+        tolerances = verdict == "fragile" and not self._stable(cases)
+        worst = self._worst(cases if tolerances else cases & self.points.operating)
         told = worst.words.removeprefix("unstable at ") if verdict == "unstable" else worst.words
         return f"{verdict}{' at the operating points' if self.nominal else ''}: {told}"
 
@@ -335,8 +366,10 @@ class Judgement:
         ms = self.run_ms[cases & self.points.operating]
         if not np.isfinite(ms).all():
             return "unstable"
-        robust = bool(np.isfinite(self.run_ms[cases]).all()) and (ms.size == 0 or is_robust(float(ms.max())))
-        return "robust" if robust else "fragile"
+        return "robust" if self._stable(cases) and (ms.size == 0 or is_robust(float(ms.max()))) else "fragile"
+
+    def _stable(self, cases: Flags) -> bool:
+        return bool(np.isfinite(self.run_ms[cases]).all())
 
     def _lowest(self, holds: Any) -> float | None:
         speeds, found = self.points.speed_kmh, None
@@ -383,8 +416,9 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     """Judge a linear controller over an envelope, the dead times exact.
 
     - controller: linear system; from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop`
-      takes it. One that has a `reference` (slip ratios) is judged there, unless the envelope has its own; one that
-      finds its own slip, such as a seeking controller, at that of each law.
+      takes it; a continuous one that does not say how it is run is, every 10 ms by Tustin's rule. One that has a
+      `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such as a
+      seeking controller, at that of each law.
     - envelope: what it must hold.
     - nominal: the operating points alone, without the tolerances around them.
 
@@ -401,6 +435,10 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
         return judge_points(controller, envelope, points, nominal=nominal)
     if envelope.reference is None and isinstance(held, ReferenceSlip):
         envelope = envelope.at(reference=held)
+    if not (hasattr(controller, "as_run") or has_step(controller) or callable(linear_of(controller))):
+        design = linear_controller(controller)
+        if isinstance(design, PIController) or design.period is None:
+            controller = SampledController(design, run_period(design))
     return judge_points(controller, envelope, envelope.points(nominal=nominal), nominal=nominal)
 
 
@@ -465,6 +503,30 @@ def margins_at(
             column[:, mine] = getattr(part, name).reshape(n, mine.size)
     flat = {name: column.ravel() for name, column in found.items()}
     return BatchMargins(**{**flat, "stable": flat["stable"] == 1})
+
+
+def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
+    """Of `_ROUGH`, those of a stable loop, by a grid."""
+    low, high = loop.feature_band()
+    omega = np.geomspace(low, high, _ROUGH_GRID)
+    response = loop.response(omega)
+    size, left = np.log(np.abs(response)), np.unwrap(np.angle(-response))  # the phase from -180 deg
+    crosses = np.flatnonzero(np.diff(size > 0))
+    omegas, phases = (_at_zero(size, other, crosses) for other in (omega, left))
+    turns = np.flatnonzero(np.diff(response.imag > 0) & (response.real[1:] < 0))
+    factors = np.exp(-_at_zero(response.imag, size, turns))
+    return (
+        np.degrees(np.abs(np.mod(phases + np.pi, 2 * np.pi) - np.pi)).min(initial=180.0),
+        (np.mod(phases, 2 * np.pi) / omegas).min(initial=np.inf),
+        factors[factors < 1].max(initial=0.0),
+        factors[factors > 1].min(initial=np.inf),
+    )
+
+
+def _at_zero(values: Floats, others: Floats, at: Any) -> Floats:
+    """What goes with `values` where they pass 0 between the samples `at` and the next."""
+    share = values[at] / (values[at] - values[at + 1])
+    return np.asarray(others[at] + share * (others[at + 1] - others[at]))
 
 
 def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:

@@ -177,7 +177,7 @@ class Rational:
         object.__setattr__(self, "gain", real("gain", self.gain))
         if self.zeros.size > self.poles.size:
             raise InputError(
-                f"transfer function with {self.zeros.size} zeros and {self.poles.size} poles is not proper; "
+                f"transfer function with more zeros ({self.zeros.size}) than poles ({self.poles.size}) is not proper; "
                 "add poles (for example a derivative filter)"
             )
         finite = np.isfinite(self.zeros).all() and np.isfinite(self.poles).all() and math.isfinite(self.gain)
@@ -295,7 +295,7 @@ class Rational:
             )
         if ports != [1, 1]:
             raise InputError(
-                f"{name}: a system with {ports[0]} inputs and {ports[1]} outputs is not SISO; "
+                f"{name}: a system of {ports[1]} x {ports[0]}, outputs x inputs, is not SISO; "
                 "select one input and one output"
             )
         _check_time(name, system.dt, period)

@@ -96,8 +96,8 @@ class SampledLoop(BoundedLoop):
         p = Rational.from_control(plant, "plant")
         if p.relative_degree < 1:
             raise InputError(
-                f"sampled plant: {p.zeros.size} zeros and {p.poles.size} poles are not strictly proper; add "
-                "the actuator's lag"
+                f"sampled plant: zeros ({p.zeros.size}) no fewer than poles ({p.poles.size}) are not strictly proper; "
+                "add the actuator's lag"
             )
         if c.gain == 0:
             raise InputError("controller: one with gain 0 closes no loop; give one that is not 0")

@@ -13,13 +13,13 @@ from rich.console import RenderableType
 from railslip_ctrl import __version__
 from railslip_ctrl.core.units import KMH, ms_down
 from railslip_ctrl.design.envelope_tuning import SeekingDesign, StructureChoice
-from railslip_ctrl.design.judging import Judgement, WorstCase
+from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import PIGains, doubts
 from railslip_ctrl.report.recommendation import FASTER, SEEKING, DesignReport, Rival, Trial, longest
-from railslip_ctrl.report.stops import Stop
+from railslip_ctrl.report.stops import SLIDING, Stop
 from railslip_ctrl.simulation import SeekingControl
 from railslip_ctrl.simulation.catalogue import is_published
 
@@ -46,7 +46,7 @@ from .document import (
 )
 from .export import exported, plain
 from .page import typeset
-from .text import envelope_words, law_facts, vehicle_facts
+from .text import envelope_words, law_facts, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
 """The file with the recommended design."""
@@ -61,6 +61,7 @@ _AXES = {
 }
 _RANKED = "use from the lowest speed (robust; slip below 0.5, brake as given), then no oscillation, then the mean stop"
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
+_NEARLY_UNSTABLE = 10.0  # Ms: the curve of L passes -1 at a tenth
 _MOST_TOLD = 8  # of points left out and knife edges
 
 
@@ -98,7 +99,12 @@ def _headline(report: DesignReport) -> str:
         verdict = "" if report.in_use is None else report.in_use.verdict
         return "DO NOT USE: fragile" if verdict == "fragile" else "DO NOT USE"
     at = " at the operating points" if report.nominal else ""
-    return (f"USE ABOVE {_used_from(report):g} km/h" if report.hands_over else "USE") + at
+    top = max(report.envelope.speeds)
+    to = "" if top >= report.envelope.initial_speed else f" TO {top:g} km/h"
+    if report.hands_over:
+        from_kmh = f"{_used_from(report):g}"
+        return f"USE FROM {from_kmh}{to}{at}" if to else f"USE ABOVE {from_kmh} km/h{at}"
+    return f"USE{' UP' if to else ''}{to}{at}"
 
 
 def _used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
@@ -139,7 +145,7 @@ def _why(report: DesignReport) -> str:
             return f"{told} has unstable loops."
         lowest = min(judged.envelope.speeds)
         begins = f"from {lowest:g} km/h up" if lowest > min(report.envelope.speeds) else "at every operating point"
-        return f"{told} is stable {begins}, Ms {_worst_cells(judged.worst)[1]} at worst."
+        return f"{told} is stable {begins}, Ms {worst_cells(judged.worst)[1]} at worst."
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         axes = {"slip": "slip", "dead_time": "dead time", "lag": "lag", "radius": "wheel radius"}
@@ -176,10 +182,23 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
     if report.stops and begins > top:
         yield f"{top:g} to {begins:g} km/h", "its stops begin there, but it was not judged."
     if report.hands_over and report.control is not None:
-        over, judged = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
-        if judged > float(over):
-            yield f"{over} to {judged:g} km/h", "it controls slip, but was not judged."
+        over, used = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
+        if used > float(over):
+            yield f"{over} to {used:g} km/h", f"it controls slip, {_between(report, float(over), used)}."
         yield f"Below {over} km/h", f"it brakes without slip control: {_handed_over(report.control)}."
+
+
+def _between(report: DesignReport, over: float, used: float) -> str:
+    """What a judgement says of speeds, km/h, at which a design controls slip and is not to be used."""
+    assert report.judgement is not None, "as it is in use"
+    speeds, ms = report.judgement.points.speed_kmh, report.judgement.run_ms
+    below_use = speeds < used * (1 - 1e-9)  # from m/s
+    judged = (speeds > over * (1 - 1e-9)) & below_use
+    if not judged.any():
+        return "but was not judged"
+    unstable = np.unique(speeds[judged & np.isinf(ms)]).tolist()
+    told = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
+    return f"and is {told if unstable else 'not robust'}"
 
 
 def _risks(report: DesignReport) -> Iterator[str]:
@@ -189,6 +208,13 @@ def _risks(report: DesignReport) -> Iterator[str]:
         worst = ", ".join((locking[0].law, locking[0].rail, locking[0].load, locking[0].brake))
         of = f"{len(locking)} of {len(report.tolerance_stops)} stops with the actuator's tolerances"
         yield f"A wheel locks in {of} ({minus(worst)})."
+    if not report.usable or report.in_use is None or report.nominal:
+        return
+    if not locking and (slid := max((stop.max_slip for stop in report.tolerance_stops), default=0.0)) > SLIDING:
+        yield f"Slip reaches {above(slid)} with the actuator's tolerances."
+    worst_case = report.in_use.worst_with_tolerances
+    if max(worst_case.ms, worst_case.as_run is not None and worst_case.run_ms) > _NEARLY_UNSTABLE:
+        yield f"With tolerances a loop is nearly unstable, Ms {worst_cells(worst_case)[1]}."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
@@ -201,7 +227,10 @@ def _steps(report: DesignReport) -> Iterator[str]:
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
         reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
-    if any(stop.locks for stop in report.tolerance_stops):
+    over_kmh = 0.0 if report.control is None else report.control.cut_out_speed / KMH
+    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # from m/s
+        yield f"Below {report.above_kmh:g} km/h use another slide protection."
+    if report.usable and any(stop.slides for stop in report.tolerance_stops):
         yield "Measure dead time and lag before use."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)}){reach}."
@@ -210,11 +239,12 @@ def _steps(report: DesignReport) -> Iterator[str]:
     elif brake and not report.usable:
         yield f"With {brake} no wheel slides in the stops tried."
     elif not report.usable:
+        yield "Judge from a higher speed, or change the brake."
         least = min(choice.reference_factor for choice in report.selection.choices)
-        tried = [] if least == 1 else [f"{100 * least:g} % of the reference slip"]
-        tried += [] if seeks else [f"{100 * FASTER[-1]:g} % of dead time and lag"]
+        tried = [] if least == 1 else [f"holding {100 * least:g} % of the reference slip"]
+        tried += [] if seeks else [f"a brake with {100 * FASTER[-1]:g} % of this dead time and lag"]
         if tried:
-            yield f"Tried, and not enough: {' or '.join(tried)}."
+            yield f"Tried, and not enough: {'; '.join(tried)}."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
 
@@ -236,7 +266,7 @@ def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
         if (judged := one.judgement) is not None:
             start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
             held = "" if judged.nominal else " with every tolerance"
-            worst = _worst_cells(judged.worst)
+            worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
             said = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
         yield "Yours", f"{said}. Stops: {told}; {locks}."
@@ -249,13 +279,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
         yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
         return
-    name, value, where = _worst_cells(judged.worst)
-    yield f"Worst {name}", value, where
-    if not judged.nominal:
-        name, value, where = _worst_cells(judged.worst_with_tolerances)
-        yield f"Worst {name.replace('Ms', 'Ms with tolerances')}", value, where
-    if judged.worst.margins is not None:
-        yield from _margin_rows(judged)
+    yield from worst_rows(judged)
     for stop in report.longest_stops:
         where = "; ".join(f"{one.law}, {one.load}" for one in report.stops if one.rail is stop.rail and one.locks)
         locks = f"locks ({where})" if where else "no lock"
@@ -264,13 +288,13 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
             _distance(stop),
             f"{_stop_words(stop)}; {locks}",
         )
-    if report.tolerance_stops:
+    if report.stops:
         slipped = max((*report.stops, *report.tolerance_stops), key=lambda stop: stop.max_slip)
         locked = sum(stop.locks for stop in report.tolerance_stops)
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, slipped.brake)))
-        of = f"{len(report.tolerance_stops)} stops with the actuator's tolerances"
-        locks = counted(locked, "lock") if locked else "no lock"
-        yield "Highest slip", above(slipped.max_slip), f"{where}; in {of} {locks}"
+        of = f"; in {len(report.tolerance_stops)} stops with the actuator's tolerances "
+        locks = of + (counted(locked, "lock") if locked else "no lock") if report.tolerance_stops else ""
+        yield "Highest slip", above(slipped.max_slip), f"{where}{locks}"
     if report.usable:
         seeds = len(report.stops[0].runs)
         tried = f"first of {len(report.selection.choices)} designs by {_RANKED}"
@@ -279,13 +303,6 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     shortest = min(report.trials, key=Trial.distance)
     if shortest is not report.trials[0]:
         yield "Shortest mean", f"{short(shortest.distance())} m", _shortest(shortest)
-
-
-def _worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """The larger Ms, of the loop or of the sampled one that runs: which of them, its value, and its case."""
-    if worst.as_run is None or worst.run_ms <= worst.ms:
-        return "Ms, continuous", ms_text(worst.ms), worst.case.words
-    return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
 
 
 def _shortest(trial: Trial) -> str:
@@ -310,29 +327,6 @@ def _kind(choice: StructureChoice) -> str:
         return SEEKING if choice.structure == SEEKING else "PI"
     lead = getattr(choice.design, "lead", None)
     return "PI-lead" if lead is None else f"PI-lead {lead:.3g}/{choice.lead_filter:.3g} s"
-
-
-def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """The least margins of the operating points, each with its case, or where Ms alone is had, those of its worst."""
-    operating = np.flatnonzero(judged.points.operating)
-    m = judged.margins
-
-    def least(values: np.ndarray, sign: float = 1.0) -> tuple[float, str]:
-        index = int(operating[np.argmin(sign * values[operating])])
-        return float(values[index]), judged.points.case(index).words
-
-    told = "Least "
-    if np.isnan(m.phase_deg[operating]).any() and judged.worst.margins is not None:
-        told, worst, where = "", judged.worst.margins, f"of the loop of worst Ms, {judged.worst.case.words}"
-        values = (worst.phase_deg, worst.delay_s, worst.gain_decrease, worst.gain_increase)
-        phase, delay, low, high = ((value, where) for value in values)
-    else:
-        phase, delay = least(m.phase_deg), least(m.delay_s)
-        low, high = least(m.gain_decrease, -1.0), least(m.gain_increase)
-    where = low[1] if low[1] == high[1] else f"low: {low[1]}; high: {high[1]}"
-    yield f"{told}phase margin, continuous".capitalize(), f"{below(phase[0])} deg", phase[1]
-    yield f"{told}delay margin, continuous".capitalize(), f"{below(delay[0])} s", delay[1]
-    yield "Gain range, continuous", f"{above(low[0])} to {below(high[0])}", where
 
 
 def _distance(stop: Stop) -> str:
@@ -366,7 +360,7 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load, in continuous time; the darker, the larger.",
+        "Worst Ms over speed and load, as run where that is more; the darker, the larger.",
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
@@ -432,7 +426,11 @@ def _envelope(report: DesignReport) -> Section:
         blocks += [
             Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
             table(worst_head, rows, caption=f"Worst cases from {lowest} up, and their margins, in continuous time."),
-            table(head, axes, caption="What costs margin, over the whole envelope; axes that cost none are left out."),
+            table(
+                head,
+                axes,
+                caption="What costs margin over the whole envelope, in continuous time; axes that cost none left out.",
+            ),
         ]
     told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
@@ -452,7 +450,10 @@ def _percent(share: float) -> str:
 
 def _candidates(report: DesignReport) -> Section:
     rows: list[tuple[str, ...]] = []
-    for choice in report.selection.choices:
+    choices, seeking = report.selection.choices, report.seeking
+    if seeking is not None and all(one.structure != SEEKING for one in choices):
+        choices = (*choices, seeking.choice)
+    for choice in choices:
         kind, slip = _kind(choice), f"{100 * choice.reference_factor:g}"
         if choice.design is None or choice.design.judgement is None:
             rows.append((kind, slip, *(NONE,) * 7, choice.reason))
@@ -464,7 +465,7 @@ def _candidates(report: DesignReport) -> Section:
         needs = f"{short(choice.reach_s, 2)} s, and a stop has {short(choice.stop_s, 2)} s"
         seeks = choice.structure == SEEKING
         reaches = "finds its own" if seeks else "yes" if choice.reaches else f"no: it needs {needs}"
-        rows.append((kind, NONE if seeks else slip, *cells, _worst_cells(judged.worst)[1], *ran, reaches))
+        rows.append((kind, NONE if seeks else slip, *cells, worst_cells(judged.worst)[1], *ran, reaches))
     head = (
         "Structure", "Slip, % of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
         "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Builds up to its slip",
@@ -491,7 +492,7 @@ def _rivals(report: DesignReport) -> Section | None:
         )
         told = ("not judged: no margins", *(NONE,) * 3)
         if (judged := one.judgement) is not None:
-            worst = (_worst_cells(judged.worst)[1], _worst_cells(judged.worst_with_tolerances)[1])
+            worst = (worst_cells(judged.worst)[1], worst_cells(judged.worst_with_tolerances)[1])
             told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
         rows.append((one.name, *told, distances))
     head = (
@@ -502,9 +503,28 @@ def _rivals(report: DesignReport) -> Section | None:
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:
-    control = report.control
-    if not report.stops or control is None:
+    shown = [_stop_table(report.stops, "Stops.")] if report.stops else []
+    if report.seeking is not None and report.seeking.stops is not report.stops:
+        caption = f"The seeking controller (--controller seeking) in {'the same' if shown else 'its'} stops."
+        shown.append(_stop_table(report.seeking.stops, caption))
+    if not shown:
         return None
+    ran = report.stops or report.trials[0].stops
+    text = (
+        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(ran[0].runs)} noise seeds each. No "
+        f"controller stops before the bound, that of a brake{_brakes(ran)} which is at the peak of adhesion "
+        "at once. Attainable is a stop in which the slip builds up too, without noise, by a controller that "
+        "knows the rail. Slip held is the median over the second half of the time under control, in the longest stop; "
+        f"highest slip is that of all seeds. {_elsewhere(report)}{again if report.stops else ''}"
+    )
+    return Section("stops", "Braking runs", (Paragraph(text), *_limits_of_stops(report), *shown, *_rolling(report)))
+
+
+def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
+    """How the recommended design runs."""
+    control = report.control
+    if control is None:
+        return
     if isinstance(control, SeekingControl):
         told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "the largest torque")]
     else:
@@ -514,19 +534,7 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
         ]
     below_speed = f"no slip control below {short(control.cut_out_speed / KMH)} km/h: {_handed_over(control)}"
-    known = facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
-    text = (
-        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. No "
-        f"controller stops before the bound, that of a brake{_brakes(report.stops)} which is at the peak of adhesion "
-        "at once. Attainable is a stop in which the slip builds up too, without noise, by a controller that "
-        "knows the rail. Slip held is the median over the second half of the time under control, in the longest stop; "
-        f"highest slip is that of all seeds. {_elsewhere(report)}{again}"
-    )
-    shown = [_stop_table(report.stops, "Stops.")]
-    if report.seeking is not None and report.seeking is not report.trials[0]:
-        caption = "The seeking controller (--controller seeking) in the same stops."
-        shown.append(_stop_table(report.seeking.stops, caption))
-    return Section("stops", "Braking runs", (Paragraph(text), known, *shown, *_rolling(report)))
+    yield facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
 
 
 def _brakes(stops: Iterable[Stop]) -> str:

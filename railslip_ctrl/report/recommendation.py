@@ -21,12 +21,9 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
 from railslip_ctrl.design.controllers import (
-    LinearController,
-    SampledController,
     has_step,
     linear_controller,
     linear_of,
-    run_period,
     seeking_of,
 )
 from railslip_ctrl.design.envelope import Envelope
@@ -568,10 +565,7 @@ def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report
         return Rival(name, None, stops(control, blank, every_law=False), reason)
     runs = isinstance(controller, Controller)  # of a file: as that says
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
-    discrete = not isinstance(design, PIController) and getattr(design, "period", None) is not None
-    continuous = isinstance(design, LinearController) and not discrete
-    judged = SampledController(design, run_period(design)) if continuous else design
-    judgement = judge(judged, envelope, nominal=nominal)
+    judgement = judge(design, envelope, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, judgement, stops(control, judgement, every_law=False))
 

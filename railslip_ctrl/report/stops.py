@@ -26,7 +26,8 @@ from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
 from railslip_ctrl.simulation.step_objects import StepControl
 
-_REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a slip ratio
+_REACHED = 0.95  # of the reference slip: as good as there
+SLIDING = 0.5  #: slip ratio, halfway to a locked wheel
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Stop:
     @property
     def slides(self) -> bool:
         """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
-        return self.max_slip > _SLIDING
+        return self.max_slip > SLIDING
 
     @property
     def locks(self) -> bool:

@@ -20,11 +20,12 @@ from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
-from .document import MARGIN_HEAD, below, counted, facts, fixed, heading, ms_text, render, roots_text, table
+from .document import MARGIN_HEAD, above, below, counted, facts, fixed, heading, ms_text, render, roots_text, table
 from .export import (
     PUBLISHED,
     case_json,
@@ -377,15 +378,15 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     rows = [
         ("Envelope", envelope_words(judgement.envelope)),
         ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
-        ("Stable from", _speed(judgement.usable_from_kmh, "at no speed all loops are stable")),
-        ("Robust from", _speed(judgement.robust_from_kmh, "at no speed")),
+        ("Stable", _speed(judgement.usable_from_kmh, "at no speed in all loops")),
+        ("Robust", _speed(judgement.robust_from_kmh, "at no speed")),
     ]
     # the first line of the judgement is its verdict
     verdict, *told = str(judgement).splitlines()
     return [
         heading("Verdict over the envelope"),
         facts(rows),
-        _worst_table(judgement),
+        table((f"Over {_over(judgement)}", "", "Where"), list(worst_rows(judgement)), words=(2,)),
         _map_table(judgement),
         *told,
         f"Verdict: {verdict}",
@@ -399,23 +400,50 @@ def envelope_words(envelope: Envelope) -> str:
     speeds = f"{', '.join(f'{v:g}' for v in envelope.speeds)} km/h"
     names = ("slip", "dead_time", "lag", "radius")
     factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in said[name])}" for name in names)
-    return "; ".join([car.name, *lists, speeds, f"times {'; '.join(factors)}"])
+    slips = [f"{value:g} {rail}" for rail, value in said.get("reference", {}).items() if rail in said["rails"]]
+    return "; ".join(
+        [car.name, *lists, speeds, *([f"slip {', '.join(slips)}"] if slips else []), f"times {'; '.join(factors)}"]
+    )
+
+
+def _over(judgement: Judgement) -> str:
+    """The speeds that worst cases are of."""
+    used = judgement.usable_from_kmh
+    lowest = used is None or used <= min(judgement.envelope.speeds)
+    return "all speeds" if lowest else f"{used:g} km/h and more"
 
 
 def _speed(speed: float | None, never: str) -> str:
-    return never if speed is None else f"{speed:g} km/h"
+    return never if speed is None else f"from {speed:g} km/h up"
 
 
-def _worst_table(judgement: Judgement) -> RenderableType:
-    def row(name: str, worst: WorstCase) -> list[str]:
-        m = worst.margins
-        numbers = ["unstable", "-", "-"] if m is None else [ms_text(m.ms), below(m.phase_deg), below(m.delay_s)]
-        return [name, *numbers, worst.case.words]
+def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
+    """Worst Ms and least margins over the speeds at which all loops are stable, each with its case."""
+    name, value, where = worst_cells(judged.worst)
+    yield f"Worst {name}", value, where
+    if not judged.nominal:
+        name, value, where = worst_cells(judged.worst_with_tolerances)
+        yield f"Worst {name.replace('Ms', 'Ms with tolerances')}", value, where
+    if judged.worst.margins is None:
+        return
+    kind = _kind_of(judged.worst)
+    (phase, phase_at), (delay, delay_at) = judged.least("phase_deg"), judged.least("delay_s")
+    (low, low_at), (high, high_at) = judged.least("gain_decrease", -1.0), judged.least("gain_increase")
+    where = low_at.words if low_at == high_at else f"low: {low_at.words}; high: {high_at.words}"
+    yield f"Least phase margin, {kind}", f"{below(phase)} deg", phase_at.words
+    yield f"Least delay margin, {kind}", f"{below(delay)} s", delay_at.words
+    yield f"Gain range, {kind}", f"{above(low)} to {below(high)}", where
 
-    rows = [row("operating points", judgement.worst)]
-    if not judgement.nominal:
-        rows.append(row("with tolerances", judgement.worst_with_tolerances))
-    return table(("Worst of", "Ms", "Phase, deg", "Delay, s", "Where"), rows, words=(4,))
+
+def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
+    """The larger Ms, of the loop or of the sampled one that runs: which of them, its value, and its case."""
+    if worst.as_run is None or worst.run_ms <= worst.ms:
+        return f"Ms, {_kind_of(worst)}", ms_text(worst.ms), worst.case.words
+    return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
+
+
+def _kind_of(worst: WorstCase) -> str:
+    return "sampled" if isinstance(worst.loop, SampledLoop) else "continuous"
 
 
 def _map_table(judgement: Judgement) -> RenderableType:
@@ -479,7 +507,8 @@ def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
     """The design, its worst case, and its margins at every case, or its judgement over an envelope."""
     design, points = tuned.design, tuned.points
     name = {"pi": "PI", "pi-lead": "PI-lead", "pid": "PID (series form)"}[tuned.structure]
-    parts: list[RenderableType] = [heading(f"Tuning: {name} at {counted(len(points), 'operating point')}")]
+    at = "" if design is None else f" at {counted(len(points), 'operating point')}"  # those that the reason names
+    parts: list[RenderableType] = [heading(f"Tuning: {name}{at}")]
     known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]
     if design is None:
         return render([*parts, facts([*known, ("Result", f"infeasible: {tuned.reason}")])])

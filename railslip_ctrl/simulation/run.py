@@ -135,13 +135,17 @@ class Run:
     def __str__(self) -> str:
         """What became of it, and its slip and torque, in three lines."""
         scenario, lock = self.scenario, "no lock"
+        rails = dict.fromkeys((scenario.rail, *(one.rail for one in scenario.events if one.rail is not None)))
+        slips = dict.fromkeys(f"{reference_slip(self.controller.reference, rail):g}" for rail in rails)
+        held = " and ".join(slips)
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
             f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.name}: "
             f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
             f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
-            f"slip at most {self.max_slip:.3g}, {self.mean_abs_slip_error:.3g} from its reference on average; {lock}\n"
+            f"slip at most {self.max_slip:.3g}, {self.mean_abs_slip_error:.3g} from the reference {held} on average; "
+            f"{lock}\n"
             f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
         )
 

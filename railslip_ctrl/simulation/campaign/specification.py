@@ -402,7 +402,9 @@ class Campaign:
         if not names:
             raise InputError("controllers: none given; give at least one")
         if twice := [name for name in names if names.count(name) > 1]:
-            raise InputError(f"controllers: two have the name {twice[0]!r}; give each its own")
+            raise InputError(
+                f"controllers: two have the name {twice[0]!r}; name each (name= of LinearControl, or in its file)"
+            )
         if not 1 <= self.runs <= MOST_RUNS:
             raise InputError(f"runs: {self.runs} is not allowed; give an integer from 1 to {MOST_RUNS}")
         if not 0 <= self.seed <= LARGEST_SEED:
