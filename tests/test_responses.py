@@ -172,25 +172,22 @@ def wheel(**options):
     return closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, **options)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: wheel(), "give either the times or the final time"),
-        (lambda: wheel(time=[0, 1], final_time=1.0), "give either the times or the final time"),
-        (lambda: wheel(final_time=0.0), "final time: 0 s is not allowed"),
-        (lambda: wheel(time=[1.0, 0.5]), "ascending"),
-        (lambda: wheel(time=[-1.0]), ">= 0"),
-        (lambda: wheel(time=[math.nan]), "finite"),
-        (lambda: wheel(final_time=1.0, reference=math.nan), "steps: .* not finite"),
-        (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), "give 2 finite numbers"),
-        (lambda: wheel(final_time=1e6), "at most 200000"),
-        *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
-        (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),
-        (lambda: step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0), "overflows"),
-        *((lambda b=b: frequency_curve(DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
-        *((lambda b=b: gang_of_four(ONE, DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: wheel(), "give either the times or the final time"),
+    (lambda: wheel(time=[0, 1], final_time=1.0), "give either the times or the final time"),
+    (lambda: wheel(final_time=0.0), "final time: 0 s is not allowed"),
+    (lambda: wheel(time=[1.0, 0.5]), "ascending"),
+    (lambda: wheel(time=[-1.0]), ">= 0"),
+    (lambda: wheel(time=[math.nan]), "finite"),
+    (lambda: wheel(final_time=1.0, reference=math.nan), "steps: .* not finite"),
+    (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), "give 2 finite numbers"),
+    (lambda: wheel(final_time=1e6), "at most 200000"),
+    *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
+    (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),
+    (lambda: step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0), "overflows"),
+    *((lambda b=b: frequency_curve(DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
+    *((lambda b=b: gang_of_four(ONE, DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
+])  # fmt: skip
 def test_bad_input_is_refused_in_one_line(make, message):
     with pytest.raises(InputError, match=message) as caught:
         make()

@@ -95,17 +95,14 @@ def test_one_controller_in_every_form_is_one_controller(plant, kind):
         assert found == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
-        ("pi", "controller: str is not a linear system"),
-        (True, "controller: bool is not a linear system"),
-        (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
-        (ct.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), "not SISO"),
-        (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
+    ("pi", "controller: str is not a linear system"),
+    (True, "controller: bool is not a linear system"),
+    (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
+    (ct.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), "not SISO"),
+    (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
+])  # fmt: skip
 def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
     with pytest.raises(InputError, match=words):
         wheel_slip_loop(plant, controller)
@@ -380,24 +377,21 @@ def test_suggested_period_refuses_what_it_cannot_serve(plant):
         suggested_period(unbounded)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
-        *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
-        (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
-        (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
-        (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
-        (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
-        (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
-        (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),
-        (lambda plant: loop_of(PLAIN, 1e-5, plant).margins(), r"period: 1e-05 s .* give a value >= 0.0003"),
-        (lambda plant: loop_of(PLAIN, 0.01, plant, computation=-1.0), "computation: -1"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
+    *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
+    (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
+    (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
+    (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
+    (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
+    (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),
+    (lambda plant: loop_of(PLAIN, 1e-5, plant).margins(), r"period: 1e-05 s .* give a value >= 0.0003"),
+    (lambda plant: loop_of(PLAIN, 0.01, plant, computation=-1.0), "computation: -1"),
+])  # fmt: skip
 def test_bad_controllers_and_loops_are_refused_in_one_line(plant, make, message):
     with pytest.raises(InputError, match=message) as caught:
         make(plant)

@@ -70,18 +70,15 @@ def test_an_unstable_plant_may_need_ki_away_from_zero():
         assert not islands.contains(-1.24, ki * (1 - inside * NEAR))
 
 
-@pytest.mark.parametrize(
-    ("plant", "match"),
-    [
-        (-1 / (S + 1), r"sign of the plant's numerator.*change the sign.*-5\.89017 < kp < 1"),
-        (S / (S + 1) ** 2, r"zero at s = 0 cancels the integrator; use P control \(ki = 0"),
-        (0 * S / (S + 1), "the plant is 0"),
-        ((S - 1) / ((S - 1) * (S + 2)), "pole at 1.* is cancelled by a zero"),
-        (S / (S * (S + 2)), "pole at 0.* is cancelled by a zero"),
-        (1 / S**3, "at least 1 closed-loop pole stays unstable"),
-        (1 / ((S - 9) * (S - 8)), "at least 2 closed-loop poles stay unstable"),
-    ],
-)
+@pytest.mark.parametrize(("plant", "match"), [
+    (-1 / (S + 1), r"sign of the plant's numerator.*change the sign.*-5\.89017 < kp < 1"),
+    (S / (S + 1) ** 2, r"zero at s = 0 cancels the integrator; use P control \(ki = 0"),
+    (0 * S / (S + 1), "the plant is 0"),
+    ((S - 1) / ((S - 1) * (S + 2)), "pole at 1.* is cancelled by a zero"),
+    (S / (S * (S + 2)), "pole at 0.* is cancelled by a zero"),
+    (1 / S**3, "at least 1 closed-loop pole stays unstable"),
+    (1 / ((S - 9) * (S - 8)), "at least 2 closed-loop poles stay unstable"),
+])  # fmt: skip
 def test_empty_sets_say_why(plant, match):
     region = stabilizing_pi(plant, dead_time=0.3)
     assert (region.kp_range, region.kp_intervals, region.ki_limit(0.5)) == (None, (), 0.0)
@@ -186,33 +183,30 @@ def test_intersection_over_operating_points():
     assert not common.contains(low * (1 - NEAR), 0.0)
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda: stabilizing_pi((S + 2) / (S + 1), 0.1), r"P\(inf\) = 1: the loop is neutral"),
-        (lambda: stabilizing_pi(1 / S, -0.1), "dead time: -0.1"),
-        (lambda: stabilizing_pi("1/s"), "not a linear system"),
-        (lambda: stabilizing_pi((S + 2) / ((S + 1) * (1e-7 * S + 1)), 1.0).kp_range, "stays level up to"),
-        (lambda: stabilizing_pi(1 / S).contains(np.nan, 0), "kp: nan"),
-        (lambda: stabilizing_pi(1 / S).ki_limit(np.inf), "kp: inf"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "either derivative_time"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "either derivative_time"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0 s"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),
-        (lambda: intersection([]), "no region is given"),
-        (lambda: intersection([stabilizing_pi(1 / S)], ("dry", "wet")), "names: 2 for 1 regions"),
-        (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0,), (1.0, 2.0)), "kp: .* give two finite ends"),
-        (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), 3.0), "ki: .* give two finite ends"),
-        (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), (0.0, 2.0)), "ki: 0"),
-        (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, np.inf), (1.0, 2.0)), "kp: inf"),
-        (lambda: stabilizing_pi(1 / S).certified_rectangle((2.0, 1.0), (1.0, 2.0)), "kp: from 2 to 1 .*give ascending"),
-        (
-            lambda: stabilizing_pid(1 / S, derivative_time=1.0, **PID).certified_rectangle((1, 2), (1, 2)),
-            "PID with a derivative part is not covered",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("make", "match"), [
+    (lambda: stabilizing_pi((S + 2) / (S + 1), 0.1), r"P\(inf\) = 1: the loop is neutral"),
+    (lambda: stabilizing_pi(1 / S, -0.1), "dead time: -0.1"),
+    (lambda: stabilizing_pi("1/s"), "not a linear system"),
+    (lambda: stabilizing_pi((S + 2) / ((S + 1) * (1e-7 * S + 1)), 1.0).kp_range, "stays level up to"),
+    (lambda: stabilizing_pi(1 / S).contains(np.nan, 0), "kp: nan"),
+    (lambda: stabilizing_pi(1 / S).ki_limit(np.inf), "kp: inf"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "either derivative_time"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "either derivative_time"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0 s"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),
+    (lambda: intersection([]), "no region is given"),
+    (lambda: intersection([stabilizing_pi(1 / S)], ("dry", "wet")), "names: 2 for 1 regions"),
+    (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0,), (1.0, 2.0)), "kp: .* give two finite ends"),
+    (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), 3.0), "ki: .* give two finite ends"),
+    (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), (0.0, 2.0)), "ki: 0"),
+    (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, np.inf), (1.0, 2.0)), "kp: inf"),
+    (lambda: stabilizing_pi(1 / S).certified_rectangle((2.0, 1.0), (1.0, 2.0)), "kp: from 2 to 1 .*give ascending"),
+    (
+        lambda: stabilizing_pid(1 / S, derivative_time=1.0, **PID).certified_rectangle((1, 2), (1, 2)),
+        "PID with a derivative part is not covered",
+    ),
+])  # fmt: skip
 def test_unsuitable_input_is_refused(make, match):
     with pytest.raises(InputError, match=match):
         make()
@@ -225,21 +219,18 @@ ISLAND = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1
 OUTSIDE, INSIDE = 1e-9, 1e-4  # relative distance of the outermost corner from the boundary
 
 
-@pytest.mark.parametrize(
-    ("plant", "dead_time", "kp", "ki", "corner"),
-    [
-        (LAGS, 0.0, (5.0, 40.0), (1.0, 11 * 55 / 36), (0, 1)),
-        (LAGS, 0.0, (5.0, 50.0), (1.0, 56 * 10 / 36), (1, 1)),
-        (FASTER, 0.0, (3.0, 9.0), (1e-3, 2.0), (0, 1)),
-        (BIPROPER, 0.0, (-0.51, 0.4), (0.02, 3.0), (0, 0)),
-        # by the stabilising set: with dead time, in other units, and bounded below in ki
-        (FASTER, 0.1, (3.0, 4.0), (0.3, None), (1, 1)),
-        (1 / (S + 1), 0.1, (0.0, 0.5), (1.0, None), (0, 1)),
-        (1e6 / (S + 1e3), 0.01, (-6e-4, 6e-4), (1e-3, None), (0, 1)),
-        (1 / ((1e5 * S + 1) * (S + 1)), 3.0, (-0.5, 100.0), (1e-5, None), (0, 1)),
-        (ISLAND, 0.1, (-1.25, -1.2), (None, 4.0), (0, 0)),
-    ],
-)
+@pytest.mark.parametrize(("plant", "dead_time", "kp", "ki", "corner"), [
+    (LAGS, 0.0, (5.0, 40.0), (1.0, 11 * 55 / 36), (0, 1)),
+    (LAGS, 0.0, (5.0, 50.0), (1.0, 56 * 10 / 36), (1, 1)),
+    (FASTER, 0.0, (3.0, 9.0), (1e-3, 2.0), (0, 1)),
+    (BIPROPER, 0.0, (-0.51, 0.4), (0.02, 3.0), (0, 0)),
+    # by the stabilising set: with dead time, in other units, and bounded below in ki
+    (FASTER, 0.1, (3.0, 4.0), (0.3, None), (1, 1)),
+    (1 / (S + 1), 0.1, (0.0, 0.5), (1.0, None), (0, 1)),
+    (1e6 / (S + 1e3), 0.01, (-6e-4, 6e-4), (1e-3, None), (0, 1)),
+    (1 / ((1e5 * S + 1) * (S + 1)), 3.0, (-0.5, 100.0), (1e-5, None), (0, 1)),
+    (ISLAND, 0.1, (-1.25, -1.2), (None, 4.0), (0, 0)),
+])  # fmt: skip
 def test_a_rectangle_is_certified_until_a_corner_passes_the_boundary(plant, dead_time, kp, ki, corner):
     region = stabilizing_pi(plant, dead_time)
     column, row = corner
@@ -280,17 +271,14 @@ def scanned(factor, other, dead_time, highest):
     return omega[np.flatnonzero(np.diff(np.sign(value)))]
 
 
-@pytest.mark.parametrize(
-    ("factor", "other", "dead_time", "highest"),
-    [
-        (-((1 + X) ** 3), NOTHING, 1.0, 30.0),
-        (ONE, -X / 5, 1.0, 30.0),
-        (1 + X, -(X**3) / 50, 2.0, 10.0),  # |kappa| 1 to 1.4 at the end
-        ((1 + 4 * X**2) * (X + 3), X, 0.7, 25.0),  # F is 0 at 0.5 rad/s
-        ((1 - X) ** 2, 3 * X, 0.3, 40.0),
-        (X * (4 + X**2), X**3 / 3, 1.0, 12.0),
-    ],
-)
+@pytest.mark.parametrize(("factor", "other", "dead_time", "highest"), [
+    (-((1 + X) ** 3), NOTHING, 1.0, 30.0),
+    (ONE, -X / 5, 1.0, 30.0),
+    (1 + X, -(X**3) / 50, 2.0, 10.0),  # |kappa| 1 to 1.4 at the end
+    ((1 + 4 * X**2) * (X + 3), X, 0.7, 25.0),  # F is 0 at 0.5 rad/s
+    ((1 - X) ** 2, 3 * X, 0.3, 40.0),
+    (X * (4 + X**2), X**3 / 3, 1.0, 12.0),
+])  # fmt: skip
 def test_frequencies_are_those_of_a_scan(factor, other, dead_time, highest):
     found = real_frequencies(factor, other, dead_time, highest)
     expected = scanned(factor, other, dead_time, highest)
