@@ -1,7 +1,6 @@
 """A map of margins: our batch against python-control with a fifth-order Pade, speed and accuracy in one run.
 
-Run with `make benchmark`. For the speed of one core pin it: `taskset -c 0 make benchmark`. Ratios are measured in
-one run against the peer; the ordinary tests do not time anything.
+Run with `make benchmark`, for the speed of one core with `taskset -c 0 make benchmark`.
 """
 
 import os
@@ -10,23 +9,13 @@ import time
 import control as ct
 import numpy as np
 import pytest
+from test_loop_batch import slip_loops
 
 from railslip_ctrl.loop.batch import batch_margins
 
 LOOPS = 20_000
 PEER_LOOPS = 200  # the peer takes milliseconds a loop
 PADE_ORDER = 5
-
-
-def pi_lead_loops(n: int, seed: int = 0):
-    """PI-lead x actuator lag x two-state slip plant over rail, speed and gain; dead time 0.05 to 0.4 s."""
-    rng = np.random.default_rng(seed)
-    lag, reset = rng.uniform(0.3, 0.9, n), 10 ** rng.uniform(-0.5, 1.5, n)
-    slip_pole, fast_pole, zero = rng.uniform(-1.5, 3, n), rng.uniform(-40, -2, n), rng.uniform(-30, -1, n)
-    gain = 10 ** rng.uniform(-1, 1, n) * 10 / lag * fast_pole / zero
-    zeros = np.stack([-1 / reset, zero, -1 / (lag * rng.uniform(0.8, 1.2, n))], axis=1)
-    poles = np.stack([np.zeros(n), -1 / lag, slip_pole, fast_pole, -10 / lag], axis=1)
-    return zeros.astype(complex), poles.astype(complex), gain, rng.uniform(0.05, 0.4, n)
 
 
 def peer_margins(zeros, poles, gain, dead_time):
@@ -39,7 +28,7 @@ def peer_margins(zeros, poles, gain, dead_time):
 
 @pytest.mark.benchmark(group="margin map")
 def test_margin_map_against_python_control_with_pade(benchmark):
-    arguments = pi_lead_loops(LOOPS)
+    arguments = slip_loops(LOOPS, lead=True)
     # stable loops only: the others have no margins, and would flatter the speed
     stable = batch_margins(*arguments).stable
     arguments = tuple(a[stable] for a in arguments)
