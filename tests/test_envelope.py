@@ -290,7 +290,7 @@ def test_a_discrete_controller_is_judged_by_its_sampled_loops():
         # a parabola's top, looked at over a 1e-5 of its width
         assert judged.ms[i] == pytest.approx(loop.margins().ms, rel=1e-8)
     assert judged.worst.margins.ms == judged.worst.loop.margins().ms
-    assert np.isfinite(judged.margins.delay_s[points.operating]).all()
+    assert np.array_equal(np.isfinite(judged.margins.delay_s), points.operating)  # the others need not be worked out
 
 
 def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():

@@ -6,19 +6,14 @@ from fractions import Fraction
 import control as ct
 import numpy as np
 import pytest
+from test_sampled import INTEGRATOR, gain
 
 from railslip_ctrl import DeadTimeLoop, InputError, Rational
 from railslip_ctrl.loop.deadtime import frequency_curve, gang_of_four
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
 
-
-def gain(value: float) -> Rational:
-    return Rational(np.array([]), np.array([]), value)
-
-
 ONE = gain(1.0)
-INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
 
 def rational(num, den) -> Rational:

@@ -68,13 +68,6 @@ def test_the_order_of_convergence_is_four() -> None:
     assert orders[-1] == pytest.approx([4.0, 4.0, 4.0], abs=0.05)
 
 
-def staircase_behind_actuator(time: np.ndarray, command: np.ndarray, dead_time: float, lag: float) -> np.ndarray:
-    """The lag's answer to a command held from sample to sample, by superposition of its steps."""
-    steps = np.diff(command, prepend=0.0)
-    since = time[:, None] - time[None, :] - dead_time
-    return np.asarray(np.sum(steps * np.where(since > 0, -np.expm1(-np.maximum(since, 0) / lag), 0.0), axis=1))
-
-
 @pytest.mark.parametrize(
     ("dead_time", "period", "step"),
     [(0.0, 0.01, 1e-3), (0.15, 0.05, 1e-3), (0.1537, 0.01, 1e-3), (0.0031, 0.01, 1e-3), (0.15, 0.007, 2.3e-3)],
@@ -85,7 +78,9 @@ def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> Non
     profile = sim.TorqueProfile((0.0, 0.8, 1.3, 2.0), (500.0, 3000.0, -800.0, 400.0), REFERENCE, period=period)
     run = sim.simulate(scenario(vehicle, longest_time=3.0, step=step), profile, seed=None)
     time, command = run.signals.time[:-1], run.signals.command[:-1]  # the last row is the end, not a sample
-    expected = staircase_behind_actuator(time, command, dead_time, 0.6)
+    # the lag's answer to a command held from sample to sample, by superposition of its steps
+    since = np.maximum(time[:, None] - time[None, :] - dead_time, 0.0)
+    expected = np.sum(-np.diff(command, prepend=0.0) * np.expm1(-since / 0.6), axis=1)
     # Runge-Kutta's own error over the run, (h/T)^4/120 of the torque: 2e-12 at the largest step
     np.testing.assert_allclose(run.signals.torque[:-1], expected, rtol=0, atol=3000.0 * (step / 0.6) ** 4 / 50 + 1e-9)
 
