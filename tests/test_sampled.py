@@ -220,8 +220,13 @@ def test_a_pole_too_fast_for_the_rule_is_refused():
     with pytest.raises(InputError, match=r"pole of 1000 1/s; give a value <= 0.002 \(s\), or the backward rule"):
         SampledController(1 / (1e-3 * S + 1), 0.01)
     assert SampledController(1 / (1e-3 * S + 1), 0.01, rule=Rule.BACKWARD).transfer_function(1.0) == pytest.approx(1.0)
-    for pole, period, rule in ((0.5, 0.1, Rule.TUSTIN), (0.5, 3.0, Rule.TUSTIN), (-0.5, 1.5, Rule.BACKWARD)):
-        slow_enough = SampledController(1 / (S - pole), period, rule=rule)
+    for pole, h, rule in (
+        (0.5, 0.1, Rule.TUSTIN),
+        (0.5, 3.0, Rule.TUSTIN),
+        (-100.0, 0.02, Rule.TUSTIN),
+        (-0.5, 1.5, Rule.BACKWARD),
+    ):
+        slow_enough = SampledController(1 / (S - pole), h, rule=rule)
         assert slow_enough.transfer_function(1.0) == pytest.approx(-1 / pole)
     with pytest.raises(InputError, match=r"pole of 100 1/s; give a value <= 0\.01"):
         SampledController(1 / (S - 100), 0.01, rule=Rule.BACKWARD)

@@ -242,6 +242,7 @@ def test_a_controller_that_returns_no_number_or_overflows_ends_the_run(value: st
     run = sim.simulate(base.with_changes(limits=sim.BrakeLimits(torque_min=-1e308)), constant_torque(-1e308), seed=None)
     assert run.outcome is sim.Outcome.NOT_FINITE
     assert 0.0 < run.braking_time < 1.0
+    assert np.isfinite(run.signals).all()  # what was last
 
 
 @pytest.mark.long
