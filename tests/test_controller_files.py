@@ -62,8 +62,8 @@ IN_FEW_WORDS = {
     'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 0.5\ntorque_high = 2.0': LinearControl(  # as written earlier
         PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, torque_low=0.5, torque_high=2.0, **AS_BEFORE
     ),
-    'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
-        PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5
+    'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5\ndump_slip = 0.3': SlideProtection(
+        PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5, dump_slip=0.3
     ),
 } | {
     f'kind = "state-space"\n{text}': LinearControl(StateSpaceController(*matrices), PUBLISHED, "state-space", 0.01)
