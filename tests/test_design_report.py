@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from html_page import LARGEST_BYTES, Page
 from project import ROOT, SMALL, refused
-from sample_vehicles import COACH
+from test_envelope import COACH
 from test_law_files import LAW
 
 from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point

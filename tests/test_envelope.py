@@ -11,7 +11,6 @@ import control as ct
 import numpy as np
 import pytest
 from project import refused
-from sample_vehicles import COACH
 
 from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
@@ -22,7 +21,19 @@ from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, PIGains, Rail, Resistance, Vehicle, Wheel
+
+COACH = Vehicle(
+    name="Coach, quarter car",
+    mass=11_000.0,
+    mass_loaded=17_437.0,
+    wheel_load=11_000.0 * GRAVITY,
+    wheel_load_loaded=17_437.0 * GRAVITY,  # 171 kN
+    wheel=Wheel(radius=0.46, inertia=90.0, viscous_friction=0.25),
+    resistance=Resistance(constant=100.0, quadratic=0.6),
+    actuator=Actuator(dead_time=0.12, lag=0.4),
+)
+"""A four-axle coach whose load, brake and wheel all differ from those of the published vehicle."""
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 

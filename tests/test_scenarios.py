@@ -17,21 +17,15 @@ DESIGNS = Path(__file__).resolve().parent.parent / "designs"
 SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"
 
 
-def written(path, text):
-    path.write_text(text)
-    return path
-
-
 @pytest.fixture
-def scenario_of(tmp_path):
-    """A scenario from the text of a file."""
-    return lambda text, name="mine.toml": load_scenario(written(tmp_path / name, text))
+def file(tmp_path):
+    """A function that writes a file and gives its path."""
 
+    def write(text, name="mine.toml"):
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
 
-@pytest.fixture
-def controller_of(tmp_path):
-    """A controller from the text of a file."""
-    return lambda text: load_controller(written(tmp_path / "controller.toml", text))
+    return write
 
 
 def test_the_published_scenario_by_name_and_as_a_file():
@@ -55,13 +49,14 @@ def test_the_leaf_patch_takes_its_adhesion_away_and_gives_it_back():
         assert force[where] == pytest.approx(expected, abs=1e-3)
 
 
-def test_a_file_changes_only_what_it_names_of_the_one_that_it_extends(scenario_of):
+def test_a_file_changes_only_what_it_names_of_the_one_that_it_extends(file):
     base = sim.built_in_scenario("park2008")
-    mine = scenario_of('extends = "park2008"\nstep = "2 ms"\n[disturbances]\nrandom_force = "0.5 kN"\n', "first.toml")
+    text = 'extends = "park2008"\nstep = "2 ms"\n[disturbances]\nrandom_force = "0.5 kN"\n'
+    mine = load_scenario(file(text, "first.toml"))
     disturbances = base.disturbances.model_copy(update={"random_force": 500.0})
     assert mine == base.model_copy(update={"name": "first", "step": 0.002, "disturbances": disturbances})
     own = EVERY_FIELD[EVERY_FIELD.index("[vehicle]") : EVERY_FIELD.index("[disturbances]")]
-    mine = scenario_of(f'extends = "first.toml"\nname = "second"\nrail = "wet"\n{own}')
+    mine = load_scenario(file(f'extends = "first.toml"\nname = "second"\nrail = "wet"\n{own}'))
     assert (mine.name, mine.rail, mine.step, mine.vehicle.mass) == ("second", Rail.WET, 0.002, 3000.0)
     assert mine.events[0].mass == 4000.0  # the loaded one of its vehicle
 
@@ -108,8 +103,8 @@ mass = "3.5 t"
 """
 
 
-def test_every_field_can_be_given(scenario_of):
-    mine = scenario_of(EVERY_FIELD)
+def test_every_field_can_be_given(file):
+    mine = load_scenario(file(EVERY_FIELD))
     assert (mine.vehicle.mass, mine.vehicle.inertia_scale, mine.vehicle.wheel.radius) == (4000.0, 2.0, 0.45)
     assert mine.vehicle.wheel_load == pytest.approx(40_000.0)  # loaded, in proportion to the mass
     scaled = published_law("bristle", Rail.DRY, 80.0, mine.vehicle.wheel_load)
@@ -156,22 +151,22 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     ('vehicle = "park2008"\ninitial_speed = 20.0', "adhesion: missing"),
     ('adhesion = "curve"\ninitial_speed = 20.0', "vehicle: missing"),
 ])  # fmt: skip
-def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
+def test_scenario_files_are_refused_in_one_line(file, text, words):
     alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
     with pytest.raises(InputError, match=words) as caught:
-        scenario_of(text if alone else f'extends = "park2008"\n{text}')
+        load_scenario(file(text if alone else f'extends = "park2008"\n{text}'))
     assert "\n" not in str(caught.value)
     assert "none.toml" in str(caught.value) or "mine.toml" in str(caught.value)
 
 
-def test_the_designs_and_table_4_as_files(controller_of):
+def test_the_designs_and_table_4_as_files(file):
     assert load_controller(CONTROLLERS / "pi_lead.toml") == catalogue.recommended_pi_lead()
     assert load_controller(CONTROLLERS / "slide_protection.toml") == catalogue.slide_protection()
-    pi = controller_of('kind = "pi"\nkp = "650 N*m/(km/h)"\nki = "27 N*m/(km/h)/s"\nanti_windup = false\n')
+    pi = load_controller(file('kind = "pi"\nkp = "650 N*m/(km/h)"\nki = "27 N*m/(km/h)/s"\nanti_windup = false\n'))
     assert pi.tracking_time == math.inf
     assert (pi.design.gains.kp, pi.design.gains.ki) == pytest.approx((2340.0, 97.2))
     keys = 'K = 70\nD = "1.53 N*m/(km/h)"\nrho = 1.54\nnominal_mass = 3517\nknows_rail = false\n'
-    asmc = controller_of(f'kind = "asmc"\n{keys}')
+    asmc = load_controller(file(f'kind = "asmc"\n{keys}'))
     published = catalogue.published_controller("asmc", "bristle", knows_rail=False)
     assert isinstance(asmc, sim.SlidingControl)
     assert math.isclose(asmc.gains.D, published.gains.D, rel_tol=1e-12)  # 1.53 N*m/(km/h) through Pint
@@ -184,27 +179,28 @@ OVER_V0 = (
 WITH_MODEL = 'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n'
 
 
-def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_path):
-    (tmp_path / "law.toml").write_text(OVER_V0)
+def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(file):
+    file(OVER_V0, "law.toml")
+    path = file(WITH_MODEL, "controller.toml")
     with pytest.raises(InputError, match=r"controller\.toml: .*law\.toml: its parameters are polynomials"):
-        controller_of(WITH_MODEL)
-    path = tmp_path / "controller.toml"
+        load_controller(path)
     for speed_kmh in (60.0, 80.0):
         law = load_controller(path, initial_speed=speed_kmh / 3.6).model_law
         assert law.mu_max == pytest.approx(0.4 - 0.001 * speed_kmh, rel=1e-12)  # km/h to m/s and back
-    keys = 'scenario = "slow.toml"\nruns = 1\n[[controller]]\ncontroller = "controller.toml"\n'
-    (tmp_path / "campaign.toml").write_text(keys)
-    (tmp_path / "slow.toml").write_text('extends = "park2008"\ninitial_speed = "70 km/h"\n')
-    assert load_campaign(tmp_path / "campaign.toml").controllers[0].model_law.mu_max == pytest.approx(0.33, rel=1e-12)
+    file('extends = "park2008"\ninitial_speed = "70 km/h"\n', "slow.toml")
+    text = 'scenario = "slow.toml"\nruns = 1\n[[controller]]\ncontroller = "controller.toml"\n'
+    (controller,) = load_campaign(file(text, "campaign.toml")).controllers
+    assert controller.model_law.mu_max == pytest.approx(0.33, rel=1e-12)
 
 
-def test_a_schedule_and_a_profile_as_files(controller_of, tmp_path):
+def test_a_schedule_and_a_profile_as_files(file):
     schedule = catalogue.recommended_schedule().schedule
-    (tmp_path / "schedule.json").write_text(schedule.to_json())
-    scheduled = controller_of('kind = "scheduled"\nschedule = "schedule.json"\ntorque_high = 9000\n')
+    file(schedule.to_json(), "schedule.json")
+    scheduled = load_controller(file('kind = "scheduled"\nschedule = "schedule.json"\ntorque_high = 9000\n'))
     assert isinstance(scheduled, sim.ScheduledControl)
     assert scheduled.schedule == schedule
-    profile = controller_of('kind = "torque-profile"\ntimes = [0, 2.5]\ntorques = [0, 4000]\nperiod = "10 ms"\n')
+    text = 'kind = "torque-profile"\ntimes = [0, 2.5]\ntorques = [0, 4000]\nperiod = "10 ms"\n'
+    profile = load_controller(file(text))
     assert profile == sim.TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
 
 
