@@ -11,10 +11,9 @@ import pytest
 from project import refused
 
 import railslip_ctrl as rs
-from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIGains, Rail, load_controller
+from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIGains, Rail, linearize, load_controller, operating_point
 from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
 from railslip_ctrl.simulation.campaign.specification import load_campaign
@@ -47,12 +46,11 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
 
 PUBLISHED = published_reference("bristle")
 AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
+TWO_STATES = ((0.0, 1.0), (-1.0, -2.0)), (0.0, 1.0), (3.0, 4.0), 5.0
 STATES = {
     "A = []\nB = []\nC = []\nD = 0.5": ((), (), (), 0.5),
     "A = -1\nB = 2\nC = 3": (((-1.0,),), (2.0,), (3.0,)),
-    "a = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]": (
-        *(((0.0, 1.0), (-1.0, -2.0)), (0.0, 1.0), (3.0, 4.0), 5.0),
-    ),
+    "a = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]": TWO_STATES,
 }
 IN_FEW_WORDS = {
     'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, **AS_BEFORE),

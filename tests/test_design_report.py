@@ -312,10 +312,9 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
     assert len(design_report_json(hopeless)["seeking"]) == len(hopeless.seeking.stops) > 0
 
 
-WEAK = [(804.0, 694.0, "fragile", "DO NOT USE: fragile"), (1e6, 2.0, "unstable", "DO NOT USE")]
-
-
-@pytest.mark.parametrize(("kp", "ki", "verdict", "headline"), WEAK)
+@pytest.mark.parametrize(("kp", "ki", "verdict", "headline"), [
+    *((804.0, 694.0, "fragile", "DO NOT USE: fragile"), (1e6, 2.0, "unstable", "DO NOT USE")),
+])  # fmt: skip
 def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, ki, verdict, headline):
     """Were the judgement that of gains without margin: headline, reason, table and JSON say the same."""
     weak = judge(PIController(PIGains(kp=kp, ki=ki), lead=0.6, lead_filter=0.03), robust.envelope)

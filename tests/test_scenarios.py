@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from railslip_ctrl import PARK2008, InputError, Rail, load_scenario, published_law
+from railslip_ctrl import PARK2008, InputError, Rail, catalogue, load_scenario, published_law
 from railslip_ctrl import simulation as sim
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.simulation import catalogue
 from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
 

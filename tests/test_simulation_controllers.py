@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from generated_code import begun
 
-from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, derive, load_scenario
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, catalogue, derive, load_scenario
 from railslip_ctrl import simulation as sim
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design.controllers import Rule, wheel_slip_loop
@@ -15,7 +15,6 @@ from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.report.stops import braked
-from railslip_ctrl.simulation import catalogue
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
@@ -51,10 +50,6 @@ def measured(count, seed):
     return zip(v.tolist(), (v * (1 - rng.uniform(-0.2, 0.6, count)) / RADIUS).tolist(), strict=True)
 
 
-def slip_error(v, omega):
-    return REFERENCE.dry * v - (v - RADIUS * omega)
-
-
 @pytest.mark.parametrize("rule", list(Rule))
 @pytest.mark.parametrize("tracking_time", [None, 0.5, math.inf])
 @pytest.mark.parametrize("lead", [(0.0, 0.0), (0.6, 0.06)])
@@ -65,7 +60,7 @@ def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
     x = np.array(sampled.start())
     limited, applied = 0, 0.0
     for v, omega in measured(400, seed=3):
-        torque = sampled.step(x, slip_error(v, omega), applied)
+        torque = sampled.step(x, REFERENCE.dry * v - (v - RADIUS * omega), applied)
         assert step(v, omega, applied) == torque
         assert np.array_equal(step.x, x)
         limited += torque in (0.0, 5000.0)

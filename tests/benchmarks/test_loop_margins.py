@@ -54,13 +54,5 @@ def test_5000_points_are_judged_in_two_seconds():
         assert judged.worst.ms <= judged.worst_with_tolerances.ms
         times.append(time.process_time() - begin)
     assert len(judged.points) >= POINTS
-    each = min(times) / len(judged.points)
-    pade = ct.tf(*ct.pade(0.15, 5)) * ct.tf([1.0], [0.6, 1.0]) * ct.tf([229.4, 5.0], [1.0, 0.0])
-    loops = [pade * ct.tf([1e-3 * k], [1.0, -1.0]) for k in range(1, 21)]
-    begin = time.process_time()
-    for loop in loops:
-        ct.stability_margins(loop)
-    peer = (time.process_time() - begin) / len(loops)
-    print(f"\n{len(judged.points)} points judged, worst case by the scalar engine included: {min(times):.2f} s,")
-    print(f"a point {peer / each:.1f} times as fast as python-control's stability_margins with a Pade of order 5")
+    print(f"\n{len(judged.points)} points judged, worst case by the scalar engine included: {min(times):.2f} s")
     assert min(times) <= SECONDS
