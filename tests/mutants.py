@@ -144,6 +144,7 @@ EQUIVALENT = {
     r"found = next\(x for squares, x in tried": "searches along the motion from starts 10 000 apart end in one place",
     r"reshape\(-1, .*=> .*reshape\(-\(2\), ": "any negative size is the unknown one",
     r"_DEPTH = 42": "as good to 4e-14",
+    r"noisy = \(true - self.noise": "the noise is symmetrical",
     r"_NO_VEHICLE = ": "the force and the state at rest depend on nothing of the vehicle but its load",
     r"_MATTERS = ": "coarser samples of dead time: an end moves by 1e-4, and is looked at closer before an answer",
     r"\(math.pi \* 2\) / edges": "a loop with |L| > 1 below these frequencies alone loses its stability before",

@@ -11,7 +11,7 @@ import pytest
 from project import refused
 
 import railslip_ctrl as rs
-from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIGains, Rail, linearize, load_controller, operating_point
+from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIGains, Rail, load_controller
 from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.report.stops import as_run
@@ -128,7 +128,7 @@ def test_a_file_that_is_wrong_is_told(tmp_path, text, told):
 
 
 CASE = ("--adhesion", "bristle", "--rail", "dry", "--speed", "100")
-WHEEL = linearize(operating_point(published_law("bristle", Rail.DRY), PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
+WHEEL = rs.plant_at("bristle", PARK2008, Rail.DRY, 100.0)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])

@@ -10,7 +10,7 @@ import scipy.signal
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess
+from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess, plant_at
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import (
     PIController,
@@ -33,8 +33,7 @@ from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
-from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.report import margins_json, margins_text
 
 S = ct.tf("s")
@@ -72,8 +71,7 @@ KINDS = {
 
 @pytest.fixture(scope="module")
 def plant():
-    law = published_law("bristle", Rail.DRY)
-    return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
+    return plant_at("bristle", PARK2008, Rail.DRY, 100.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
