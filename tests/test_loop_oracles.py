@@ -36,15 +36,10 @@ MATLAB = {
 }
 """MATLAB's page of allmargin, and RobustAndOptimalControl.jl."""
 UNSTABLE_PLANT = {
-    "gain_decrease": printed(0.234619891262),
-    "gain_decrease_frequency": printed(0.208677852),
-    "gain_increase": printed(4.39578339078),
-    "gain_increase_frequency": printed(2.73581826),
-    "phase_deg": printed(29.2144640746),
-    "phase_frequency": printed(1.00493595554),
-    "delay_s": printed(0.507384161643),
-    "ms": printed(2.21149397822),
-    "mt": printed(1.98840564198),
+    **{"gain_decrease": printed(0.234619891262), "gain_decrease_frequency": printed(0.208677852)},
+    **{"gain_increase": printed(4.39578339078), "gain_increase_frequency": printed(2.73581826)},
+    **{"phase_deg": printed(29.2144640746), "phase_frequency": printed(1.00493595554)},
+    **{"delay_s": printed(0.507384161643), "ms": printed(2.21149397822), "mt": printed(1.98840564198)},
     "disk": printed(0.507978316),
 }
 """1.2 (8 s + 1)/(8 s) * 1/(s - 0.25) * exp(-0.15 s)/(0.6 s + 1)."""

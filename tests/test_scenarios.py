@@ -134,7 +134,6 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     ("final_speed = 60.0", "give a value < initial_speed"),
     ("limits = 3", "limits: 3 is not allowed; give a table"),
     ("[limits]\nrat = 1.0", "limits.rat: unknown key; did you mean 'rate'"),
-    ("[[events]]\ntime = 1.0\nmas = 2.0", "events.0.mas: unknown key; did you mean 'mass'"),
     ('[[events]]\nrail = "wet"', "give either time or distance"),
     ("[[events]]\ntime = 1.0", "changes nothing"),
     ('vehicle = "none.toml"', "vehicle: .*no such file"),

@@ -1,7 +1,6 @@
 """The integration itself: balance, order, dead time, actuator, events, sensors, repeatability, and runs that fail."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -204,25 +203,17 @@ def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
     assert numbers(runs[0]) == pytest.approx(numbers(runs[1]), rel=1e-9)
 
 
-@dataclass(frozen=True)
 class BreaksDown:
-    """A controller whose torque is not a number from a time on."""
+    """A controller whose torque is not a number from 0.5 s on."""
 
-    when: float
-    value: str = "math.nan"
-    period: float | None = 0.01
-    name: str = "breaks-down"
-    knows_rail: bool = True
-    model_law: None = None
+    period, name, knows_rail, model_law, reference, states = 0.01, "breaks-down", True, None, REFERENCE, ()
 
-    reference, states = REFERENCE, ()
-
-    def source(self) -> str:
+    def __init__(self, value: str) -> None:
         head = "@compiled\ndef command(x, t, v, omega, applied, c, table):\n"
-        return f"{head}    return {self.value} if t >= c[2] else 0.0\n"
+        self.source = lambda: f"{head}    return {value} if t >= c[2] else 0.0\n"
 
     def row(self, situation: object) -> tuple[float, ...]:
-        return (self.when,)
+        return (0.5,)
 
     def start(self, speed: float) -> tuple[float, ...]:
         return ()
@@ -231,7 +222,7 @@ class BreaksDown:
 @pytest.mark.parametrize("value", ["math.nan", "math.inf", "-math.inf"])
 def test_a_controller_that_returns_no_number_or_overflows_ends_the_run(value: str) -> None:
     base = scenario(bare_vehicle(), longest_time=2.0)
-    run = sim.simulate(base, BreaksDown(0.5, value), seed=None, compiled=False)
+    run = sim.simulate(base, BreaksDown(value), seed=None, compiled=False)
     assert (run.outcome, run.stopped) == (sim.Outcome.NOT_FINITE, False)
     assert run.braking_time == pytest.approx(0.5, abs=1e-12)
     # 1e308 N*m times 1/J and r: the wheel's speed overflows

@@ -102,9 +102,7 @@ FILE = """
 import numba
 
 class Mine:
-    period = 0.01
-    def __init__(self):
-        self.i = 0.0
+    period, i = 0.01, 0.0
     def step(self, t, v, omega):
         e = 0.132 * v - (v - 0.43 * omega)
         self.i += 12.2 * e
