@@ -106,7 +106,7 @@ ROOMS = {
     "simulation/kernel": "simulation_engine simulation_physics",
     "simulation/run": "simulation_engine step_objects",
     "simulation/seeking": "seeking",
-    "simulation/seeking_step": "seeking",
+    "simulation/seeking_step": "seeking simulation_controllers",
     "simulation/step_objects": "step_objects",
     "simulation/steps": "simulation_controllers scenarios",
 }

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from html_page import LARGEST_BYTES, Page
 from project import ROOT, SMALL, refused
-from test_envelope import COACH
+from test_envelope import COACH, own_loop
 from test_law_files import LAW
 
 from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
@@ -225,28 +225,24 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(nam
     """2 000 loops anywhere within the ranges of the envelope in use, each linearised and solved by itself."""
     found = design_report(Envelope(VEHICLES[name]), sliding=False)
     judged, envelope, rng = found.in_use, found.in_use.envelope, np.random.default_rng(4)
-    cars = {"empty": found.vehicle, "loaded": found.vehicle.loaded()}
     worst, seeks = {True: judged.worst, False: judged.worst_with_tolerances}, isinstance(found.control, SeekingControl)
     controller = found.control if seeks else found.control.design
-    lowest, highest = min(envelope.speeds), max(envelope.speeds)
+
+    def held(law, speed, load):
+        if seeks:
+            return found.control.gains.held_slip(law, speed, load)
+        return law.reference_slip(law.rail) if envelope.reference is None else getattr(envelope.reference, law.rail)
+
+    ranges = [getattr(envelope, name) for name in ("slip", "dead_time", "lag", "radius")]
     for k in range(2000 if not seeks else 400):  # a loop of the seeking controller takes ten times as long
         operating = k % 4 == 0  # at the operating points only the speed is between those judged
-        ends = {name: getattr(envelope, name) for name in ("slip", "radius", "dead_time", "lag")}
-        a = {name: 1.0 if operating else rng.uniform(min(these), max(these)) for name, these in ends.items()}
-        car, rail, speed = cars[rng.choice(envelope.loads)], rng.choice(envelope.rails), rng.uniform(lowest, highest)
-        law = published_law(rng.choice(envelope.laws), rail, envelope.initial_speed, car.wheel_load)
-        slip = law.reference_slip(rail) if envelope.reference is None else getattr(envelope.reference, rail)
-        if seeks:
-            slip = found.control.gains.held_slip(law, speed / 3.6, car.wheel_load)
-        wheel = car.wheel.model_copy(update={"radius": a["radius"] * car.wheel.radius})
-        brake = Actuator(dead_time=a["dead_time"] * car.actuator.dead_time, lag=a["lag"] * car.actuator.lag)
-        worn = car.model_copy(update={"wheel": wheel, "actuator": brake})
-        at = {"rail": rail, "initial_speed_kmh": envelope.initial_speed}
-        point = operating_point(law, worn, speed / 3.6, a["slip"] * slip, **at)
-        loop = wheel_slip_loop(point, controller)
+        factors = [1.0 if operating else rng.uniform(min(these), max(these)) for these in ranges]
+        speed = rng.uniform(min(envelope.speeds), max(envelope.speeds))
+        place = rng.choice(envelope.laws), rng.choice(envelope.rails), speed, rng.choice(envelope.loads)
+        loop = own_loop(found.vehicle, controller, *place, *factors, held, envelope.initial_speed)
         assert loop.is_stable() or worst[operating].margins is None
         if loop.is_stable():
-            assert loop.margins().ms <= worst[operating].ms * (1 + 1e-6), point
+            assert loop.margins().ms <= worst[operating].ms * (1 + 1e-6), (place, factors)
 
 
 @pytest.fixture(scope="module")

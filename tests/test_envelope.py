@@ -199,14 +199,16 @@ FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # 
 PROMPT = COACH.model_copy(update={"actuator": Actuator(dead_time=0.05, lag=0.0)})
 
 
-def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius):
-    """A loop of the envelope, made from its definition."""
+def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius, held=None, v0_kmh=100.0):
+    """A loop of the envelope, made from its definition; `held` gives the slip of a law, speed and wheel load."""
     loaded = car.loaded() if load == "loaded" else car
-    law = published_law(adhesion, rail, wheel_load=loaded.wheel_load)
-    worn = loaded.model_copy(update={"wheel": loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})})
+    law = published_law(adhesion, rail, v0_kmh, loaded.wheel_load)
+    wheel = loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})
     brake = Actuator(dead_time=dead_time * car.actuator.dead_time, lag=lag * car.actuator.lag)
-    point = operating_point(law, worn, speed / 3.6, slip * law.reference_slip(law.rail))
-    return wheel_slip_loop(linearize(point), controller, brake)
+    worn = loaded.model_copy(update={"wheel": wheel, "actuator": brake})
+    reference = held(law, speed / 3.6, loaded.wheel_load) if held else law.reference_slip(law.rail)
+    point = operating_point(law, worn, speed / 3.6, slip * reference, rail=rail, initial_speed_kmh=v0_kmh)
+    return wheel_slip_loop(point, controller)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.report.stops import braked
+from railslip_ctrl.simulation import seeking_step as seeking
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
@@ -244,6 +245,18 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
         omega = 20.0 * (1.0 - slip) / 0.43
         x = np.array([torque, 0.43 * omega, 1.0, 0.0])
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("exponent", "over"), [(0.0, True), (1.0, False)])
+def test_the_fast_start_ends_where_adhesion_rises_no_more_with_slip(exponent, over):
+    control = catalogue.seeking_control()
+    c = np.array([0.1, RADIUS, *control.row(Situation(SCENARIO, Rail.DRY, SCENARIO.law(Rail.DRY), PERIOD))])
+    x = np.array(control.start(20.0))
+    x[seeking.STARTING], x[seeking.FILTERED_SPEED] = 1.0, 20.0
+    for slip in 0.01 * 1.05 ** np.arange(40):
+        x[seeking.FILTERED_SIGMA], x[seeking.ADHESION_TORQUE] = 20.0 * slip, 3000.0 * (slip / 0.01) ** exponent
+        seeking.fast_start(x, c, 20.0, 0.0, 0.1)
+    assert (x[seeking.STARTING] == 0.0) == over
 
 
 def test_the_domain_of_a_law_is_linear_between_speeds():
