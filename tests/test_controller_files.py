@@ -194,6 +194,7 @@ def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_
     assert judged["worst"] == tuned["worst"]
     envelope = rs.Envelope(laws="curve", speeds=(60, 100), reference={"dry": 0.1, "wet": 0.1})
     best = rs.tune(envelope, structure="pi-lead", ms_max=2.0)
+    assert (tuned["kp_si"], tuned["ki_si"], len(tuned["cases"])) == (best.gains.kp, best.gains.ki, 8)
     as_reported = as_run(rs.PIController(best.gains, best.lead, best.lead_filter), best.judgement, 60.0, "best")
     assert as_reported.toml == file.read_text("utf-8")
     loads = (rs.PARK2008, rs.PARK2008.loaded())

@@ -166,6 +166,8 @@ def test_a_loop_and_a_region_draw_themselves():
         assert defects(figure) == []
         assert x in figure.axes[-1].get_xlabel()
     assert "P 0, N -2, Z 2".replace("-", "−") in (4 * LOOP).nyquist_plot().axes[-1].get_legend().texts[0].get_text()
+    ends = LOOP.bode_plot(np.geomspace(0.2, 5.0, 30)).axes[0].get_xlim()
+    assert ends == pytest.approx((0.2, 5.0), rel=0.3)  # with matplotlib's own border
     t, y = LOOP.step_response(3.0)
     assert (t[-1], y[-1]) == (3.0, pytest.approx(LOOP.step_response([3.0]).output[0], rel=1e-9))
     region = stabilizing_pi(LAG, 0.0)

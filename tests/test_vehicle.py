@@ -10,7 +10,7 @@ import pytest
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import LARGEST_FILE
-from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, doubts, remarks
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle, read_rolling_stock
 
 FILES = ("siemens_desiro_classic.yaml", "Facs124.yaml", "Bombardier_Traxx_2_P160.yaml")
@@ -55,6 +55,8 @@ def test_the_published_vehicle() -> None:
     for heavy, alone in ((5276.0, False), (3517.0, False), (6000.0, True)):
         assert bool(PARK2008.with_mass(heavy).mass_alone) == alone
     assert PARK2008.with_mass(6000.0).mass_loaded == 6000.0
+    assert "- lag: time constant of the first-order lag; s, >= 0." in (Actuator.__doc__ or "")
+    assert "factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
 
 
 def test_published_vehicle_written_as_toml_is_the_published_vehicle(file: Any) -> None:
