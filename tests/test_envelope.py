@@ -112,6 +112,7 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
 @pytest.mark.parametrize(("text", "match"), [
     ("[envelope]\nspeeds = []", "envelope: speeds: is empty"),
     ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
+    ("[envelope]\nspeeds = {a = 1}", "envelope: speeds: .* is not allowed; give a list"),
     ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
     ("[envelope]\nslip = [0.1, 7.6]", "slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576"),
     ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),

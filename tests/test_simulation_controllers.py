@@ -218,6 +218,8 @@ def test_every_named_controller_has_its_reference_and_period(name):
     (lambda: catalogue.published_controller("pi", "dahl"), "choose beam or bristle"),
     (lambda: catalogue.published_controller("pi", adaptive=True), "choose 'asmc'"),
     (lambda: sim.TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
+    (lambda: sim.SlideProtection(REFERENCE, fill_slip=0.0), "0 < fill_slip"),
+    (lambda: sim.SlideProtection(REFERENCE, dump_slip=1.0), "dump_slip < 1"),
     (lambda: sim.TorqueProfile((), (), REFERENCE), "as many"),
     (lambda: sim.TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),
 ])  # fmt: skip
