@@ -18,10 +18,8 @@ from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, 
 SPEED = 100 / 3.6
 
 
-def plant(rail=Rail.DRY, *, vehicle=PARK2008, speed=SPEED, speed_state=False):
-    law = published_law("bristle", rail)
-    point = operating_point(law, vehicle, speed, law.reference_slip(rail), rail=rail)
-    return linearize(point, speed_state=speed_state)
+def plant(rail=Rail.DRY):
+    return plant_at("bristle", PARK2008, rail, 100.0)
 
 
 def pi(kp, ki):

@@ -157,7 +157,7 @@ def mass(distribution, relative=False, *paths):
     return short(4, (Quantity(paths or ("vehicle.mass",), distribution, relative),))
 
 
-REFUSED_BEFORE = [
+@pytest.mark.parametrize(("make", "words"), [
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
     (lambda: Normal(0.0, 0.0), "std 0 is not allowed"),
@@ -178,13 +178,10 @@ REFUSED_BEFORE = [
     (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
     (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2: 16 or 32"),
     (lambda: short(4).case(4), "runs 0 to 3"),
-]
-
-
-def test_the_impossible_is_refused_before_anything_runs():
-    for make, words in REFUSED_BEFORE:
-        with pytest.raises(InputError, match=words):
-            make()
+])  # fmt: skip
+def test_the_impossible_is_refused_before_anything_runs(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
 
 
 def test_the_hash_is_of_everything_that_matters():

@@ -91,14 +91,6 @@ def test_a_loop_without_gain_and_one_of_next_to_none_are_certified():
     assert made([-0.5], [-1.0], 0.5, 0.1).certificate().delay_s == (np.inf, np.inf)  # |L| < 1 everywhere
 
 
-ON_THE_AXIS = [
-    *(([-1], [1, 3, 1], 0.0), ([-1], [1, 3, 1], 0.1), ([1, -1], [1, 3, 1], 0.1), ([-1], [1, 0.3, 1], 0.1)),
-    *(([-1], [1, 4, 2, 1], 0.2), ([-3], [1, 7, 5, 3], 0.0), ([-1], [1, 7, 1], 0.5), ([-2], [1, 5, 3, 2], 0.2)),
-    *(([3], [1, 1, 3, 0], 0.0), ([1, 0, 2], [1, 3, 2, 6], 0.3)),  # +-j sqrt 3; a hidden +-j sqrt 2
-]
-"""Numerators, denominators and dead times of loops with a closed-loop pole exactly on the axis."""
-
-
 def companion(num, den):
     """A realisation of num/den, den monic and of the higher degree."""
     order = len(den) - 1
@@ -106,7 +98,11 @@ def companion(num, den):
     return a, np.eye(order)[:, :1], np.array([[0.0] * (order - len(num)) + list(num)]), 0.0
 
 
-@pytest.mark.parametrize(("num", "den", "dead_time"), ON_THE_AXIS)
+@pytest.mark.parametrize(("num", "den", "dead_time"), [
+    *(([-1], [1, 3, 1], 0.0), ([-1], [1, 3, 1], 0.1), ([1, -1], [1, 3, 1], 0.1), ([-1], [1, 0.3, 1], 0.1)),
+    *(([-1], [1, 4, 2, 1], 0.2), ([-3], [1, 7, 5, 3], 0.0), ([-1], [1, 7, 1], 0.5), ([-2], [1, 5, 3, 2], 0.2)),
+    *(([3], [1, 1, 3, 0], 0.0), ([1, 0, 2], [1, 3, 2, 6], 0.3)),  # +-j sqrt 3; a hidden +-j sqrt 2
+])  # fmt: skip
 @pytest.mark.parametrize("form", [control.tf, lambda num, den: control.ss(*companion(num, den))], ids=["tf", "ss"])
 def test_coefficients_that_put_a_pole_on_the_axis_are_told(num, den, dead_time, form):
     certificate = DeadTimeLoop(form(num, den), dead_time).certificate()
@@ -126,15 +122,12 @@ def test_the_last_bit_of_a_coefficient_decides(den, dead_time):
             assert loop.certificate().gain_increase[0] >= 1
 
 
-CLOSED_FORMS = [
+@pytest.mark.parametrize(("zeros", "poles", "gain", "margins"), [
     # S = (s - 1/4)/(s + 1/4): |S| is 1 everywhere
     ([], [0.25], 0.5, {"ms": 1.0, "mt": 2.0, "gain_decrease": 0.5, "phase_deg": 60.0}),
     # S and T have their peaks at omega^2 = 7/8, where L is real: a phase crossover at an extremum
     ([0.0], [0.875, 1.0], 2.625, {"ms": 2.5, "mt": 3.5, "gain_decrease": 5 / 7, "gain_increase": np.inf}),
-]
-
-
-@pytest.mark.parametrize(("zeros", "poles", "gain", "margins"), CLOSED_FORMS)
+])  # fmt: skip
 def test_peaks_without_dead_time_in_closed_form(zeros, poles, gain, margins):
     for loop in (made(zeros, poles, gain, 0.0), DeadTimeLoop(control.tf(gain * np.poly(zeros), np.poly(poles)))):
         certificate = loop.certificate()

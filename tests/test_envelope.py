@@ -11,7 +11,6 @@ import control as ct
 import numpy as np
 import pytest
 from project import refused
-from sample_vehicles import COACH
 
 from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle, seeking_control
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
@@ -23,7 +22,19 @@ from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, PIGains, Rail, Resistance, Vehicle, Wheel
+
+COACH = Vehicle(
+    name="Coach, quarter car",
+    mass=11_000.0,
+    mass_loaded=17_437.0,
+    wheel_load=11_000.0 * GRAVITY,
+    wheel_load_loaded=17_437.0 * GRAVITY,  # 171 kN
+    wheel=Wheel(radius=0.46, inertia=90.0, viscous_friction=0.25),
+    resistance=Resistance(constant=100.0, quadratic=0.6),
+    actuator=Actuator(dead_time=0.12, lag=0.4),
+)
+"""A four-axle coach whose load, brake and wheel all differ from those of the published vehicle."""
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 
@@ -38,9 +49,8 @@ def test_the_default_is_the_documented_one_and_operating_points_are_there_whatev
     assert (len(points), len(nominal), nominal.operating.sum()) == (1 + 2 * 9, 1, 1)
     assert [(points.case(i).point.slip, i) for i in np.flatnonzero(points.operating)] == [(0.132, 0)]
     assert {points.case(i).point.vehicle.wheel.radius for i in range(1, len(points))} == {0.94 * COACH.wheel.radius}
-    alike = "curve, dry, loaded, 60 km/h"
-    assert (nominal.case(0).words, points.case(1).words) == (alike, f"{alike}, slip -50 %, radius -6 %")
-    assert points.case(2).words == f"{alike}, slip -50 %, lag -30 %, radius -6 %"
+    assert nominal.case(0).words == "curve, dry, loaded, 60 km/h"
+    assert points.case(2).words == "curve, dry, loaded, 60 km/h, slip -50 %, lag -30 %, radius -6 %"
 
 
 def test_every_case_is_its_own_combination_linearised():
@@ -57,10 +67,6 @@ def test_every_case_is_its_own_combination_linearised():
         assert np.array_equal(case.plant.A, own.A)
         assert np.array_equal(points.plants[points.plant[i]].A, own.A)
         assert case.actuator == case.point.vehicle.actuator == points.actuators[points.actuator[i]]
-        # mu is that of the rig at every load
-        rig = operating_point(published_law(table["adhesion"], table["rail"]), PARK2008, 20.0, table["slip"])
-        at_20 = operating_point(law, worn, 20.0, table["slip"])
-        assert at_20.adhesion_coefficient == pytest.approx(rig.adhesion_coefficient, rel=1e-12)
 
 
 def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
@@ -106,8 +112,8 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
 
 @pytest.mark.parametrize(("text", "match"), [
     ("[envelope]\nspeeds = []", "envelope: speeds: is empty"),
-    ("[envelope]\nspeeds = [0]", "envelope: speeds: 0 is not allowed"),
     ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
+    ("[envelope]\nspeeds = {a = 1}", "envelope: speeds: .* is not allowed; give a list"),
     ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
     ("[envelope]\nslip = [0.1, 7.6]", "slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576"),
     ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
@@ -195,14 +201,16 @@ FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # 
 PROMPT = COACH.model_copy(update={"actuator": Actuator(dead_time=0.05, lag=0.0)})
 
 
-def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius):
-    """A loop of the envelope, made from its definition."""
+def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius, held=None, v0_kmh=100.0):
+    """A loop of the envelope, made from its definition; `held` gives the slip of a law, speed and wheel load."""
     loaded = car.loaded() if load == "loaded" else car
-    law = published_law(adhesion, rail, wheel_load=loaded.wheel_load)
-    worn = loaded.model_copy(update={"wheel": loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})})
+    law = published_law(adhesion, rail, v0_kmh, loaded.wheel_load)
+    wheel = loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})
     brake = Actuator(dead_time=dead_time * car.actuator.dead_time, lag=lag * car.actuator.lag)
-    point = operating_point(law, worn, speed / 3.6, slip * law.reference_slip(law.rail))
-    return wheel_slip_loop(linearize(point), controller, brake)
+    worn = loaded.model_copy(update={"wheel": wheel, "actuator": brake})
+    reference = held(law, speed / 3.6, loaded.wheel_load) if held else law.reference_slip(law.rail)
+    point = operating_point(law, worn, speed / 3.6, slip * reference, rail=rail, initial_speed_kmh=v0_kmh)
+    return wheel_slip_loop(point, controller)
 
 
 @pytest.mark.parametrize(
@@ -257,7 +265,6 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert judged.worst.ms <= nominal.worst.ms
     assert judged.usable_from_kmh == judged.robust_from_kmh == 60.0
     assert judged.worst.point.speed_kmh >= 60.0
-    assert "unstable at curve, dry, empty, 20 km/h, slip +25 %" in str(judged)
     assert f"stable from 60 km/h up, there {judged.worst_with_tolerances.words}" in str(judged)
     assert judged.worst_with_tolerances.ms == pytest.approx(44.51, abs=0.01)
     slow = judge(PI_LEAD, both.at(speeds=(10, 100)))
@@ -316,7 +323,7 @@ def test_a_discrete_controller_is_judged_by_its_sampled_loops():
         # a parabola's top, looked at over a 1e-5 of its width
         assert judged.ms[i] == pytest.approx(loop.margins().ms, rel=1e-8)
     assert judged.worst.margins.ms == judged.worst.loop.margins().ms
-    assert np.isfinite(judged.margins.delay_s[points.operating]).all()
+    assert np.array_equal(np.isfinite(judged.margins.delay_s), points.operating)  # the others need not be worked out
 
 
 def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
@@ -466,8 +473,8 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
 
 
 @pytest.mark.long
-def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
-    envelope = Envelope(load_vehicle(coach), rails="dry", laws="bristle", speeds=(60, 100))
+def test_tune_holds_empty_and_loaded_together_and_is_judged():
+    envelope = Envelope(COACH, rails="dry", laws="bristle", speeds=(60, 100))
     best = tune(envelope, "pi-lead", 2.5)
     again = judge(best, envelope)
     assert best.judgement.ms == pytest.approx(again.ms, rel=1e-12)
@@ -476,15 +483,7 @@ def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
     # the true load, not the mass alone: with the wheel load as it was, Ms is less
     alone = COACH.model_copy(update={"mass": COACH.mass_loaded})
     assert judge(best, Envelope(alone, rails="dry", laws="bristle", speeds=(60, 100), loads="empty")).worst.ms < 2.45
-    assert (best.reference.dry, best.reference.wet) == (0.132, 0.132)  # of dry rail alone
     assert str(best).startswith("PI-lead: kp ")
-    arguments = ("--vehicle", coach, "--rail", "dry", "--adhesion", "bristle", "--speed", "60", "--speed", "100")
-    words = ("--structure", "pi-lead", "--ms-max", "2.5", "--envelope", "default", "--json")
-    status, out, _ = railslip("tune", *arguments, *words)
-    found = json.loads(out)
-    assert (status, found["kp_si"], found["ki_si"]) == (0, best.gains.kp, best.gains.ki)
-    assert {key: found[key] for key in again.table()} == json.loads(json.dumps(best.judgement.table()))
-    assert len(found["cases"]) == 4
 
 
 @pytest.mark.parametrize("period", [0.01, pytest.param(0.05, marks=pytest.mark.long)])

@@ -87,6 +87,7 @@ def test_against_python_control(name: str, rail: Rail) -> None:
     random = {"v": -1 / (0.43 * 3517), "sigma": -1 / (0.43 * 3517) - 0.43 / 60.35, "z": 0.0}  # Tr in (3) and (4)
     np.testing.assert_allclose(theirs.B[:, 2], [random[name] for name in ours.states], **tolerance)
     np.testing.assert_allclose(theirs.C[:3], ours.C, **tolerance)
+    np.testing.assert_allclose(theirs.C[3:, :2], [[1.0, 0.0], [1 / 0.43, -1 / 0.43]], **tolerance)  # v and omega
     np.testing.assert_array_equal(theirs.D[:3, :1], ours.D)
     assert system.state_labels == list(ours.states)
     assert system.output_labels == ["sigma", "lambda", "error", "v", "omega"]

@@ -36,15 +36,10 @@ MATLAB = {
 }
 """MATLAB's page of allmargin, and RobustAndOptimalControl.jl."""
 UNSTABLE_PLANT = {
-    "gain_decrease": printed(0.234619891262),
-    "gain_decrease_frequency": printed(0.208677852),
-    "gain_increase": printed(4.39578339078),
-    "gain_increase_frequency": printed(2.73581826),
-    "phase_deg": printed(29.2144640746),
-    "phase_frequency": printed(1.00493595554),
-    "delay_s": printed(0.507384161643),
-    "ms": printed(2.21149397822),
-    "mt": printed(1.98840564198),
+    **{"gain_decrease": printed(0.234619891262), "gain_decrease_frequency": printed(0.208677852)},
+    **{"gain_increase": printed(4.39578339078), "gain_increase_frequency": printed(2.73581826)},
+    **{"phase_deg": printed(29.2144640746), "phase_frequency": printed(1.00493595554)},
+    **{"delay_s": printed(0.507384161643), "ms": printed(2.21149397822), "mt": printed(1.98840564198)},
     "disk": printed(0.507978316),
 }
 """1.2 (8 s + 1)/(8 s) * 1/(s - 0.25) * exp(-0.15 s)/(0.6 s + 1)."""
@@ -81,11 +76,14 @@ def test_poles_that_the_root_count_contradicts_are_not_returned(monkeypatch):
         DeadTimeLoop(1 / S, 1.0).closed_loop_poles(2)
 
 
-def test_pade_of_order_2_is_its_closed_form():
+def test_pade_of_order_2_is_its_closed_form_and_the_limit_the_exact_loop():
     x = np.array([0.6j, 0.3, -1.0])
     assert pade(0.3, 2)(x / 0.3) == pytest.approx((12 - 6 * x + x * x) / (12 + 6 * x + x * x), rel=1e-14)
     assert pade(0.0, 2)(x) == pytest.approx(1.0)
     assert pade(0.3, 100)(x / 0.3) == pytest.approx(np.exp(-x), rel=1e-12)
+    loop = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
+    for order, tolerance in [(1, 1e-1), (3, 1e-4), (5, 1e-8)]:
+        assert loop.pade(order).margins().gain_increase == pytest.approx(loop.margins().gain_increase, rel=tolerance)
     for dead_time, order in ((-0.3, 2), (0.3, 0), (0.3, 101)):
         with pytest.raises(InputError, match="not allowed"):
             pade(dead_time, order)
@@ -115,10 +113,12 @@ def test_gain_increase_behind_very_many_phase_crossovers(system, dead_time):
     assert m.gain_increase >= m.ms / (m.ms - 1) * (1 - 1e-9)  # what Ms guarantees
 
 
-def test_a_real_pole_through_infinity_bounds_the_gain():
+def test_a_real_pole_through_infinity_bounds_the_gain_and_a_positive_gain_there_does_not():
     # s (1 - 2k) + 10 - 2k: stable for k < 1/2 and k > 5, and 1/2 is nearer to 1 in ratio
     assert DeadTimeLoop(-2 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((0.0, 0.5))
     assert DeadTimeLoop(-12 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((10 / 12, np.inf))
+    positive = DeadTimeLoop(Rational([-0.5, -3.0], [-1.0, -2.0], 2.0))
+    assert (positive.margins().gain_increase, positive.delayed(0.1).is_stable()) == (np.inf, False)
 
 
 @pytest.mark.parametrize("system", [1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])])

@@ -99,18 +99,14 @@ def test_closed_loop_poles_solve_the_quasi_polynomial_and_are_rightmost(loop):
     (1 / S**2, 2),
     (-1 / (S + 1), 1),  # a pole at the origin
     (S / (S * (S + 1)), 1),  # a hidden integrator
+    ((S - 1) / ((S - 1) * (S + 1)), 1),
+    (ct.ss([[-1, 0], [0, 0.5]], [[1], [0]], [[1, 1]], 0), 1),  # 0.5 is not reached by the input
 ])  # fmt: skip
-def test_poles_on_the_axis_are_not_stable(system, count):
+def test_poles_on_the_axis_and_hidden_unstable_ones_are_not_stable(system, count):
     loop = DeadTimeLoop(system)
     assert (loop.is_stable(), loop.unstable_closed_loop_poles) == (False, count)
-    with pytest.raises(UnstableLoopError, match="on the imaginary axis"):
+    with pytest.raises(UnstableLoopError, match=r"on the imaginary axis|unstable with 1"):
         loop.margins()
-
-
-def test_hidden_unstable_mode_is_seen():
-    assert not DeadTimeLoop((S - 1) / ((S - 1) * (S + 1)), dead_time=0.1).is_stable()
-    hidden = ct.ss([[-1, 0], [0, 0.5]], [[1], [0]], [[1, 1]], 0)  # 0.5 is not reached by the input
-    assert not DeadTimeLoop(hidden).is_stable()
 
 
 def test_neutral_loop_is_decided_by_its_chain():
@@ -127,16 +123,6 @@ def test_neutral_loop_is_decided_by_its_chain():
         chain.closed_loop_poles()
     # without dead time a gain > 1 at infinity is fine, but any dead time destroys it
     assert DeadTimeLoop(3 * (S + 2) / (S + 1)).margins().delay_s == 0.0
-
-
-def test_pade_limit_is_the_exact_loop():
-    loop = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
-    for order, tolerance in [(1, 1e-1), (3, 1e-4), (5, 1e-8)]:
-        assert loop.pade(order).margins().gain_increase == pytest.approx(loop.margins().gain_increase, rel=tolerance)
-    num, den = ct.pade(0.15, 4)
-    omega = np.geomspace(0.1, 50, 20)
-    ours = loop.pade(4)(1j * omega) / loop.system(1j * omega)
-    assert ours == pytest.approx(np.polyval(num, 1j * omega) / np.polyval(den, 1j * omega), rel=1e-10)
 
 
 @pytest.mark.parametrize(("system", "dead_time", "match"), [

@@ -255,3 +255,10 @@ def test_estimates_are_the_truth_but_for_lag_and_noise(trial, observer):
     assert errors.simulated == pytest.approx(errors.total, rel=0.12)
     if observer is KALMAN:
         assert errors.total < 0.06 * trial.adhesion_torque.max()
+
+
+def test_a_torque_sensor_rounds_to_its_resolution_if_it_has_one():
+    true = np.linspace(0.0, 5000.0, 501)
+    rounded, free = (TorqueSensor(50.0, step).measured(true, np.random.default_rng(3)) for step in (5.0, 0.0))
+    assert np.array_equal(rounded, 5.0 * np.round(free / 5.0))
+    assert np.std(free - true) == pytest.approx(50.0, rel=4 / math.sqrt(2 * true.size))  # four standard errors

@@ -6,38 +6,29 @@ from fractions import Fraction
 import control as ct
 import numpy as np
 import pytest
+from test_sampled import INTEGRATOR, gain
 
 from railslip_ctrl import DeadTimeLoop, InputError, Rational
 from railslip_ctrl.loop.deadtime import frequency_curve, gang_of_four
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
 
-
-def gain(value: float) -> Rational:
-    return Rational(np.array([]), np.array([]), value)
-
-
 ONE = gain(1.0)
-INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
 
 def rational(num, den) -> Rational:
     return Rational.from_polynomials(num, den)
 
 
-def pi(kp: float, ki: float) -> Rational:
-    return rational([kp, ki], [1, 0])
-
-
 # An unstable wheel-like loop: pole at +0.82 1/s behind 0.6 s of lag and 0.15 s of dead time, PI with a lead.
 WHEEL = Rational(np.array([-7.8]), np.array([0.82, -8.64]), 0.43 / 60.35)
 LAG = rational([1], [0.6, 1])
-PI_LEAD = pi(229.0, 5.0) * rational([0.6, 1], [0.06, 1])
+PI_LEAD = rational([229.0, 5.0], [1, 0]) * rational([0.6, 1], [0.06, 1])
 DEAD_TIME = 0.15
 
 SYSTEMS = {
     "gain": gain(3.0),
-    "PI": pi(190.0, 5.0),
+    "PI": rational([190.0, 5.0], [1, 0]),
     "double integrator": Rational(np.array([]), np.array([0.0, 0.0]), 2.0),
     "complex poles": rational([3.0], [1, 0.2, 9]),
     "complex poles, one zero": rational([3.0, 5], [1, 0.2, 9]),
@@ -104,6 +95,8 @@ def test_a_biproper_loop_jumps_at_multiples_of_the_dead_time():
     y = step_response(gain(0.6), plant, tau, time=t).output
     assert y[1] - y[0] == pytest.approx(0.6, abs=1e-7)
     assert y[3] - y[2] == pytest.approx(-0.36, abs=1e-7)
+    # a multiple but for rounding is after the jump: 0.3/0.1 = 2.9999999999999996
+    assert step_response(ONE, ONE, 0.1, time=[0.1, 0.3]).output == pytest.approx([1.0, 1.0], abs=1e-15)
 
 
 def test_without_dead_time_it_is_the_response_of_scipy():
@@ -149,12 +142,6 @@ def test_any_dead_time_and_any_times_give_the_same_curve(dead_time):
     assert whole == pytest.approx(single, abs=1e-13)
 
 
-def test_a_time_that_is_a_multiple_of_the_dead_time_but_for_rounding_is_after_the_jump():
-    # 0.3/0.1 = 2.9999999999999996; the load path is off, so the plant's input is the delayed command alone
-    found = step_response(ONE, ONE, 0.1, time=[0.1, 0.3])
-    assert found.output == pytest.approx([1.0, 1.0], abs=1e-15)
-
-
 def test_overshoot_and_settling_time():
     t = np.arange(5.0)
     y = np.array([0.0, 2.6, 1.8, 2.02, 2.0])
@@ -172,25 +159,22 @@ def wheel(**options):
     return closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, **options)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: wheel(), "give either the times or the final time"),
-        (lambda: wheel(time=[0, 1], final_time=1.0), "give either the times or the final time"),
-        (lambda: wheel(final_time=0.0), "final time: 0 s is not allowed"),
-        (lambda: wheel(time=[1.0, 0.5]), "ascending"),
-        (lambda: wheel(time=[-1.0]), ">= 0"),
-        (lambda: wheel(time=[math.nan]), "finite"),
-        (lambda: wheel(final_time=1.0, reference=math.nan), "steps: .* not finite"),
-        (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), "give 2 finite numbers"),
-        (lambda: wheel(final_time=1e6), "at most 200000"),
-        *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
-        (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),
-        (lambda: step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0), "overflows"),
-        *((lambda b=b: frequency_curve(DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
-        *((lambda b=b: gang_of_four(ONE, DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: wheel(), "give either the times or the final time"),
+    (lambda: wheel(time=[0, 1], final_time=1.0), "give either the times or the final time"),
+    (lambda: wheel(final_time=0.0), "final time: 0 s is not allowed"),
+    (lambda: wheel(time=[1.0, 0.5]), "ascending"),
+    (lambda: wheel(time=[-1.0]), ">= 0"),
+    (lambda: wheel(time=[math.nan]), "finite"),
+    (lambda: wheel(final_time=1.0, reference=math.nan), "steps: .* not finite"),
+    (lambda: wheel(final_time=1.0, initial_plant_state=[1.0]), "give 2 finite numbers"),
+    (lambda: wheel(final_time=1e6), "at most 200000"),
+    *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
+    (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),
+    (lambda: step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0), "overflows"),
+    *((lambda b=b: frequency_curve(DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
+    *((lambda b=b: gang_of_four(ONE, DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
+])  # fmt: skip
 def test_bad_input_is_refused_in_one_line(make, message):
     with pytest.raises(InputError, match=message) as caught:
         make()

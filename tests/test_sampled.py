@@ -10,7 +10,7 @@ import scipy.signal
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess
+from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess, plant_at
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import (
     PIController,
@@ -33,8 +33,7 @@ from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
-from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.report import margins_json, margins_text
 
 S = ct.tf("s")
@@ -72,8 +71,7 @@ KINDS = {
 
 @pytest.fixture(scope="module")
 def plant():
-    law = published_law("bristle", Rail.DRY)
-    return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
+    return plant_at("bristle", PARK2008, Rail.DRY, 100.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -95,17 +93,12 @@ def test_one_controller_in_every_form_is_one_controller(plant, kind):
         assert found == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("controller", "words"),
-    [
-        (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
-        ("pi", "controller: str is not a linear system"),
-        (True, "controller: bool is not a linear system"),
-        (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
-        (ct.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), "not SISO"),
-        (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "words"), [
+    (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
+    (True, "controller: bool is not a linear system"),
+    (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
+    (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
+])  # fmt: skip
 def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
     with pytest.raises(InputError, match=words):
         wheel_slip_loop(plant, controller)
@@ -151,8 +144,13 @@ def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
 
 
 ACTUATOR = PARK2008.actuator
+PERIOD = r"period: .* s is not allowed; give a finite value > 0"
 PLAIN = PIController(PIGains(kp=190.0, ki=5.0))
 INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
+
+
+def loop_of(design, period: float, plant, **given) -> SampledLoop:
+    return sampled_loop(SampledController(design, period), plant, ACTUATOR, **given)
 
 
 def gain(value: float) -> Rational:
@@ -220,6 +218,14 @@ def test_a_pole_too_fast_for_the_rule_is_refused():
     with pytest.raises(InputError, match=r"pole of 1000 1/s; give a value <= 0.002 \(s\), or the backward rule"):
         SampledController(1 / (1e-3 * S + 1), 0.01)
     assert SampledController(1 / (1e-3 * S + 1), 0.01, rule=Rule.BACKWARD).transfer_function(1.0) == pytest.approx(1.0)
+    for pole, h, rule in (
+        (0.5, 0.1, Rule.TUSTIN),
+        (0.5, 3.0, Rule.TUSTIN),
+        (-100.0, 0.02, Rule.TUSTIN),
+        (-0.5, 1.5, Rule.BACKWARD),
+    ):
+        slow_enough = SampledController(1 / (S - pole), h, rule=rule)
+        assert slow_enough.transfer_function(1.0) == pytest.approx(-1 / pole)
     with pytest.raises(InputError, match=r"pole of 100 1/s; give a value <= 0\.01"):
         SampledController(1 / (S - 100), 0.01, rule=Rule.BACKWARD)
 
@@ -320,23 +326,13 @@ def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant
     assert not loop.delayed(m.delay_s * (1 + 1e-8)).is_stable()
 
 
-PERIOD = r"period: .* s is not allowed; give a finite value > 0"
-
-
-def loop_of(design, period: float, plant, **given) -> SampledLoop:
-    return sampled_loop(SampledController(design, period), plant, ACTUATOR, **given)
-
-
-FIELDS = ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk")
-
-
 @pytest.mark.parametrize("computation", [0.0, 0.004])
 def test_short_periods_converge_to_the_continuous_margins(plant, computation):
     # the hold costs h/2: order 1 against the continuous design, order 2 against the equivalent with that delay
     sampled = [SampledController(LEAD, h) for h in (0.04, 0.02, 0.01, 0.005)]
     records = [sampled_margins(one, plant, ACTUATOR, computation=computation) for one in sampled]
     without = continuous_equivalent(SampledController(LEAD, 1e-12), plant, ACTUATOR, computation=computation).margins()
-    for name in FIELDS:
+    for name in ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk"):
         exact = np.array([getattr(r.exact, name) for r in records])
         equivalent = np.array([getattr(r.equivalent, name) for r in records])
         losses = np.log2(np.abs(exact - getattr(without, name)))
@@ -358,17 +354,13 @@ def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plan
         loop_of(LEAD, 0.05, plant, computation=2.0).margins()
 
 
-def test_suggested_period_takes_its_share_of_the_delay_margin(plant):
+def test_suggested_period_takes_its_share_of_the_delay_margin_and_refuses_what_it_cannot_serve(plant):
     margins = wheel_slip_loop(plant, PLAIN, ACTUATOR).margins()
     period = suggested_period(margins, share=0.1, computation=0.005)
     assert period / 2 + 0.005 == pytest.approx(0.1 * 0.23715801, rel=1e-7)
     # and that is what the sampled loop has left, to the order of the period squared
     record = sampled_margins(SampledController(PLAIN, period), plant, ACTUATOR, computation=0.005)
     assert record.exact.delay_s == pytest.approx(0.9 * 0.23715801, rel=1e-3)
-
-
-def test_suggested_period_refuses_what_it_cannot_serve(plant):
-    margins = wheel_slip_loop(plant, PLAIN, ACTUATOR).margins()
     for share in (0.0, 1.0, math.nan):
         with pytest.raises(InputError, match="share"):
             suggested_period(margins, share=share)
@@ -380,24 +372,21 @@ def test_suggested_period_refuses_what_it_cannot_serve(plant):
         suggested_period(unbounded)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
-        *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
-        (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
-        (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
-        (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
-        (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
-        (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
-        (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
-        (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),
-        (lambda plant: loop_of(PLAIN, 1e-5, plant).margins(), r"period: 1e-05 s .* give a value >= 0.0003"),
-        (lambda plant: loop_of(PLAIN, 0.01, plant, computation=-1.0), "computation: -1"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
+    *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
+    (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
+    (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
+    (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
+    (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
+    (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),
+    (lambda plant: loop_of(PLAIN, 1e-5, plant).margins(), r"period: 1e-05 s .* give a value >= 0.0003"),
+    (lambda plant: loop_of(PLAIN, 0.01, plant, computation=-1.0), "computation: -1"),
+])  # fmt: skip
 def test_bad_controllers_and_loops_are_refused_in_one_line(plant, make, message):
     with pytest.raises(InputError, match=message) as caught:
         make(plant)

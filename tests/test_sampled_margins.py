@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
+from test_sampled import gain
 
 from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.loop import Rational, sampled
 from railslip_ctrl.loop.sampled import SampledLoop
-
-
-def gain(value: float) -> Rational:
-    return Rational(np.array([]), np.array([]), value)
 
 
 class FractionalModel:
@@ -121,11 +118,14 @@ def test_no_resonance_is_too_narrow_to_be_seen(name):
             assert loop.scaled(limit * (1 - outward)).is_stable()
 
 
-def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one():
-    m = SampledLoop(gain(1.0), Rational(np.array([]), np.array([-1e-7]), 1e-6), 0.0, 1.0).margins()
-    crossover = 1e-7 * math.sqrt(99)
+@pytest.mark.parametrize(("poles", "k", "crossover", "phase_margin"), [
+    ([-1e-7], 1e-6, 1e-7 * math.sqrt(99), math.pi - math.atan(math.sqrt(99))),
+    ([0.0, -1.0], 1.2e-5, 1.2e-5, math.pi / 2 - 1.2e-5),  # near the lowest frequency that is looked at, 1e-5 of a pole
+])  # fmt: skip
+def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one(poles, k, crossover, phase_margin):
+    m = SampledLoop(gain(1.0), Rational(np.array([]), np.array(poles), k), 0.0, 1.0).margins()
     assert m.gain_crossovers == pytest.approx([crossover], rel=1e-6)  # the hold is half a second of days
-    assert m.delay_s == pytest.approx((math.pi - math.atan(math.sqrt(99))) / crossover, rel=1e-6)
+    assert m.delay_s == pytest.approx(phase_margin / crossover, rel=1e-5)  # and half a second in some 1e5
 
 
 def test_a_pole_on_the_unit_circle_is_counted():

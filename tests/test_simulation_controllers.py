@@ -7,24 +7,15 @@ import numpy as np
 import pytest
 from generated_code import begun
 
-from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, derive, load_scenario
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, catalogue, derive, load_scenario
+from railslip_ctrl import simulation as sim
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design.controllers import Rule, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.report.stops import braked
-from railslip_ctrl.simulation import (
-    LinearControl,
-    ScheduledControl,
-    Simulator,
-    SlideProtection,
-    TorqueProfile,
-    built_in_scenario,
-    catalogue,
-    simulate,
-    stop,
-)
+from railslip_ctrl.simulation import seeking_step as seeking
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
@@ -32,7 +23,7 @@ from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.law import KEPT, gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 
-SCENARIO = built_in_scenario("park2008")
+SCENARIO = sim.built_in_scenario("park2008")
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 RADIUS = SCENARIO.vehicle.wheel.radius
 PERIOD = 0.01
@@ -60,21 +51,17 @@ def measured(count, seed):
     return zip(v.tolist(), (v * (1 - rng.uniform(-0.2, 0.6, count)) / RADIUS).tolist(), strict=True)
 
 
-def slip_error(v, omega):
-    return REFERENCE.dry * v - (v - RADIUS * omega)
-
-
 @pytest.mark.parametrize("rule", list(Rule))
 @pytest.mark.parametrize("tracking_time", [None, 0.5, math.inf])
 @pytest.mark.parametrize("lead", [(0.0, 0.0), (0.6, 0.06)])
 def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
     given = {"torque_low": 0.0, "torque_high": 5000.0, "tracking_time": tracking_time, "rule": rule}
-    control = LinearControl(PIController(PIGains(kp=900.0, ki=700.0), *lead), REFERENCE, **given)
+    control = sim.LinearControl(PIController(PIGains(kp=900.0, ki=700.0), *lead), REFERENCE, **given)
     step, sampled = Stepped(control), control.sampled(PERIOD)
     x = np.array(sampled.start())
     limited, applied = 0, 0.0
     for v, omega in measured(400, seed=3):
-        torque = sampled.step(x, slip_error(v, omega), applied)
+        torque = sampled.step(x, REFERENCE.dry * v - (v - RADIUS * omega), applied)
         assert step(v, omega, applied) == torque
         assert np.array_equal(step.x, x)
         limited += torque in (0.0, 5000.0)
@@ -97,7 +84,9 @@ def test_scheduled_control_takes_over_without_a_bump(rail, tracking_time):
     entries = [(Rail.DRY, 20.0, 300.0, 150.0), (Rail.DRY, 60.0, 900.0, 400.0), (Rail.WET, 40.0, 500.0, 0.0)]
     made = tuple(ScheduleEntry(r, v, PIGains(kp=kp, ki=ki), 2.0) for r, v, kp, ki in entries)
     schedule = GainSchedule(made, 0.6, 0.06, 5.0, 2.0)
-    control = ScheduledControl(schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time, rule="backward")
+    control = sim.ScheduledControl(
+        schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time, rule="backward"
+    )
     step = Stepped(control, rail)
     held, applied = (REFERENCE.dry if rail is Rail.DRY else REFERENCE.wet), 0.0
     before = lagged = unlimited = 0.0
@@ -114,13 +103,9 @@ def test_scheduled_control_takes_over_without_a_bump(rail, tracking_time):
         # sums of numbers up to 1e5 in another order, of some hundred samples
         assert step(v, omega, applied) == pytest.approx(torque, rel=1e-10, abs=1e-7)
         applied = torque
-
-
-def test_scheduled_control_refuses_a_rail_without_gains():
-    entry = ScheduleEntry(Rail.DRY, 20.0, PIGains(kp=300.0, ki=150.0), 2.0)
-    control = ScheduledControl(GainSchedule((entry,), 0.0, 0.0, 5.0, 2.0), REFERENCE)
+    dry = sim.ScheduledControl(replace(schedule, entries=made[:2]), REFERENCE)
     with pytest.raises(InputError, match="no entries for wet rail"):
-        Simulator(SCENARIO, control)
+        sim.Simulator(SCENARIO, dry)
 
 
 def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
@@ -146,7 +131,7 @@ def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
 @pytest.mark.parametrize("phases", [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)])
 def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
     """Settled, with its filter of 0.02 s, and from the first sample on."""
-    step = Stepped(SlideProtection(REFERENCE))
+    step = Stepped(sim.SlideProtection(REFERENCE))
     rim = 20.0
     for deceleration, samples, valve in phases:
         for _ in range(samples):
@@ -185,8 +170,8 @@ def test_the_recommended_schedule_keeps_what_it_says(vehicle):
 @pytest.mark.parametrize("name", ["park2008", "park2008-si"])
 @pytest.mark.parametrize("controller", ["pi-lead", "scheduled", "slide-protection"])
 def test_designs_stop_without_locking_in_both_readings(name, controller):
-    scenario = built_in_scenario(name)
-    run = simulate(scenario, catalogue.controller_named(controller, scenario.vehicle), seed=4)
+    scenario = sim.built_in_scenario(name)
+    run = sim.simulate(scenario, catalogue.controller_named(controller, scenario.vehicle), seed=4)
     assert (run.stopped, run.locked_fraction) == (True, 0.0)
 
 
@@ -196,17 +181,16 @@ def test_designs_follow_another_vehicle():
     heavier = {"mass_loaded": 6000.0, "wheel_load": 69_000.0, "wheel_load_loaded": 69_000.0}
     heavy = PARK2008.model_copy(update={**heavier, "actuator": slow})
     assert catalogue.full_brake_torque(heavy) == pytest.approx(18_000.0)
-    assert catalogue.full_brake_torque(heavy.model_copy(update={"wheel_load": 40_000.0})) == pytest.approx(
-        18_000.0
-    )  # loaded
-    assert catalogue.slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
+    lighter = heavy.model_copy(update={"wheel_load": 40_000.0})  # by its load when loaded
+    assert catalogue.full_brake_torque(lighter) == pytest.approx(18_000.0)
+    assert catalogue.slide_protection(heavy).fill_rate == pytest.approx(2 * sim.SlideProtection.fill_rate)
     with pytest.raises(InfeasibleDesignError, match="give its gains"):
         catalogue.recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
 
 
 @pytest.mark.parametrize("name", ["seeking", "slide-protection"])
 def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_load(name, tmp_path):
-    """As its file has it: `simulate --loaded`, a campaign over a loaded scenario and a report run the same."""
+    """As its file has it: `sim.simulate --loaded`, a campaign over a loaded scenario and a report run the same."""
     (tmp_path / "loaded.toml").write_text('extends = "stop"\nloaded = true\n[vehicle]\nmass = 4e3\nmass_loaded = 7e3\n')
     scenario = load_scenario(tmp_path / "loaded.toml")
     car = scenario.vehicle.empty()
@@ -214,7 +198,7 @@ def test_gains_and_the_bound_of_a_stop_are_those_of_the_vehicle_whatever_its_loa
     own = catalogue.controller_named(name, car)
     assert catalogue.controller_named(name, scenario.vehicle) == own
     controls = (own, catalogue.recommended_pi_lead())
-    limits = [braked(stop(one), control).limits for one in (car, car.loaded()) for control in controls]
+    limits = [braked(sim.stop(one), control).limits for one in (car, car.loaded()) for control in controls]
     assert {limit.torque_max for limit in limits} == {catalogue.full_brake_torque(car)}
 
 
@@ -225,22 +209,20 @@ def test_every_named_controller_has_its_reference_and_period(name):
     assert (controller.reference, controller.period) == (held, 0.005)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: catalogue.controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
-        (lambda: catalogue.controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
-        (lambda: catalogue.controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
-        (lambda: catalogue.controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
-        (lambda: catalogue.published_controller("pid"), "choose pi or asmc"),
-        (lambda: catalogue.published_controller("pi", "dahl"), "choose beam or bristle"),
-        (lambda: catalogue.published_controller("pi", adaptive=True), "choose 'asmc'"),
-        (lambda: TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
-        (lambda: TorqueProfile((), (), REFERENCE), "as many"),
-        (lambda: TorqueProfile((0.0,), (), REFERENCE), "as many"),
-        (lambda: TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda: catalogue.controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
+    (lambda: catalogue.controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
+    (lambda: catalogue.controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
+    (lambda: catalogue.controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
+    (lambda: catalogue.published_controller("pid"), "choose pi or asmc"),
+    (lambda: catalogue.published_controller("pi", "dahl"), "choose beam or bristle"),
+    (lambda: catalogue.published_controller("pi", adaptive=True), "choose 'asmc'"),
+    (lambda: sim.TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
+    (lambda: sim.SlideProtection(REFERENCE, fill_slip=0.0), "0 < fill_slip"),
+    (lambda: sim.SlideProtection(REFERENCE, dump_slip=1.0), "dump_slip < 1"),
+    (lambda: sim.TorqueProfile((), (), REFERENCE), "as many"),
+    (lambda: sim.TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),
+])  # fmt: skip
 def test_controllers_that_do_not_exist_are_refused(call, words):
     with pytest.raises(InputError, match=words):
         call()
@@ -251,7 +233,7 @@ def test_an_initial_torque_is_commanded_at_once():
     control = replace(
         catalogue.recommended_pi_lead(), design=PIController(PIGains(kp=100.0, ki=0.0)), initial_torque=1500.0
     )
-    run = simulate(SCENARIO, control, seed=None)
+    run = sim.simulate(SCENARIO, control, seed=None)
     assert run.signals.command[0] == pytest.approx(1500.0 + 100.0 * 0.132 * 100 / 3.6, rel=1e-12)
     with pytest.raises(InputError, match="initial torque"):
         replace(control, initial_torque=math.nan)
@@ -267,6 +249,18 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.parametrize(("exponent", "over"), [(0.0, True), (1.0, False)])
+def test_the_fast_start_ends_where_adhesion_rises_no_more_with_slip(exponent, over):
+    control = catalogue.seeking_control()
+    c = np.array([0.1, RADIUS, *control.row(Situation(SCENARIO, Rail.DRY, SCENARIO.law(Rail.DRY), PERIOD))])
+    x = np.array(control.start(20.0))
+    x[seeking.STARTING], x[seeking.FILTERED_SPEED] = 1.0, 20.0
+    for slip in 0.01 * 1.05 ** np.arange(40):
+        x[seeking.FILTERED_SIGMA], x[seeking.ADHESION_TORQUE] = 20.0 * slip, 3000.0 * (slip / 0.01) ** exponent
+        seeking.fast_start(x, c, 20.0, 0.0, 0.1)
+    assert (x[seeking.STARTING] == 0.0) == over
+
+
 def test_the_domain_of_a_law_is_linear_between_speeds():
     limits = np.array([30.0, 1.0, 4.0, 5.0, 9.0])
     limit = Stepped(catalogue.recommended_pi_lead()).module.domain_limit
@@ -277,7 +271,10 @@ def test_the_domain_of_a_law_is_linear_between_speeds():
 
 def test_a_design_brakes_from_the_torque_that_every_point_takes_and_hands_over_to_it():
     points = [plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail]
-    design, sure = PIController(PIGains(kp=190.0, ki=5.0)), catalogue.SURE_SHARE * points[1].brake_torque  # wet: less
+    design, sure = (
+        PIController(PIGains(kp=190.0, ki=5.0)),
+        catalogue.SURE_SHARE * points[1].brake_torque,
+    )  # wet: less
     for speed_kmh, torque in ((36.0, sure), (0.0, 0.0)):
         control = catalogue.braking_control(design, points, REFERENCE, name="mine", hand_over_kmh=speed_kmh)
         assert (control.cut_out_speed, control.cut_out_torque) == (pytest.approx(speed_kmh / 3.6), torque)

@@ -2,7 +2,6 @@
 
 import math
 import re
-from pathlib import Path
 
 import control as ct
 import numba
@@ -37,10 +36,10 @@ class PI:
     name = "object"
     reference = REFERENCE
 
-    def reset(self, t: float, v: float, omega: float) -> None:
+    def reset(self, t, v, omega):
         self.integral = 0.0
 
-    def step(self, t: float, v: float, omega: float) -> float:
+    def step(self, t, v, omega):
         error = 0.132 * v - (v - RADIUS * omega)
         self.integral += 0.01 * 1220.0 * error
         return 1210.0 * error + self.integral
@@ -103,9 +102,7 @@ FILE = """
 import numba
 
 class Mine:
-    period = 0.01
-    def __init__(self):
-        self.i = 0.0
+    period, i = 0.01, 0.0
     def step(self, t, v, omega):
         e = 0.132 * v - (v - 0.43 * omega)
         self.i += 12.2 * e
@@ -119,27 +116,19 @@ CONTROLLER = {}
 """
 
 
-def written(folder: Path, name: str, controller: str) -> Path:
-    path = folder / f"{name}.py"
-    path.write_text(FILE.replace("{}", controller))
-    return path
-
-
-@pytest.fixture
-def campaign(tmp_path: Path) -> Campaign:
-    short = SCENARIO.with_changes(longest_time=2.0, events=())
-    loaded = [as_run(load_controller(written(tmp_path, n, c)), n) for n, c in (("a", "Mine()"), ("b", "p"))]
-    return Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
-
-
 @pytest.mark.long
-def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
+def test_a_campaign_runs_them_in_other_processes(tmp_path):
+    loaded = []
+    for name, controller in (("a", "Mine()"), ("b", "p")):
+        (tmp_path / f"{name}.py").write_text(FILE.replace("{}", controller))
+        loaded.append(as_run(load_controller(tmp_path / f"{name}.py"), name))
+    short = SCENARIO.with_changes(longest_time=2.0, events=())
+    campaign = Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
     assert campaign.controller_names == ("a", "b", "transfer-function-of-order-1")
     one, two = (execute(campaign, tmp_path / str(n), workers=n, part_runs=4) for n in (1, 2))
     for i in (0, 7):
         assert one.row(i) == two.row(i)
-    again = Campaign(campaign.scenario, campaign.controllers, 8)
-    assert again.fingerprint == campaign.fingerprint
+    assert Campaign(short, campaign.controllers, 8).fingerprint == campaign.fingerprint
 
 
 @pytest.mark.parametrize(("lasts", "kept"), [(0, 0), (1, 0), (3, 2)])  # the first run is for the kernel
@@ -166,21 +155,18 @@ COMPILED = "\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    BODY\n\n"
 COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = mine\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "body", "told"),
-    [
-        (PLAIN, "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)", "line 7: step at t = 0.5 s fails with ZeroD"),
-        (PLAIN, "return float('nan') if t > 0.3 else 0.0", "line 6: step gives nan at t = 0.31 s; give a"),
-        (PLAIN, "return 'brake'", "line 6: step gives 'brake' at t = 0 s"),
-        (PLAIN, "return helped(t)", "line 3: step at t = 0 s fails with KeyError"),
-        (PLAIN, "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing", "line 9: reset at t = 0 s"),
-        (COMPILED, "x = 1.0\n    return v if t < 1 else x * gain", "line 7: Numba cannot compile step: NameError"),
-        (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
-        (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
-        (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
-        (COMPILED, "if 30 < omega < 60:\n        raise ValueError('no')\n    return 4e3", "line 7: step at t = "),
-    ],
-)
+@pytest.mark.parametrize(("text", "body", "told"), [
+    (PLAIN, "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)", "line 7: step at t = 0.5 s fails with ZeroD"),
+    (PLAIN, "return float('nan') if t > 0.3 else 0.0", "line 6: step gives nan at t = 0.31 s; give a"),
+    (PLAIN, "return 'brake'", "line 6: step gives 'brake' at t = 0 s"),
+    (PLAIN, "return helped(t)", "line 3: step at t = 0 s fails with KeyError"),
+    (PLAIN, "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing", "line 9: reset at t = 0 s"),
+    (COMPILED, "x = 1.0\n    return v if t < 1 else x * gain", "line 7: Numba cannot compile step: NameError"),
+    (COMPILED, "x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
+    (COMPILED, "x = [1.0]\n    return x[int(9 * t)]", "line 7: step at t = 0.12 s fails with Index"),
+    (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
+    (COMPILED, "if 30 < omega < 60:\n        raise ValueError('no')\n    return 4e3", "line 7: step at t = "),
+])  # fmt: skip
 def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
     path = tmp_path / "mine.py"
     path.write_text(text.replace("BODY", body))
@@ -283,20 +269,17 @@ CONTROLLER = {}
 ALONE = "is known by its step alone and has no margins"
 
 
-@pytest.mark.parametrize(
-    ("controller", "margins", "run"),
-    [
-        ("Timed()", f"mine.py, line 6: Timed {ALONE}; give it a method linear", None),
-        ("step", f"mine.py, line 26: step {ALONE}; give an object that has step and a", None),
-        ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
-        ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
-        ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
-        ("Stepped(lambda s, p: None)", "mine.py, line 12: what linear gives is refused: controller: None", None),
-        ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
-        ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
-        ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
-    ],
-)
+@pytest.mark.parametrize(("controller", "margins", "run"), [
+    ("Timed()", f"mine.py, line 6: Timed {ALONE}; give it a method linear", None),
+    ("step", f"mine.py, line 26: step {ALONE}; give an object that has step and a", None),
+    ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
+    ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
+    ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
+    ("Stepped(lambda s, p: None)", "mine.py, line 12: what linear gives is refused: controller: None", None),
+    ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
+    ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
+    ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
+])  # fmt: skip
 def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
     """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
     path = tmp_path / "mine.py"
@@ -317,15 +300,12 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
         assert "railslip_ctrl" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("make", "told"),
-    [
-        (lambda: simulate(SCENARIO, lambda t, v: 0.0), r"step cannot be called with \(t, v, omega\)"),
-        (lambda: simulate(SCENARIO, ct.tf([190, -190], [1, -1], 1e-9)), "period: 1e-09 s is not allowed; give a fin"),
-        (lambda: simulate(SCENARIO, {}), "controller: dict is not a linear system"),
-        (lambda: StepControl(3, REFERENCE), "has no step"),
-    ],
-)
+@pytest.mark.parametrize(("make", "told"), [
+    (lambda: simulate(SCENARIO, lambda t, v: 0.0), r"step cannot be called with \(t, v, omega\)"),
+    (lambda: simulate(SCENARIO, ct.tf([190, -190], [1, -1], 1e-9)), "period: 1e-09 s is not allowed; give a fin"),
+    (lambda: simulate(SCENARIO, {}), "controller: dict is not a linear system"),
+    (lambda: StepControl(3, REFERENCE), "has no step"),
+])  # fmt: skip
 def test_what_cannot_run_is_refused_in_a_line(make, told):
     with pytest.raises(InputError, match=told):
         make()

@@ -55,8 +55,7 @@ def test_the_published_vehicle() -> None:
     for heavy, alone in ((5276.0, False), (3517.0, False), (6000.0, True)):
         assert bool(PARK2008.with_mass(heavy).mass_alone) == alone
     assert PARK2008.with_mass(6000.0).mass_loaded == 6000.0
-    said = Actuator.__doc__ or ""
-    assert "- lag: time constant of the first-order lag; s, >= 0." in said
+    assert "- lag: time constant of the first-order lag; s, >= 0." in (Actuator.__doc__ or "")
     assert "factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
 
 
@@ -185,11 +184,8 @@ def test_toml_wins_over_the_railtoolkit_file_key_by_key(file: Any, tmp_path: Pat
     assert not any("assumed" in note or "Published" in note for note in example.notes)
 
 
-TWO = "vehicles:\n  - {name: first, id: A1, mass: 40}\n  - {name: second, id: B2, mass: 6.0e+1}\n"
-
-
 def test_a_vehicle_is_chosen_by_its_id(file: Any, tmp_path: Path) -> None:
-    file(TWO, "stock.yaml")
+    file("vehicles:\n  - {name: first, id: A1, mass: 40}\n  - {name: second, id: B2, mass: 6.0e+1}\n", "stock.yaml")
     vehicle = load_vehicle(file('rolling_stock = "stock.yaml"\nvehicle_id = "B2"\n'))
     assert (vehicle.name, vehicle.mass) == ("second", 15_000.0)
     for text, message in (
