@@ -6,7 +6,7 @@ import sys
 
 import pytest
 from hypothesis import Phase, settings
-from project import SMALL
+from project import SMALL, script, show
 
 from railslip_ctrl.cli import main
 
@@ -19,7 +19,7 @@ LONGEST = (
     *("test_virtual_rig.py", "test_scripts.py", "html report", "test_seeking.py", "test_sliding_verification.py"),
     *("test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py", "test_limit_cycles.py"),
     *("test_identification_command.py", "test_docs.py", "test_log_checks.py", "test_log_judgement.py"),
-    *("test_controller_files.py", "test_readme.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
+    *("test_controller_files.py", "test_help.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
 )
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 
@@ -62,6 +62,31 @@ def railslip(capsys):
             main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Write a file into the working folder, which is a temporary one; gives its name."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(name, text):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return name
+
+    return write
+
+
+@pytest.fixture
+def ran(tmp_path, capsys, monkeypatch):
+    """Run a script of the project: what its `run` gives, what it prints of that, and the pictures it then draws."""
+
+    def run(path, **given):
+        module = script(path)
+        result = module.run(**given)
+        show(module, result, tmp_path, monkeypatch)
+        return result, capsys.readouterr().out, {picture.name for picture in tmp_path.glob("*.png")}
 
     return run
 

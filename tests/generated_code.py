@@ -27,11 +27,14 @@ def parameters(code, generator, adhesion, **given):
     for name in code.law.parameters:
         if name in RANGES:
             values[name] = generator.uniform(*RANGES[name])
-    if adhesion is not None:
-        law = sample_law(adhesion)
-        named = zip(type(law).parameter_names(), law.parameters(), strict=True)
-        values |= {f"adhesion_{name}": value for name, value in named}
+    values |= adhesion_of(adhesion and sample_law(adhesion))
     return [{**values, **given}[name] for name in code.law.parameters]
+
+
+def adhesion_of(law):
+    """The parameters of an adhesion law as the code has them; none without a law."""
+    named = () if law is None else zip(type(law).parameter_names(), law.parameters(), strict=True)
+    return {f"adhesion_{name}": value for name, value in named}
 
 
 def begun(module, v, p):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
 LARGEST_BYTES = 5_000_000
@@ -14,23 +13,18 @@ _VOID = {"meta", "link", "img", "br", "hr", "input"}
 _LOADS = {"src", "srcset", "poster", "data", "action"}
 
 
-@dataclass
 class Page(HTMLParser):
     """Made by `parsed`."""
 
-    ids: list[str] = field(default_factory=list)
-    links: list[str] = field(default_factory=list)
-    figures: int = 0
-    tables: int = 0
-    found: list[str] = field(default_factory=list)
-    pieces: list[str] = field(default_factory=list)
-    cells: list[tuple[str, list[str]]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
         super().__init__()
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.found: list[str] = []
+        self.pieces: list[str] = []
+        self.cells: list[tuple[str, list[str]]] = []
+        self.figures, self._section, self._in_cell = 0, "", False
         self._open: list[str] = []
-        self._section = ""
-        self._in_cell = False
 
     @classmethod
     def parsed(cls, text: str) -> Page:
@@ -70,7 +64,6 @@ class Page(HTMLParser):
             self.figures += 1
             if len(given.get("alt", "")) < 40:  # a sentence, not a word
                 self.found.append("img without an alt text")
-        self.tables += tag == "table" and "id" in given
         if tag == "tr":
             self.cells.append((self._section, []))
         self._in_cell = tag in ("td", "th") or (self._in_cell and tag not in ("tr", "table"))

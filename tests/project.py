@@ -1,6 +1,8 @@
 """The project's folder and its scripts, for the tests that run them."""
 
 import importlib.util
+import inspect
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -8,6 +10,7 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 
 
 def script(path: str) -> ModuleType:
@@ -19,11 +22,17 @@ def script(path: str) -> ModuleType:
     return module
 
 
+def recipe(name: str) -> str:
+    """A file that CONTRIBUTING shows."""
+    (text,) = re.findall(rf"^```\w+ file={re.escape(name)}\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
+    return text
+
+
 def show(module: ModuleType, result: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the script prints of `result`, which its `run` gave, and its pictures into the folder."""
     monkeypatch.setattr(module, "run", lambda *_, **__: result)
     monkeypatch.setattr(sys, "argv", [f"{module.__name__}.py", str(folder)])
-    module.main()
+    module.main(*([[str(folder)]] if inspect.signature(module.main).parameters else []))
 
 
 def refused(result: tuple[int, str, str]) -> str:

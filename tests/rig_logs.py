@@ -20,29 +20,27 @@ HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [
 def rig_rows(
     law: AdhesionLaw,
     *,
-    repetitions: int = 1,
     runs: int = 6,
     initial_speed: float = 100.0 / 3.6,
     force_noise: float = 431.0,
-    speed_noise: float = 0.01,
     interval: float = 0.01,
     seed: int = 0,
     loads: tuple[float, ...] = (1.0,),
-) -> list[Rows]:
-    """Logs of `runs` runs each, one for every repetition, all simulated side by side.
+) -> Rows:
+    """A log of `runs` runs, simulated side by side.
 
     Equations (3) and (4) without travelling resistance, by Heun's method in five steps an interval; the random force
-    (N) is white, held for an interval, and the pickup of the wheel's speed has white noise (rad/s). `loads` are those
-    of the runs, one after the other and again from the first, by the published; more than one are logged.
+    (N) is white, held for an interval, and the pickup of the wheel's speed has white noise, 0.01 rad/s. `loads` are
+    those of the runs, one after the other and again from the first, by the published; more than one are logged.
     """
-    generator, count, steps = np.random.default_rng(seed), repetitions * runs, 5
+    generator, steps = np.random.default_rng(seed), 5
     wheel, h = PARK2008.wheel, interval / 5
-    load = PARK2008.wheel_load * np.resize(loads, count)
+    load = PARK2008.wheel_load * np.resize(loads, runs)
     force, p = numeric_plant(type(law)).force, (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, load, *law.parameters())
-    v = np.full(count, initial_speed)
-    omega, released = v / wheel.radius, np.zeros(count, dtype=bool)
+    v = np.full(runs, initial_speed)
+    omega, released = v / wheel.radius, np.zeros(runs, dtype=bool)
     samples = round(9.0 / interval)
-    record = np.empty((3, samples, count))
+    record = np.empty((3, samples, runs))
 
     def rates(v: np.ndarray, omega: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sigma = np.maximum(v - wheel.radius * omega, 0.0)
@@ -53,7 +51,7 @@ def rig_rows(
     for i in range(samples):
         torque = np.where(released, 0.0, 1200.0 * max(i * interval - 0.5, 0.0))
         record[:, i] = v, omega, torque
-        noise = force_noise * generator.standard_normal(count)
+        noise = force_noise * generator.standard_normal(runs)
         for j in range(steps):
             torque = np.where(released, 0.0, 1200.0 * max(i * interval + (j + 0.5) * h - 0.5, 0.0))
             first = rates(v, omega, torque, noise)
@@ -61,21 +59,18 @@ def rig_rows(
             v = v + h / 2 * (first[0] + second[0])
             omega = np.minimum(omega + h / 2 * (first[1] + second[1]), v / wheel.radius)  # it only brakes
         released |= 1.0 - wheel.radius * omega / v > 0.5
-    record[1] += speed_noise * generator.standard_normal(record[1].shape)
-    time = np.arange(samples * runs) * interval
-    columns = record.reshape(3, samples, repetitions, runs).transpose(2, 0, 3, 1).reshape(repetitions, 3, -1)
+    record[1] += 0.01 * generator.standard_normal(record[1].shape)
     names = ("train_speed", "wheel_angular_speed", "brake_torque")
-    logged = {} if len(loads) == 1 else {"wheel_load": np.repeat(load[:runs], samples)}
-    return [
-        Rows(np.arange(time.size) + 2, {"time": time, **dict(zip(names, log, strict=True)), **logged})
-        for log in columns
-    ]
+    columns = dict(zip(names, record.transpose(0, 2, 1).reshape(3, -1), strict=True))
+    logged = {} if len(loads) == 1 else {"wheel_load": np.repeat(load, samples)}
+    count = samples * runs
+    return Rows(np.arange(count) + 2, {"time": np.arange(count) * interval, **columns, **logged})
 
 
 @functools.cache
 def two_runs() -> Rows:
     """Two runs on a rig with the published beam, made once; not to be changed in place."""
-    return rig_rows(BEAM, runs=2, seed=3)[0]
+    return rig_rows(BEAM, runs=2, seed=3)
 
 
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:

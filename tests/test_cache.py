@@ -46,12 +46,10 @@ def test_a_spoilt_file_is_computed_again(computed, spoil):
 def test_other_source_is_another_result(computed, monkeypatch, tmp_path):
     """The hash is of every module's text: one more line anywhere, and nothing kept is found."""
     compute, times, _ = computed
-    package = tmp_path / "package"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    monkeypatch.setattr(module, "_PACKAGE", package)
+    (tmp_path / "package").mkdir()
+    monkeypatch.setattr(module, "_PACKAGE", tmp_path / "package")
     for text, count in (("x = 1\n", 1), ("x = 1\n", 1), ("x = 2\n", 2)):
-        (package / "module.py").write_text(text)
+        (tmp_path / "package" / "module.py").write_text(text)
         module._of_code.cache_clear()
         cached("name", compute)
         assert len(times) == count

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from project import refused
 
 from railslip_ctrl import InputError, Rail, derive
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
@@ -61,10 +60,11 @@ NUMBERS = {"c1": 0.20, "c2": 18.0, "c3": 0.08}
 
 
 @pytest.fixture
-def leaves(tmp_path):
-    path = tmp_path / "leaves.toml"
-    path.write_text('law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n')
-    return path
+def derived(file):
+    """The derivation with Burckhardt's law, its code, the law of a file, and the numbers of that."""
+    text = 'law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n'
+    derivation, law = derive(law="burckhardt"), load_law(file("leaves.toml", text))
+    return derivation, generate(derivation), law, law_numbers(derivation, law)
 
 
 def told(derivation, code, numbers) -> tuple[str, str, str]:
@@ -72,41 +72,34 @@ def told(derivation, code, numbers) -> tuple[str, str, str]:
     return (derivation_text(derivation, (), numbers), *in_code)
 
 
-def test_derive_puts_the_numbers_of_a_file_into_the_law(leaves):
-    derivation, law = derive(law="burckhardt"), load_law(leaves)
-    numbers, code = law_numbers(derivation, law), generate(derivation)
+def test_derive_puts_the_numbers_of_a_file_into_the_law_and_the_code(derived):
+    derivation, code, law, numbers = derived
     found = derivation_json(derivation, (), code, numbers)["law"]["numbers"]
-    wet = dict(zip(NUMBERS, law.wet().parameters(), strict=True))
     assert found["dry"]["parameters"] == NUMBERS
-    assert found["wet"]["parameters"] == wet != NUMBERS
+    assert found["wet"]["parameters"] == dict(zip(NUMBERS, law.wet().parameters(), strict=True)) != NUMBERS
     for text in told(derivation, code, numbers):
         assert "Law with the numbers given, dry rail" in text
         assert "c1 = 0.2, c2 = 18, c3 = 0.08 (SI)" in text
     assert "numbers given" not in derivation_text(derivation, ())
-
-
-def test_the_law_with_numbers_is_the_law(leaves):
-    """Evaluated at a state: to the six digits to which a formula shows its numbers."""
-    derivation = derive(law="burckhardt")
-    for one in law_numbers(derivation, load_law(leaves)):
-        symbols = dict(zip(type(load_law(leaves)).symbols(), (value for _, value in one.parameters), strict=True))
-        rest = sorted(one.torque.free_symbols, key=str)
-        state = dict(zip(rest, np.random.default_rng(1).uniform(0.5, 2.0, len(rest)), strict=True))
-        expected = derivation.law_in_adhesion.subs(symbols).subs(state)
-        assert float(one.torque.subs(state)) == pytest.approx(float(expected), rel=1e-5)
-        assert not one.torque.free_symbols & set(symbols)
-
-
-def test_the_numbers_are_in_the_code(leaves):
-    derivation = derive(law="burckhardt")
-    code = with_numbers(generate(derivation), law_numbers(derivation, load_law(leaves)), leaves)
-    namespace: dict[str, object] = {}
+    code, namespace = with_numbers(code, numbers, Path("leaves.toml")), {}
     exec(compile(code.python, "law", "exec"), namespace)
     assert namespace["ADHESION_DRY"] == {f"adhesion_{name}": value for name, value in NUMBERS.items()}
     for rail in Rail:
         (line,) = re.findall(rf"^#define RAILSLIP_ASMC_ADHESION_{rail.name} (.*)$", code.c, flags=re.M)
         assert re.fullmatch(r"\.adhesion_c1 = [\d.e-]+, \.adhesion_c2 = [\d.e-]+, \.adhesion_c3 = [\d.e-]+", line)
     assert ".adhesion_c1 = 0.2, .adhesion_c2 = 18.0, .adhesion_c3 = 0.08" in code.c
+
+
+def test_the_law_with_numbers_is_the_law(derived):
+    """Evaluated at a state: to the six digits to which a formula shows its numbers."""
+    derivation, _, law, numbers = derived
+    for one in numbers:
+        symbols = dict(zip(type(law).symbols(), (value for _, value in one.parameters), strict=True))
+        rest = sorted(one.torque.free_symbols, key=str)
+        state = dict(zip(rest, np.random.default_rng(1).uniform(0.5, 2.0, len(rest)), strict=True))
+        expected = derivation.law_in_adhesion.subs(symbols).subs(state)
+        assert float(one.torque.subs(state)) == pytest.approx(float(expected), rel=1e-5)
+        assert not one.torque.free_symbols & set(symbols)
 
 
 def test_a_law_without_closed_form_says_so():
@@ -124,11 +117,9 @@ def test_a_law_without_closed_form_says_so():
         law_numbers(derive(law="burckhardt"), published_law("beam", Rail.DRY))
 
 
-def test_derive_takes_a_file_over_the_initial_speed(railslip, tmp_path):
-    path = tmp_path / "model.toml"
-    path.write_text('law = "burckhardt"\n[parameters]\nc2 = 18.0\nc3 = 0.08\n[polynomials]\nc1 = [0.5, -0.0025]\n')
+def test_derive_takes_a_file_over_the_initial_speed(railslip, file):
+    text = 'law = "burckhardt"\n[parameters]\nc2 = 18.0\nc3 = 0.08\n[polynomials]\nc1 = [0.5, -0.0025]\n'
+    path = file("model.toml", text)
     for options, c1 in (((), 0.25), (("--initial-speed", "60"), 0.35)):
         status, out, _ = railslip("derive", "--adhesion", path, *options, "--format", "c")
         assert (status, f"ADHESION_DRY .adhesion_c1 = {c1}, .adhesion_c2 = 18.0" in out) == (0, True)
-    err = refused(railslip("derive", "--adhesion", "beam", "--initial-speed", "60"))
-    assert "--initial-speed: goes with a file" in err

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 from project import ROOT, refused
@@ -66,12 +67,10 @@ def test_a_command_loads_what_it_needs_alone(words):
     ("report --out check", "latex2mathml", "html"),
     ("reproduce --out check", "latex2mathml", "html"),
 ])  # fmt: skip
-def test_a_missing_extra_is_named_before_the_work(words, package, extra, railslip, tmp_path, monkeypatch):
-    (tmp_path / "tolerances.toml").write_text('scenario = "stop"\nruns = 1\n')
+def test_a_missing_extra_is_named_before_the_work(words, package, extra, railslip, file, monkeypatch):
+    file("tolerances.toml", 'scenario = "stop"\nruns = 1\n')
     rows = "".join(f"{0.01 * i:.2f},{30 - 0.01 * i},{29 - 0.01 * i},900\n" for i in range(60))
-    header = "time [s],train speed [m/s],wheel speed [m/s],brake torque [N*m]\n"
-    (tmp_path / "run.csv").write_text(header + rows)
-    monkeypatch.chdir(tmp_path)
+    file("run.csv", "time [s],train speed [m/s],wheel speed [m/s],brake torque [N*m]\n" + rows)
     monkeypatch.setitem(sys.modules, package, None)
     assert f'{package} is not installed; pip install "railslip_ctrl[{extra}]"' in refused(railslip(*words.split()))
-    assert {path.name for path in tmp_path.iterdir()} <= {"tolerances.toml", "run.csv", "runs"}
+    assert {path.name for path in Path.cwd().iterdir()} <= {"tolerances.toml", "run.csv", "runs"}

@@ -1,5 +1,6 @@
-"""The help of the command: examples that run, units and defaults of every option; completion; no colour in a pipe."""
+"""The help of the command, and the README: what they show runs, options have units and defaults; completion."""
 
+import doctest
 import os
 import re
 import shlex
@@ -15,7 +16,6 @@ from project import ROOT
 from rig_logs import rig_rows, write_log
 
 from railslip_ctrl import Rail, __version__
-from railslip_ctrl.cli import main
 from railslip_ctrl.cli.options import Number
 from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
@@ -40,44 +40,69 @@ def example(text: str) -> str:
 
 EXAMPLES = {name: example(command.help) for name, command in COMMANDS.items()} | {"--help": example(railslip.help)}
 
-LONG = ("campaign", "identify", "report", "reproduce", "tune", "verify")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PASTED = dict.fromkeys(re.findall(r"`(railslip [^`]+)`", README))
+SHOWN = [line for line in PASTED if not re.search(r"\b[A-Z]{3,}\b|reproduce", line)]  # without a file of the reader
+TUNE = next(line for line in SHOWN if line.startswith("railslip tune"))
+LONG = ("campaign", "identify", "report", "reproduce", "verify")
 CAMPAIGN = """
 scenario = "park2008"
 runs = 2
 controller = [{controller = "pi"}]
 quantity = [{path = "vehicle.mass", distribution = "uniform", low = 3400.0, high = 3600.0}]
 """
+# the page has tests of its own
+SHORTER = {"report": ["--no-html"], "campaign": ["--workers", "1"], "identify": ["--model", "beam"]}
 
 
-def prepare(name: str, folder: Path) -> list[str]:
-    """Put the files that a command's example names into a folder; give what shortens it."""
-    if name == "report":
-        for file in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
-            folder.joinpath("my_train.toml" if file.suffix == ".toml" else file.name).write_bytes(file.read_bytes())
-        return ["--no-html"]  # the page has tests of its own
-    if name == "campaign":
-        folder.joinpath("tolerances.toml").write_text(CAMPAIGN)
-        return ["--workers", "1"]
-    if name == "identify":
-        write_log(folder / "run.csv", rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH)[0])
-        return ["--model", "beam"]
-    return []
+def words_of(line: str) -> list[str]:
+    return [str(ROOT / word) if word.startswith("designs/") else word for word in shlex.split(line)[1:]]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in EXAMPLES])
+@pytest.fixture
+def prepare(file, railslip):
+    """Put the files that a command names into the working folder."""
+
+    def put(line: str) -> None:
+        if "my_train.toml" in line:
+            for path in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
+                Path("my_train.toml" if path.suffix == ".toml" else path.name).write_bytes(path.read_bytes())
+        file("tolerances.toml", CAMPAIGN)
+        if line.startswith("railslip identify"):
+            write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
+        if "best.toml" in line and line != TUNE:
+            assert railslip(*words_of(TUNE))[0] == 0
+
+    return put
+
+
+@pytest.mark.parametrize("line", [
+    pytest.param(line, marks=[pytest.mark.long] * (line.split()[1] in LONG))
+    for line in dict.fromkeys([*SHOWN, *EXAMPLES.values()])
+])  # fmt: skip
 @pytest.mark.usefixtures("without_lag_search")
-def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
-    words = shlex.split(EXAMPLES[name])[1:] + prepare(name, tmp_path)
-    before = set(tmp_path.iterdir())
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as caught:
-        main(words)
-    printed = capsys.readouterr()
-    written = set(tmp_path.iterdir()) - before
-    assert caught.value.code == (name == "verify"), printed.err  # the layered law has a condition that fails
-    assert "\x1b" not in printed.out + printed.err
-    assert {path.name for path in written} == {after for word, after in pairwise(words) if word in ("--out", "--csv")}
-    assert printed.out or written
+def test_a_command_that_the_readme_or_its_help_shows_runs(line, prepare, railslip):
+    prepare(line)
+    before, words = set(Path.cwd().iterdir()), words_of(line)
+    status, out, err = railslip(*words, *SHORTER.get(words[0], ()))
+    assert status == (words[0] == "verify"), err  # the layered law has a condition that fails
+    assert "\x1b" not in out + err
+    written = {path.name for path in set(Path.cwd().iterdir()) - before}
+    named = {after for word, after in pairwise(words) if word in ("--out", "--csv")}
+    assert written == (named or {"railslip-report"} & written)
+    assert out or written
+
+
+def test_the_python_of_the_readme_gives_what_it_shows(file):
+    result = doctest.testfile(str(ROOT / "README.md"), module_relative=False)  # it writes a file
+    assert (result.attempted > 9, result.failed) == (True, 0)
+
+
+def test_the_readme_s_table_says_of_every_command_what_the_program_s_help_says():
+    told: dict[str, list[str]] = {}
+    for name, text in re.findall(r"^\| `railslip (\w+)[^`]*` \| (.+) \|$", README, flags=re.M):
+        told.setdefault(name, []).append(text)
+    assert {name: "; ".join(texts) for name, texts in told.items()} == _COMMANDS  # a command may have two rows
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -120,8 +145,9 @@ def test_an_option_says_its_unit_or_choice_and_its_default(option):
 
 
 def test_completing_a_command_s_name_imports_no_command():
+    """Nor does the package itself cost anything."""
     code = "import sys; from railslip_ctrl.cli import main\ntry: main()\nfinally: print(*sys.modules, file=sys.stderr)"
     words = {"_RAILSLIP_COMPLETE": "zsh_complete", "COMP_WORDS": "railslip ", "COMP_CWORD": "1"}
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
     assert "\nmargins\n" in done.stdout
-    assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
+    assert not {"numpy", "sympy", "numba", "railslip_ctrl.cli.margins"} & set(done.stderr.split())

@@ -19,11 +19,7 @@ TEXTS = {
 
 def functions(text: str) -> Iterator[tuple[str, int]]:
     """Name and length of every function in a module's text, methods and inner ones too."""
-    found: list[ast.AST] = [ast.parse(text)]  # from here on statements alone: an expression has no function in it
-    while found:
-        node = found.pop()
-        if isinstance(node, ast.stmt | ast.Module | ast.ExceptHandler | ast.match_case):
-            found += ast.iter_child_nodes(node)
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             told = node.body[0].end_lineno - node.body[0].lineno + 1 if ast.get_docstring(node) else 0
             yield node.name, node.end_lineno - node.lineno + 1 - told

@@ -33,21 +33,19 @@ main()
 ENDED = 30.0  # s; an import or two on a busy machine, a tenth of what the processes would sleep
 
 
-def started(*command: str, cwd: Path | None = None) -> subprocess.Popen[str]:
+def started(*command, cwd=None):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen([sys.executable, *command], **pipes, start_new_session=True, cwd=cwd)
 
 
-def at_work(wait: bool) -> subprocess.Popen[str]:
+def at_work(wait):
     """The command above, begun."""
     command = started("-c", WORK.format(wait=wait))
-    assert command.stdout is not None
     assert command.stdout.readline() == "begun\n"
     return command
 
 
 posix_alone = pytest.mark.skipif(os.name != "posix", reason="signals to groups of processes")
-SIGNALS = [(os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long)]
 
 
 @posix_alone
@@ -68,10 +66,11 @@ def test_processes_end_with_the_one_that_started_them() -> None:
 
 
 @posix_alone
-@pytest.mark.parametrize(("send", "number"), SIGNALS)
+@pytest.mark.parametrize(("send", "number"), [
+    (os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long),
+])  # fmt: skip
 def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(tmp_path: Path, send, number: int) -> None:
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
-    assert command.stderr is not None
     assert "the best design" in command.stderr.readline()
     send(command.pid, number)
     out, err = command.communicate(timeout=ENDED)

@@ -14,7 +14,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
-from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification
+from railslip_ctrl.identification.identify import IMPOSSIBLE_MU
 from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observed import AdhesionStream
@@ -27,22 +27,9 @@ RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def rows() -> Rows:
     return two_runs()
-
-
-@pytest.fixture(scope="module")
-def dry() -> Identification:
-    return found_in("beam")
-
-
-@pytest.fixture(scope="module")
-def both() -> Identification:
-    """The better of two models."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(job.models, "CANDIDATES", ("burckhardt", "beam"))
-        return found_in("best")
 
 
 @pytest.fixture
@@ -81,6 +68,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json(rows):
         "the fitted beam has a highest adhesion coefficient, its limit of friction (mu_max), of 0.72",
     )
     text, file = " ".join(identification_text(found).split()), model_toml(found)
+    assert all(heading in text for heading in ("Std. error", "Correlation", "BIC"))
     for sentence in told:
         assert sum(sentence in each for each in (*found.warnings, *found.doubts)) == 1
         assert sentence in text
@@ -89,7 +77,8 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json(rows):
     assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
 
 
-def test_what_is_not_from_the_log_is_marked(dry):
+def test_what_is_not_from_the_log_is_marked():
+    dry = found_in("beam")
     found = identification_json(dry)
     own, other = found["peaks"][4], found["peaks"][0]
     assert (own["from"], own["extrapolated"], other["extrapolated"]) == ("log", False, True)
@@ -154,8 +143,10 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     assert found.train_lag.peak_slip == found.regimes.boundary
 
 
-def test_the_chosen_model_has_the_intervals_that_it_has_alone(both):
+def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):
     """Those of the others are not worked out; their values are the same."""
+    monkeypatch.setattr(job.models, "CANDIDATES", ("burckhardt", "beam"))
+    both = found_in("best")
     alone = {name: found_in(name) for name in ("burckhardt", "beam")}
     chosen = both.chosen.fit.model.name
     assert both.chosen.fit.parameters == alone[chosen].chosen.fit.parameters
@@ -186,21 +177,16 @@ def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     assert told.slip_shift > 3e-4
 
 
-@pytest.fixture(scope="module")
-def rig_log() -> Rows:
-    return run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
-
-
 @pytest.mark.parametrize("factor", [0.5, 0.7376, 1.0, 2.0])  # half the wheels; lb*ft for N*m; right; twice
-def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(rig_log, factor):
-    curve = curve_of(changed(rig_log, brake_torque=factor * rig_log.columns["brake_torque"]), PARK2008, Options())
+def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(factor):
+    log = run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
+    curve = curve_of(changed(log, brake_torque=factor * log.columns["brake_torque"]), PARK2008, Options())
     # by hand, of the first run: M times the speed lost, against force of torque and wheel by momentum, and resistance
     run = curve.record.run == curve.record.run[0]
     t, v, omega, torque = (getattr(curve.record, name)[run] for name in ("time", "speed", "omega", "torque"))
     wheel = np.trapezoid(torque + 0.25 * omega, t) + 60.35 * (omega[-1] - omega[0])
     own = 3517.0 * (v[0] - v[-1]) / (wheel / RADIUS + np.trapezoid(0.63 * v**2, t))
     assert curve.deceleration_ratio == pytest.approx(own, rel=0.01)  # of two runs, whose noise differs
-    told = [text for text in curve.warnings if "the train slows down" in text]
     words = f"slows down {curve.deceleration_ratio:.3g} times as much as the adhesion of this wheel makes"
-    assert [words in text for text in told] == ([] if factor == 1.0 else [True])
+    assert [words in text for text in curve.warnings if "the train slows down" in text] == [True] * (factor != 1.0)
     assert factor != 1.0 or curve.deceleration_ratio == pytest.approx(1.0, abs=2e-3)

@@ -15,7 +15,6 @@ from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun, judge_run
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
-WITHOUT_ADAPTATION = replace(PUBLISHED_LAW, k1=0.0, k2=0.0)
 SI = published_scenario(as_published=False)
 
 Runs = dict[tuple[str, bool, bool], LyapunovRun]
@@ -48,21 +47,18 @@ def test_as_published_the_caliper_breaks_the_bound_for_a_moment(published_runs: 
     assert reaching.share > 0.99
 
 
-@pytest.mark.parametrize("reading", ["si_runs", pytest.param("published_runs", marks=pytest.mark.long)])
-def test_with_the_actuator_there_is_no_sliding(reading: str, request: pytest.FixtureRequest) -> None:
-    """published.md: s s' < 0 about three quarters of the time without noise, as published; in SI far less."""
-    runs = request.getfixturevalue(reading)
-    share = runs["k = 0", True, False].condition("sliding").share
-    if reading == "published_runs":
-        assert share == pytest.approx(0.75, abs=0.01)
-    else:
-        assert share < 0.3
-    assert runs["k = 0", True, True].condition("reaching (40)").share < 0.5
+def test_with_the_actuator_there_is_no_sliding(si_runs: Runs) -> None:
+    assert si_runs["k = 0", True, False].condition("sliding").share < 0.3
+    assert si_runs["k = 0", True, True].condition("reaching (40)").share < 0.5
 
 
 @pytest.mark.long
-def test_the_printed_adaptation_keeps_the_train_from_stopping(published_runs: Runs) -> None:
-    """published.md: with k = 2.1e-8 and the printed actuator the stop takes three times as long and more."""
+def test_as_published_the_train_slides_little_and_the_printed_adaptation_keeps_it_from_stopping(
+    published_runs: Runs,
+) -> None:
+    """published.md: s s' < 0 three quarters of the time without noise; with k = 2.1e-8 three times as long a stop."""
+    assert published_runs["k = 0", True, False].condition("sliding").share == pytest.approx(0.75, abs=0.01)
+    assert published_runs["k = 0", True, True].condition("reaching (40)").share < 0.5
     with_k, without = (published_runs[name, True, True].run for name in ("printed k", "k = 0"))
     assert with_k.braking_time > 3 * without.braking_time
     ideal = published_runs["printed k", False, True].run
@@ -72,8 +68,8 @@ def test_the_printed_adaptation_keeps_the_train_from_stopping(published_runs: Ru
 def test_the_recorded_rate_is_the_derivative_of_s() -> None:
     """s' from the plant's rates against differences of the recorded s, where nothing jumps."""
     scenario = SI.with_changes(events=(), longest_time=3.0)
-    judged = judge_run(scenario, SlidingControl(WITHOUT_ADAPTATION, REFERENCE), seed=None)
-    signals = judged.signals
+    law = replace(PUBLISHED_LAW, k1=0.0, k2=0.0)
+    signals = judge_run(scenario, SlidingControl(law, REFERENCE), seed=None).signals
     middle = 0.5 * (signals.s_rate[1:] + signals.s_rate[:-1])
     # the law's integral is backward Euler: its e is one sample ahead, rho e' h off
     assert np.diff(signals.s) / np.diff(signals.time) == pytest.approx(middle, abs=0.02)
@@ -93,5 +89,4 @@ def test_report_and_figure(tmp_path: Path, si_runs: Runs) -> None:
     text = lyapunov_runs_text(cases)
     assert ("k = 0, ideal " in text, "never" in text) == (True, True)
     for draw, chosen in ((lyapunov_runs_figure, cases[:4]), (adaptation_figure, cases[4:])):
-        save_figure(draw(chosen, "title"), tmp_path / "runs.png")
-        assert (tmp_path / "runs.png").stat().st_size > 10_000
+        save_figure(draw(chosen, "title"), tmp_path / "runs.png")  # which is looked at, conftest.py

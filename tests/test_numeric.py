@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import mpmath
 import numpy as np
@@ -130,15 +129,11 @@ def test_functions_are_the_statement_for_numbers_and_arrays(name: str) -> None:
                 np.testing.assert_allclose(np.array(found, dtype=float), expected, rtol=1e-12, atol=2e-14 * scale)
 
 
-def interpreted(law: type[AdhesionLaw]) -> ModuleType:
-    """The law's functions in the interpreter, in a module put together as a kernel is."""
-    return module_of(module_text(law, compiled=False), compiled=False)
-
-
 @pytest.mark.parametrize("name", ALL_LAWS)
 def test_functions_in_a_kernel_are_the_same_and_powers_the_whole_loss_of_kinetic_energy(name: str) -> None:
     law = sample_law(name)
-    kernel, numeric, table = interpreted(type(law)), numeric_plant(type(law)), adhesion_table(law, VEHICLE.wheel_load)
+    numeric, table = numeric_plant(type(law)), adhesion_table(law, VEHICLE.wheel_load)
+    kernel = module_of(module_text(type(law), compiled=False), compiled=False)  # in the interpreter
     p, (wheel_radius, J_, M_) = plant_parameters(law, VEHICLE), (0.43, 60.35, 3517.0)
     points = states(law, 100, seed=3)
     largest = max(float(np.max(np.abs([numeric.force(*row, p) for row in points]))), 1.0)
@@ -178,10 +173,9 @@ def test_committed_code_is_what_the_statement_generates(name: str) -> None:
     assert {path.stem for path in GENERATED.glob("*.py")} == {*law_names(), "__init__", "sliding_law"}
 
 
-def _run(code: str, *, path: Path | None = None) -> str:
-    environment = dict(os.environ) | ({"PYTHONPATH": str(path)} if path else {})
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=path, check=True).stdout
+def run_in(path: Path, code: str) -> str:
+    given = {"capture_output": True, "text": True, "env": {**os.environ, "PYTHONPATH": str(path)}, "cwd": path}
+    return subprocess.run([sys.executable, "-c", code], check=True, **given).stdout
 
 
 TORQUE = """
@@ -204,15 +198,15 @@ def test_an_edited_plant_changes_the_numbers_at_once_and_generating_makes_them_f
     target, source = (tmp_path / "railslip_ctrl" / "model" / name for name in ("_generated", "plant.py"))
     for name in law_names():
         (target / f"{name}.py").unlink()
-    _run("from railslip_ctrl.sliding.generate import main; main()", path=tmp_path)
+    run_in(tmp_path, "from railslip_ctrl.sliding.generate import main; main()")
     for name in law_names():
         assert (target / f"{name}.py").read_text() == (GENERATED / f"{name}.py").read_text()
-    before, loaded = _run(TORQUE, path=tmp_path).split(maxsplit=1)
+    before, loaded = run_in(tmp_path, TORQUE).split(maxsplit=1)
     assert loaded.strip() == "[]"
     text = source.read_text()
     assert text.count("-Fa - Fr - Tr / r") == 1
     source.write_text(text.replace("-Fa - Fr - Tr / r", "-Fa + Fr - Tr / r"))
-    after, loaded = _run(TORQUE, path=tmp_path).split(maxsplit=1)
+    after, loaded = run_in(tmp_path, TORQUE).split(maxsplit=1)
     assert "sympy" in loaded
     # Fr = 0.63 v^2 = 486.1 N enters the trim torque as (J/(r M)) (1 - slip) Fr = 16.84 N*m, twice
     assert float(before) - float(after) == pytest.approx(2 * 16.84, abs=0.01)

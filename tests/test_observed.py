@@ -14,12 +14,11 @@ LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH
 
 
-def ramp_rows(count=2000, interval=0.005, noise=0.0, seed=0):
+def ramp_rows(noise=0.0):
     """Slip rising from 0 at 0.02 1/s at constant speed, and the torque that goes with mu = 2 slip."""
-    generator = np.random.default_rng(seed)
-    time = np.cumsum(interval * generator.uniform(0.5, 1.5, count))
-    slip = 0.02 * time
-    radius = PARK2008.wheel.radius
+    generator, count = np.random.default_rng(0), 2000
+    time = np.cumsum(0.005 * generator.uniform(0.5, 1.5, count))
+    slip, radius = 0.02 * time, PARK2008.wheel.radius
     omega = V100 * (1 - slip) / radius
     torque = 2 * slip * LOAD * radius + 0.02 * V100 / radius * PARK2008.wheel.inertia
     torque = torque - PARK2008.wheel.viscous_friction * omega
@@ -43,9 +42,9 @@ def test_observed_mu_stands_over_the_slip_it_belongs_to(observer, lag):
     behind = 0.02 * observed.time[late] - observed.slip[late]
     assert behind.mean() == pytest.approx(0.02 * lag * stream.time_constant, rel=0.01 if lag == 1.0 else 0.05)
     if observer is Observer.CORRECTED:
-        spread = observed.slip2 - observed.slip**2  # of an exponential window: (rate tau)^2
+        spread = (observed.slip2 - observed.slip**2)[200:]  # of an exponential window: (rate tau)^2
         # the square is taken to run straight between samples too: (interval/tau)^2 of it
-        assert spread[200:] == pytest.approx(np.full(len(spread) - 200, (0.02 * stream.time_constant) ** 2), rel=1e-2)
+        assert spread == pytest.approx(np.full(spread.size, (0.02 * stream.time_constant) ** 2), rel=1e-2)
 
 
 @pytest.mark.parametrize("observer", [Observer.CORRECTED, Observer.KALMAN])
@@ -65,40 +64,34 @@ def test_a_gap_restarts_the_observer_and_is_told():
     rows = ramp_rows()
     kept = np.ones(len(rows), dtype=bool)
     kept[800:1000] = False
-    stream = AdhesionStream(PARK2008)
+    stream, time = AdhesionStream(PARK2008), rows.columns["time"]
     observed = stream.add(rows.where(kept))
-    time = rows.columns["time"]
-    assert stream.survey.gap_count == 1
+    assert (stream.survey.gap_count, stream.survey.runs) == (1, 2)
     assert stream.survey.gaps == [(1002, pytest.approx(time[1000] - time[799]))]
     after = observed.time[observed.time > time[999]]
     assert after[0] >= time[1000] + 5 * stream.time_constant  # what the observer does not know yet is not used
     assert observed.mu == pytest.approx(2 * observed.slip, rel=0.01)
-    assert stream.survey.runs == 2
 
 
 def test_impossible_rows_are_left_out_when_few_and_refused_when_many():
-    rows = ramp_rows()
+    rows, stream = ramp_rows(), AdhesionStream(PARK2008)
     rows.columns["wheel_angular_speed"][[500, 501]] = 5000.0
-    stream = AdhesionStream(PARK2008)
     stream.add(rows)
     stream.check("log")
     assert stream.survey.implausible == 2
     assert stream.survey.first_implausible.startswith("line 502: wheel speed 7740 km/h is beyond any train")
-    fast = ramp_rows()
+    fast, stream = ramp_rows(), AdhesionStream(PARK2008)
     fast.columns["wheel_angular_speed"] *= 1.8
-    stream = AdhesionStream(PARK2008)
     stream.add(fast)
     with pytest.raises(InputError, match=r"log: line \d+: wheel speed .* far above the train's.*check columns"):
         stream.check("log")
 
 
 def test_wheel_speed_and_wheel_load_columns_are_used():
-    rows = ramp_rows()
-    columns = dict(rows.columns)
-    columns["wheel_speed"] = columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
-    columns["wheel_load"] = np.full(len(rows), 2 * LOAD)
-    stream = AdhesionStream(PARK2008)
-    observed = stream.add(Rows(rows.line, columns))
+    rows, stream = ramp_rows(), AdhesionStream(PARK2008)
+    rows.columns["wheel_speed"] = rows.columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
+    rows.columns["wheel_load"] = np.full(len(rows), 2 * LOAD)
+    observed = stream.add(rows)
     assert stream.survey.wheel_load == pytest.approx(2 * LOAD)
     late = observed.time > 2.0  # the start is forgotten by then, up to rounding of differences
     assert observed.mu[late] == pytest.approx(observed.slip[late], rel=1e-7)

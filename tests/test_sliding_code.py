@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from generated_code import COMPILER, Compiled, begun, fields, needs_compiler, parameters, same
+from generated_code import COMPILER, Compiled, adhesion_of, begun, fields, needs_compiler, parameters, same
 from sample_laws import ALL_LAWS, sample_law
 
 from railslip_ctrl import PARK2008, InputError, Rail, derive
@@ -24,11 +24,9 @@ from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, L
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 
-REFERENCES = ("proportional", "constant")
 FEW_CASES = [("proportional", "bristle"), ("constant", None)]  # `make test` compiles; the others have the same printer
 LONG_CASES = [*(("proportional", law) for law in (None, *ALL_LAWS) if law != "bristle"), ("constant", "bristle")]
 CASES = [*FEW_CASES, *(pytest.param(*case, marks=pytest.mark.long) for case in LONG_CASES)]
-SEQUENCES = 12  # four of each kind of parameters
 
 ARGUMENTS = {
     **{"e": (-4.0, 4.0), "e_integral": (-3.0, 3.0), "omega": (1.0, 90.0), "Ta": (-6e3, 6e3), "v_rate": (-4.0, 1.0)},
@@ -38,16 +36,14 @@ ARGUMENTS = {
 
 def options(generator):
     """Random options of the robust variants, limits that are met, and anti-windup."""
-    box = {f"theta{i}_{side}": sign * generator.uniform(0.1, 1.0) * 1e-4 for i in (1, 2) for side, sign in SIDES}
+    sides = (("min", -1.0), ("max", 1.0))
+    box = {f"theta{i}_{side}": sign * generator.uniform(0.1, 1.0) * 1e-4 for i in (1, 2) for side, sign in sides}
     limits = {"torque_min": 0.0, "torque_max": generator.uniform(500.0, 4e3), "boundary": generator.uniform(0.05, 0.5)}
     flags = {"dead_zone": float(generator.integers(2)), "anti_windup": float(generator.integers(2))}
     return {**limits, **box, **flags, "leak": generator.uniform(0.0, 2.0)}
 
 
-SIDES = (("min", -1.0), ("max", 1.0))
-
-
-@pytest.mark.parametrize("reference", REFERENCES)
+@pytest.mark.parametrize("reference", ["proportional", "constant"])
 def test_control_is_the_derived_law(reference) -> None:
     derivation = derive(reference=reference)
     module, law = python_law(derivation), generate(derivation).law
@@ -86,40 +82,37 @@ def test_filter_and_integral_converge_to_the_continuous_ones() -> None:
     assert errors[1][0] < 3e-3
 
 
-def stepped(given, measured, state=None):
-    """(torque, s, new state, parameters) of one sample of the law without adhesion, SI, dry."""
-    module = python_law(derive())
-    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132, "filter_time": 0.1, "period": 0.01}
-    values |= {"torque_min": -LARGEST, "torque_max": LARGEST, "boundary": 0.0}
-    values |= gain_parameters(PUBLISHED_LAW) | given
-    p = module.Parameters(**values)
-    # init refuses the lower limit above 0 with which anti-windup is tested
-    free = begun(module, measured[0], p._replace(torque_min=-LARGEST))
-    return *module.step(state or free, *measured, p), p
-
-
-def theta_hat(sample):
-    return sample[2].theta1_hat, sample[2].theta2_hat
-
-
+PLAIN = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132}
 MEASURED = (25.0, 53.0, 4000.0)  # m/s, rad/s, N*m: sigma = 2.21 m/s, e = 1.09 m/s
+
+
+def stepped(given, **estimates):
+    """(torque, s, new state) of one sample of the law without adhesion, SI, dry."""
+    module = python_law(derive())
+    values = PLAIN | {"filter_time": 0.1, "period": 0.01, "boundary": 0.0} | gain_parameters(PUBLISHED_LAW)
+    p = module.Parameters(**values | {"torque_min": -LARGEST, "torque_max": LARGEST} | given)
+    # init refuses the lower limit above 0 with which anti-windup is tested
+    start = begun(module, MEASURED[0], p._replace(torque_min=-LARGEST))
+    return module.step(start._replace(**estimates), *MEASURED, p)
 
 
 def test_variants_of_the_adaptation() -> None:
     """Leak, dead zone and box as `robust` derives them, one Euler step by hand."""
-    module = python_law(derive())
-    start = begun(module, 25.0, stepped({}, MEASURED)[3])._replace(theta1_hat=3e-4, theta2_hat=-2e-3)
+
+    def after_a_step(gains):
+        _, s, state = stepped(gain_parameters(gains), theta1_hat=3e-4, theta2_hat=-2e-3)
+        return s, (state.theta1_hat, state.theta2_hat)
+
     gains = replace(PUBLISHED_LAW, layer=0.2, dead_zone=True, leak=0.7)
-    _, s, state, _ = stepped(gain_parameters(gains), MEASURED, start)
+    s, theta_hat = after_a_step(gains)
     assert s > 0.2
     drive = s - 0.2
-    assert state.theta1_hat == pytest.approx(3e-4 + 0.01 * (gains.k1 * drive * 4000.0 - 0.7 * 3e-4), rel=1e-12)
-    assert state.theta2_hat == pytest.approx(-2e-3 + 0.01 * (gains.k2 * drive * 53.0 + 0.7 * 2e-3), rel=1e-12)
+    rates = (gains.k1 * drive * 4000.0 - 0.7 * 3e-4, gains.k2 * drive * 53.0 + 0.7 * 2e-3)
+    assert theta_hat == pytest.approx((3e-4 + 0.01 * rates[0], -2e-3 + 0.01 * rates[1]), rel=1e-12)
     # within the layer nothing drives the estimates
-    wide = replace(PUBLISHED_LAW, layer=2.0, dead_zone=True)
-    assert theta_hat(stepped(gain_parameters(wide), MEASURED, start)) == (3e-4, -2e-3)
+    assert after_a_step(replace(PUBLISHED_LAW, layer=2.0, dead_zone=True))[1] == (3e-4, -2e-3)
     boxed = replace(PUBLISHED_LAW, box=((-1e-4, 1e-4), (-1e-3, 5e-3)))
-    assert theta_hat(stepped(gain_parameters(boxed), MEASURED, start)) == (1e-4, -1e-3)
+    assert after_a_step(boxed)[1] == (1e-4, -1e-3)
     plain = gain_parameters(LawGains(K=1.0, D=2.0, rho=3.0))  # without adaptation and variants
     assert {name: value for name, value in plain.items() if value} == {"K": 1.0, "D": 2.0, "rho": 3.0}
     with pytest.raises(InputError, match=r"box: 0\.1 \.\. 0\.1 of theta1_hat"):
@@ -129,16 +122,16 @@ def test_variants_of_the_adaptation() -> None:
 @pytest.mark.parametrize(("limit", "integral"), [("torque_max", False), ("torque_min", True)])
 def test_anti_windup(limit, integral) -> None:
     """e > 0 raises the torque: at the upper limit the integral rests, at the lower it unwinds; the estimates rest."""
-    free = stepped({}, MEASURED)
+    free = stepped({})
     bound = free[0] - 100.0 if limit == "torque_max" else free[0] + 100.0
-    torque, s, state, _ = stepped({limit: bound, "anti_windup": 1.0}, MEASURED)
+    torque, s, state = stepped({limit: bound, "anti_windup": 1.0})
     assert (torque, s) == (bound, free[1])
     assert (state.theta1_hat, state.theta2_hat) == (0.0, 0.0)
     assert state.e_integral == (free[2].e_integral if integral else 0.0)
     assert state.v_filtered == free[2].v_filtered
     # without it all of them go on, and off its limits it changes nothing
-    assert stepped({limit: bound}, MEASURED)[2] == free[2]._replace(command=bound)
-    assert stepped({"anti_windup": 1.0}, MEASURED)[:3] == free[:3]
+    assert stepped({limit: bound})[2] == free[2]._replace(command=bound)
+    assert stepped({"anti_windup": 1.0}) == free
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +156,7 @@ def test_c_sequences_are_the_python_s(reference, adhesion, in_both_languages) ->
     law = made[0].law
     inside = adhesion if law.measured == ("v", "omega") else None
     generator = np.random.default_rng(123)
-    for run in range(SEQUENCES):
+    for run in range(12):  # four of each kind of parameters
         given = ({}, {"torque_min": 0.0, "torque_max": 8e3, "boundary": 0.3}, options(generator))[run % 3]
         row, v = parameters(made[0], generator, inside, **given), generator.uniform(5.0, 38.0)
         both = Both(made, row, v)
@@ -173,8 +166,9 @@ def test_c_sequences_are_the_python_s(reference, adhesion, in_both_languages) ->
             both.step(*({"v": v, "omega": omega, "Ta": generator.uniform(0.0, 6e3)}[name] for name in law.measured))
 
 
-EXTREMES = (0.0, -0.0, 5e-324, 1e-300, -1e-160, 1.0, -3.0, 80.0, 1e12, -1e13, 1e100, -1e200, 1.7e308, -1.7e308)
 NOT_FINITE = (math.nan, math.inf, -math.inf)
+EXTREMES = (0.0, -0.0, 5e-324, 1e-300, -1e-160, 1.0, -3.0, 80.0, 1e12, -1e13, 1e100, -1e200, 1.7e308, -1.7e308)
+
 
 ANY_LAW = [pytest.param(name, marks=[pytest.mark.long] * (name != "bristle")) for name in (None, *ALL_LAWS)]
 
@@ -208,11 +202,10 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
     text = re.sub(r"/\*.*?\*/", "", generate(derive(law=name)).c, flags=re.S)
     for word in ("malloc", "calloc", "realloc", "free", "for", "while", "do", "goto"):
         assert not re.search(rf"\b{word}\b", text)
-    functions = dict(re.findall(r"\b(railslip_asmc_\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S))
-    functions = {name.removeprefix("railslip_asmc_"): body for name, body in functions.items()}
-    calls = {name: set(re.findall(r"\brailslip_asmc_(\w+)\(", body)) for name, body in functions.items()}
-    helpers = {"bounded", "reciprocal", "exponential", "limited"} & set(functions)
-    assert set(functions) == {"switching", "init", "refused", "control", "valid", "step", *helpers}
+    functions = re.findall(r"\brailslip_asmc_(\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S)
+    calls = {name: set(re.findall(r"\brailslip_asmc_(\w+)\(", body)) for name, body in functions}
+    helpers = {"bounded", "reciprocal", "exponential", "limited"} & set(calls)
+    assert set(calls) == {"switching", "init", "refused", "control", "valid", "step", *helpers}
     assert {"control", "valid", "bounded"} <= calls["step"] <= {"control", "valid", *helpers}
     assert {"switching", "bounded"} <= calls["control"] <= {"switching", *helpers}
     assert calls["init"] <= {"refused", "bounded"}
@@ -220,12 +213,9 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
 
 
 def test_the_committed_law_is_what_the_derivation_gives():
+    """And depends on the sources that are hashed: all that is imported of `sliding` to derive and print it."""
     assert LAW_FILE.read_text(encoding="utf-8") == generate_law(), "run `make generate`"
     assert law_source() == generate(derive()).python
-
-
-def test_the_committed_law_depends_on_the_sources_that_are_hashed():
-    """All of the package's SymPy that is imported to derive and print the law, and nothing else of `sliding`."""
     program = "import sys, railslip_ctrl.sliding.code, railslip_ctrl.sliding.derivation\nprint(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     hashed = {Path(name).stem for name in SOURCES if name.startswith("sliding/") and name.endswith(".py")}
@@ -274,12 +264,9 @@ class Both:
 
 def published(made, law, v) -> Both:
     """The published gains with an adhesion law, limits and anti-windup, the brake applied at speed v."""
-    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132, "N": 34_500.0}
-    values |= {"filter_time": 0.05, "period": PERIOD, "torque_min": 0.0, "torque_max": 9000.0}
+    values = PLAIN | {"N": 34_500.0, "filter_time": 0.05, "period": PERIOD, "torque_min": 0.0, "torque_max": 9000.0}
     values |= dict.fromkeys(OPTIONS, 0.0) | gain_parameters(PUBLISHED_LAW) | {"anti_windup": 1.0}
-    if law is not None:
-        named = zip(type(law).parameter_names(), law.parameters(), strict=True)
-        values |= {f"adhesion_{name}": value for name, value in named}
+    values |= adhesion_of(law)
     return Both(made, [values[name] for name in made[0].law.parameters], v)
 
 

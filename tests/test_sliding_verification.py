@@ -4,26 +4,18 @@ import json
 import math
 import re
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
-from project import ROOT, refused, script, show
+from project import ROOT
 from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
 from railslip_ctrl import PARK2008, Rail, load_law, load_vehicle
 from railslip_ctrl.report.verification import conclusion_text, evidence, findings_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification import actuator_effects as effects
 from railslip_ctrl.verification import layered as layers
-from railslip_ctrl.verification.actuator_effects import (
-    SPEEDS_KMH,
-    largest_adaptation,
-    published_behind_actuator,
-    published_loop,
-    stop_loops,
-    variants_behind_actuator,
-)
 from railslip_ctrl.verification.fixed_step import holding_torque, simulate_fine
 from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
 from railslip_ctrl.verification.layered_conditions import bounds_kept, hold_known, layered_stability, stop, tolerated
@@ -48,7 +40,7 @@ LAYERED = [
 @pytest.fixture(scope="module")
 def published():
     """Conditions by name and conclusion of the published law; those without actuator: test_verification."""
-    conditions, findings = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
+    conditions, findings = effects.published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
     return {one.name: one for one in conditions}, findings
 
 
@@ -76,8 +68,8 @@ def test_what_the_conclusion_advises_is_stable_at_every_point(published):
     advice = told[told.index("So, over 28 points") :]
     gain = float(re.search(r"K/layer = ([\d.]+) N", advice)[1])
     k = float(re.search(r"with it k <= ([\d.e-]+),", advice)[1])
-    loops = stop_loops(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
-    assert len(loops) == 4 * len(SPEEDS_KMH) == 28
+    loops = effects.stop_loops(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
+    assert len(loops) == 4 * len(effects.SPEEDS_KMH) == 28
     for loop in loops.values():
         assert loop.is_stable(relay_gain=gain)
         assert loop.is_stable(relay_gain=gain, adaptation=k)
@@ -85,26 +77,23 @@ def test_what_the_conclusion_advises_is_stable_at_every_point(published):
     assert set(published[1].as_published) == {f"{law} {rail}" for law in ("bristle", "curve") for rail in Rail}
     for name, ratio in published[1].as_published.items():
         adhesion, rail = name.split()
-        loop = published_loop(Rail(rail), inertia_scale=3.6, adhesion=adhesion)
+        loop = effects.published_loop(Rail(rail), inertia_scale=3.6, adhesion=adhesion)
         assert f"{name} {ratio:.2f}" in told
-        assert ratio == pytest.approx(largest_adaptation(loop) / 2.1e-8)
+        assert ratio == pytest.approx(effects.largest_adaptation(loop) / 2.1e-8)
         assert loop.is_stable(adaptation=0.99 * ratio * 2.1e-8)
         assert not loop.is_stable(adaptation=1.01 * ratio * 2.1e-8)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("scale", "K", "D", "holds"),
-    [
-        (1.0, 70.0, 30.0, [False, False, False, False]),  # dry is unstable, wet is not
-        (1.0, 0.0, PUBLISHED_LAW.D, [False, True, False, False]),  # no relay, no cycle
-        (3.6, PUBLISHED_LAW.K, PUBLISHED_LAW.D, [False, True, True, True]),  # spared, but no sliding
-    ],
-)
+@pytest.mark.parametrize(("scale", "K", "D", "holds"), [
+    (1.0, 70.0, 30.0, [False, False, False, False]),  # dry is unstable, wet is not
+    (1.0, 0.0, PUBLISHED_LAW.D, [False, True, False, False]),  # no relay, no cycle
+    (3.6, PUBLISHED_LAW.K, PUBLISHED_LAW.D, [False, True, True, True]),  # spared, but no sliding
+])  # fmt: skip
 def test_other_gains_and_the_other_reading_are_decided(scale, K, D, holds, monkeypatch):
     monkeypatch.setattr("railslip_ctrl.verification.actuator_effects.COMPARED_RELAYS", ())  # for the table alone
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
-    conditions, findings = published_behind_actuator(K, D, vehicle)
+    conditions, findings = effects.published_behind_actuator(K, D, vehicle)
     assert [(one.name, one.holds) for one in conditions] == list(zip(ACTUATOR_CONDITIONS, holds, strict=True))
     told = findings_text(findings)
     assert ("do not use these gains" in told) == (D > 21.2)  # what dry rail bears
@@ -136,7 +125,7 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     status, out, _ = railslip("verify", "--law", "robust")
     assert (status, "Verdict: 3 of 14 conditions do not hold." in out) == (1, True)
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
-    (layer, _relay), findings = variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
+    (layer, _relay), findings = effects.variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
     told = findings_text(findings)
     assert "3.121 N m" in told
@@ -209,20 +198,9 @@ BURCKHARDT = 'law = "burckhardt"\nparameters = {c1 = 0.31, c2 = 24, c3 = 0.11}\n
 SLIPS = "reference_slip = {dry = 0.1235, wet = 0.1235}\n"
 
 
-@pytest.fixture
-def file(tmp_path):
-    """Write a TOML file and return its path."""
-
-    def written(text, name="my_rail.toml"):
-        (tmp_path / name).write_text(text)
-        return str(tmp_path / name)
-
-    return written
-
-
 def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
     text = BURCKHARDT.replace("0.31", "0.5").replace("24", "60").replace("0.11", "0.45")
-    falling = layers.RailAdhesion(load_law(file(text)), slip=0.3)
+    falling = layers.RailAdhesion(load_law(file("my_rail.toml", text)), slip=0.3)
     found = layered_stability(layers.layered_design(PARK2008, falling, K=2600.0), PARK2008, falling)
     assert not found.holds
     assert "unstable at dry, 5 km/h, empty; wet, 5 km/h, empty" in evidence(found)
@@ -232,7 +210,7 @@ def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
 
 def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_the_others_open(railslip, file):
     wheel = "name = 'light wheel'\nmass = 3517\nwheel_load = 34500\n[wheel]\nradius = 0.43\ninertia = 3.0\n"
-    status, out, _ = railslip("verify", "--law", "layered", "--vehicle", file(wheel, "my_train.toml"), "--json")
+    status, out, _ = railslip("verify", "--law", "layered", "--vehicle", file("my_train.toml", wheel), "--json")
     content = json.loads(out)
     assert (status, content["all_hold"]) == (1, False)
     assert [one["name"] for one in content["conditions"]] == [*LAYERED[:-1], "uncertainties"]
@@ -243,7 +221,7 @@ def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_th
 def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch):
     asked = {}
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **given: asked.update(given) or layered)
-    path, train = file(BURCKHARDT + SLIPS), str(ROOT / "designs/vehicles/desiro_classic.toml")
+    path, train = file("my_rail.toml", BURCKHARDT + SLIPS), str(ROOT / "designs/vehicles/desiro_classic.toml")
     options = ("--law", "layered", "--adhesion", path, "--vehicle", train, "--loaded", "--slip", "0.1", "--rail", "wet")
     _status, out, _ = railslip("verify", *options, "--ki-min", "600")
     assert "burckhardt law as given" in out
@@ -256,34 +234,9 @@ def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch
     assert "Adhesion" not in out
 
 
-@pytest.mark.parametrize(
-    ("text", "arguments", "words"),
-    [
-        (BURCKHARDT, ("--law", "layered"), ("--slip", "no reference slip", "[reference_slip] in its file")),
-        (BURCKHARDT + SLIPS, ("--law", "paper"), ("--adhesion: burckhardt", "'paper'", "the law 'layered'")),
-        ('condition = "wet"\n' + BURCKHARDT + SLIPS, ("--law", "layered"), ("wet rail", "ask for wet rail alone")),
-        (None, ("--law", "layered", "--adhesion", "polach"), ("--slip", "'polach' has no reference slip")),
-        (None, ("--law", "paper", "--slip", "0.1"), ("--slip: 0.1 does not go with", "leave it out")),
-        (None, ("--law", "robust", "--ki-min", "60"), ("--ki-min: 60 is not allowed", "leave it out")),
-        (None, ("--law", "theirs"), ("--law", "theirs", "'paper' or 'robust' or 'layered'")),
-        (None, ("--K", "1e6"), ("--K", "1e+06", "10000")),
-        (None, ("--law", "layered", "--D", "3"), ("--D: 3", "layered law has no D")),
-        (None, ("--D", "0.01"), ("--D", "0.01", "0.1", "N*m/(m/s)")),
-        (None, ("--law", "layered", "--K", "0"), ("--K: 0 is not allowed", "> 0 up to 10000 (N*m)")),
-        (None, ("--inertia-scale", "50"), ("--inertia-scale", "50", "10")),
-        (None, ("--seed", "1.5"), ("--seed", "1.5")),
-        (None, ("--seed", "99999999999999"), ("--seed", "2147483648")),
-    ],
-)
-def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, arguments, words):
-    given = () if text is None else ("--adhesion", file(text))
-    told = refused(railslip("verify", *arguments, *given))
-    assert all(word in told for word in words)
-
-
 def test_induced_gain_of_a_first_order_loop_in_closed_form():
     # P control, lead = its own filter, ideal actuator, static law: y = b exp(-(kp b - p) t)
-    plant = published_loop(Rail.DRY, adhesion="curve").plant
+    plant = effects.published_loop(Rail.DRY, adhesion="curve").plant
     design = layers.LayeredDesign(kp=300.0, ki=0.0, lead=0.1, lead_filter=0.1, K=100.0)
     rate = 300.0 * plant.gain - float(plant.A[0, 0])
     error, surface, command = layers.torque_impulse(design, plant, IDEAL).norms
@@ -292,33 +245,9 @@ def test_induced_gain_of_a_first_order_loop_in_closed_form():
     assert command == pytest.approx(300.0 * plant.gain / rate, rel=1e-4)
 
 
-@pytest.mark.long
-def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
-    module = script("designs/asmc_robust.py")
-    # the table's cycles and limits have tests of their own: one case a reading is enough here
-    monkeypatch.setattr(module, "ADHESIONS", ("bristle",))
-    result = module.run()
-    for found, rail in product(result.values(), Rail):
-        bound, plant = found.bounds[rail].at_rest, found.bounds[rail].plant
-        assert bound.margins.ms < 1.7
-        # every simulated disturbance stays within the bound, and the worst shows that it is not idle
-        for error, command in found.simulated[rail].values():
-            assert error <= bound.error
-            assert command <= bound.command
-        assert found.simulated[rail]["worst case"][0] > 0.8 * bound.error
-        assert np.abs(found.worst[rail].sigma - plant.point.sigma).max() == found.simulated[rail]["worst case"][0]
-        assert bound.slip_error(plant.point.speed) < 0.008
-    # beside the published law: its own cycle, without any disturbance, against the bound with one
-    wet = next(effect for effect in result["SI"].published if effect.name == "bristle wet, inertia x 1")
-    assert wet.cycles[0].actual.sigma_amplitude > 4 * result["SI"].bounds[Rail.WET].at_rest.error
-    show(module, result, tmp_path, monkeypatch)
-    assert f"{result['SI'].bounds[Rail.DRY].at_rest.error:.3f}" in capsys.readouterr().out
-    assert (tmp_path / "asmc_robust.png").exists()
-
-
 @pytest.mark.parametrize(("rail", "offset"), [(Rail.DRY, 0.1), (Rail.WET, -0.1)])
 def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
-    plant = published_loop(rail).plant
+    plant = effects.published_loop(rail).plant
     bound = layers.layer_bound(DESIGN, plant, ACTUATOR, 20.0, offset=0.1)
     point, hold = plant.point, holding_torque(plant.point)
     pushed = {"disturbance": lambda t: math.copysign(20.0, math.sin(1.7 * t)), "offset": offset}

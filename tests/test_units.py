@@ -3,44 +3,37 @@
 import math
 from fractions import Fraction
 
-import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import cite
-from railslip_ctrl.core.units import KMH, ms_down, ms_up, rounded, rounded_down, rounded_up, shown, to_unit
+from railslip_ctrl.core.units import ms_down, ms_up, rounded, rounded_down, rounded_up, shown, to_unit
 
-TAKEN = [
+
+@pytest.mark.parametrize(("value", "unit", "expected"), [
     (3517, "kg", 3517.0),
-    (np.int64(3), "kg", 3.0),
     (Fraction(1, 4), "kg", 0.25),
     (" 3.5e1 ", "kg", 35.0),
     (".5", "1", 0.5),
     ("34.5 kN", "N", 34_500.0),
     ("68t", "kg", 68_000.0),
-    ("100 km/h", "m/s", 100.0 * KMH),
     ("65 N*m/(km/h)", "N*m/(m/s)", 65.0 * 3.6),
     ("0.63 N/(m/s)²", "N/(m/s)^2", 0.63),
     ("60.35 kg m^2", "kg*m^2", 60.35),
-    ("2 1/s", "1/s", 2.0),
     ("2 Hz", "1/s", 2.0),
     ("60 rpm", "rad/s", 2 * math.pi),
     ("0.25 N*m*s/rad", "N*m*s", 0.25),
     ("13.2 %", "1", 0.132),
     ("-1 m", "m", -1.0),
-]
-
-
-@pytest.mark.parametrize(("value", "unit", "expected"), TAKEN)
+])  # fmt: skip
 def test_value_is_converted_to_the_asked_unit(value: object, unit: str, expected: float) -> None:
     # conversions are a product or two in floating point
     assert to_unit(value, unit, name="x") == pytest.approx(expected, rel=1e-12)
 
 
-LARGE = 16**9000
-REFUSED = [
+@pytest.mark.parametrize(("value", "unit", "message"), [
     ("65 N*m", "kg", "'65 N*m' has the wrong dimension; it must be convertible to 'kg'"),
     ("65 furlongz", "m", "'furlongz' in '65 furlongz' is not a unit; give a number in m"),
     ("heavy", "kg", "'heavy' is not a number in kg, with or without a unit"),
@@ -51,13 +44,10 @@ REFUSED = [
     (True, "kg", "True is not a number in kg"),
     ({"a": 1}, "kg", "a table is not a number in kg"),
     (None, "kg", "None is not a number in kg"),
-    (LARGE, "kg", "an integer of 36001 bits is too large; give a finite number in kg"),
+    (16**9000, "kg", "an integer of 36001 bits is too large; give a finite number in kg"),
     # to Pint 2 Hz are 2 1/s, and so 2 rad/s: a factor of 2 pi lost in silence
     ("2 Hz", "rad/s", "'2 Hz' may mean cycles or radians; give a number in 'rad/s'"),
-]
-
-
-@pytest.mark.parametrize(("value", "unit", "message"), REFUSED, ids=[told[:30] for _, _, told in REFUSED])
+], ids=lambda one: str(one)[:30] if isinstance(one, str) else "")  # fmt: skip
 def test_refusal_names_the_quantity_the_value_and_the_remedy(value: object, unit: str, message: str) -> None:
     for name in ("x", ""):
         with pytest.raises(InputError) as caught:
@@ -65,13 +55,10 @@ def test_refusal_names_the_quantity_the_value_and_the_remedy(value: object, unit
         assert str(caught.value) == (f"x: {message}" if name else message)
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "remedy"),
-    [
-        (" 1.5e2 ", "s", "is text without a unit; write the unit too, or give the number of s without quotes"),
-        ("3.6", "1", "is text; give the number without quotes"),
-    ],
-)
+@pytest.mark.parametrize(("text", "unit", "remedy"), [
+    (" 1.5e2 ", "s", "is text without a unit; write the unit too, or give the number of s without quotes"),
+    ("3.6", "1", "is text; give the number without quotes"),
+])  # fmt: skip
 def test_text_that_needs_a_unit_is_refused_without_one(text: str, unit: str, remedy: str) -> None:
     with pytest.raises(InputError) as caught:
         to_unit(text, unit, name="x", text_needs_unit=True)
@@ -82,21 +69,17 @@ def test_text_that_needs_a_unit_is_refused_without_one(text: str, unit: str, rem
 
 
 TOWERS = ("m**999999999", "m**9**9**9**9", "m^4^4", "m²^4", "(((((((min^4)^4)^4)^4)^4)^4)^4)^4", "m*99999999**99999999")
-CODE = ("m.__class__", "m**-(9)", "__import__('os')")
 
 
-@pytest.mark.parametrize("unit", [*TOWERS, *CODE])
+@pytest.mark.parametrize("unit", [*TOWERS, "m.__class__", "m**-(9)", "__import__('os')"])
 def test_power_towers_and_code_never_reach_the_unit_parser(unit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("railslip_ctrl.core.units._registry", lambda: pytest.fail("the text reached Pint"))
     with pytest.raises(InputError, match="is not a unit"):
         to_unit(f"1 {unit}", "m", name="x")
 
 
-# Pint alone reads 2**2**2**2**2**2**2 here, and computes it
-SQUARED = "m squared squared squared squared squared squared squared"
-
-
-@pytest.mark.parametrize("unit", ["dB", "degC", "(m", "m)", "()", "N*", "*", "m//s", "N per m", SQUARED])
+# of m squared squared ... Pint alone reads 2**2**2**2**2**2**2, and computes it
+@pytest.mark.parametrize("unit", ["dB", "degC", "(m", "m)", "()", "N*", "*", "m//s", "N per m", "m" + 7 * " squared"])
 def test_what_is_no_multiple_of_a_unit_is_refused(unit: str) -> None:
     with pytest.raises(InputError):
         to_unit(f"3 {unit}", "1", name="x")

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from project import script, show
 from sliding_cases import AS_PUBLISHED
 
 from railslip_ctrl import PARK2008, DomainError, InputError, derive
@@ -40,11 +39,6 @@ def paper():
     return verify()
 
 
-@pytest.fixture(scope="module")
-def as_published():
-    return verify(vehicle=AS_PUBLISHED)
-
-
 def test_verdicts_of_the_published_law(paper):
     assert {one.name: one.holds for one in paper.conditions} == VERDICTS
     assert not paper.all_hold
@@ -52,13 +46,9 @@ def test_verdicts_of_the_published_law(paper):
     claimed = {one.name for one in paper.failing if one.claimed}
     beyond_the_paper = {"boundary layer with K", "theta_hat bounded under noise", "robust gain, rail mistaken"}
     assert claimed == {*FAILING} - beyond_the_paper
-
-
-def test_the_head_of_generated_code_names_the_conditions_that_do_not_hold(paper):
-    """The published law's, which stand before the variants'; those behind the actuator: test_sliding_verification."""
-    published = list(VERDICTS)[: list(VERDICTS).index("matrix gain")]
-    failing = [name for name in published if not paper[name].holds]
-    assert failing == [name for name in NOT_HOLDING if "actuator" not in name]
+    # the head of generated code names those that stand before the variants; behind the actuator: sliding_verification
+    published = CONDITIONS[: CONDITIONS.index("matrix gain")]
+    assert [name for name in published if name in FAILING] == [one for one in NOT_HOLDING if "actuator" not in one]
 
 
 def test_report_has_every_condition_with_its_numbers(paper):
@@ -66,12 +56,14 @@ def test_report_has_every_condition_with_its_numbers(paper):
     for one in paper.conditions:
         assert f"{one.name}: {'holds' if one.holds else 'DOES NOT HOLD'} ({one.how})" in text
     assert max(map(len, text.splitlines())) <= 110
-    told = evidence(paper["reaching condition (40)"])
+    reaching_condition = evidence(paper["reaching condition (40)"])
     numbers = ("484.5 N m, 6.92 times K", "221.9 N m", "910.6 N m", "627.0 N m", "550.5 N m", "656.7 N m")
-    assert all(number in told for number in (*numbers, "75.2 m/s", "27.6 m/s"))
-    constant = evidence(paper["theta constant"])
-    assert "V jumps by 1.157 m^2/s^2" in constant  # SI
-    assert "V jumps by 0.08929 m^2/s^2" in constant  # as published
+    assert all(number in reaching_condition for number in (*numbers, "75.2 m/s", "27.6 m/s"))
+    # theta1 (1/5276 - 1/3517)/0.43, in SI and 3.6 times less as published; its square over 2 k, and 0.43 * 0.25/60.35
+    steps = ("theta1 steps by -0.0002205", "V jumps by 1.157 m^2/s^2", "-6.124e-05", "V jumps by 0.08929 m^2/s^2")
+    constant = " ".join(evidence(paper["theta constant"]).split())
+    told = (*steps, "worth V = 5.83 m^2/s^2", "the undisturbed ideal stop is over at 9.08 s", "25.62 km/h")
+    assert [one for one in told if one not in constant] == []
     assert "k1 in kg^-2 m^-4 s^2, k2 dimensionless" in evidence(paper["matrix gain"])
 
 
@@ -90,10 +82,10 @@ def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
 
 
 @pytest.mark.long
-def test_as_published_the_verdicts_are_the_same(as_published):
+def test_as_published_the_verdicts_are_the_same():
+    as_published = verify(vehicle=AS_PUBLISHED)
     assert {one.name: one.holds for one in as_published.conditions} == VERDICTS
     assert as_published.inertia_scale == 3.6
-    assert "25.62 km/h" in evidence(as_published["theta constant"])
 
 
 def test_projection_is_needed_and_never_raises_V():
@@ -127,24 +119,6 @@ def test_the_set_of_the_leak_is_invariant():
     slopes = [reaching.approach(points, PARK2008, gains, surface) for surface in (0.0, 1.0)]
     rate = np.abs(s) * (slopes[0] + np.abs(s) * (slopes[1] - slopes[0])) + gains.leak * np.sum(tilde * hat / k, axis=0)
     assert np.max(rate) < 0.0
-
-
-@pytest.mark.long
-def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
-    module = script("analysis/lyapunov_asmc.py")
-    monkeypatch.setattr(module, "verify", lambda vehicle, seed: paper if vehicle == PARK2008 else as_published)
-    si, published = module.run()
-    for result in (si, published):
-        assert result.largest_rise(result.ideal) < 1e-4
-        assert result.largest_rise(result.disturbed) > 1e-2
-    assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
-    # the published mass step: in SI the stop is over, as published V jumps by what verify says; theta1 was 0
-    assert si.stepped is None
-    i = np.searchsorted(published.stepped.time, 25.0 - 1e-9)
-    hat, theta = published.stepped.theta_hat[i, 0, 0], published.stepped.theta[0]
-    assert published.jump() == pytest.approx(((theta - hat) ** 2 - hat**2) / (2 * 2.1e-8), rel=1e-2)  # s moves on too
-    show(module, (si, published), tmp_path, monkeypatch)
-    assert "Without the actuator 11 of 28 conditions do not hold in SI" in capsys.readouterr().out
 
 
 SAME_LOAD = {"wheel_load_loaded": 120_000.0}
@@ -271,39 +245,9 @@ def test_drift_is_the_predicted_one_and_needs_noise():
     assert abs(found.noiseless) < 1e-3 * abs(found.mean)
 
 
-@pytest.mark.parametrize("scale", [1.0, 3.6])
-def test_step_of_V_at_25_s(scale):
-    vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
-    step = published_law.parameter_step(vehicle, PUBLISHED_LAW)
-    theta = (1 / 5276 - 1 / 3517) / scale / 0.43
-    assert step.theta_step == pytest.approx(theta, rel=1e-12)
-    assert step.jump == pytest.approx(theta**2 / (2 * 2.1e-8), rel=1e-12)
-    assert (step.speed is None) == (scale == 1.0)
-
-
-@pytest.mark.parametrize(("name", "value"), [("K", -1.0), ("D", 0.0), ("rho", math.nan), ("leak", -1.0)])
-def test_gains_are_checked(name, value):
-    with pytest.raises(InputError, match=f"^{name}: "):
-        replace(PUBLISHED_LAW, **{name: value})
-
-
-def test_a_diverging_run_leaves_the_domain():
+def test_gains_are_checked_and_a_diverging_run_leaves_the_domain():
+    for name, value in (("K", -1.0), ("D", 0.0), ("rho", math.nan), ("leak", -1.0)):
+        with pytest.raises(InputError, match=f"^{name}: "):
+            replace(PUBLISHED_LAW, **{name: value})
     with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
         simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
-
-
-@pytest.mark.long
-def test_asmc_published(tmp_path, capsys, monkeypatch):
-    module = script("designs/asmc_published.py")
-    si, published = module.run()
-    assert si.from_surface == pytest.approx(60.35 / 0.43 * 1.54)
-    assert published.proportional_gain == pytest.approx(783.6, abs=0.05)
-    for reading in (si, published):
-        assert reading.least_K_run[0] > reading.least_K[0] > 6.5 * reading.K
-        assert reading.feed_forward > 60 * reading.K
-        assert reading.integral_gain < 10
-    assert si.reaching_time == pytest.approx(6.5, abs=0.05)
-    assert published.reaching_time == pytest.approx(3.6 * si.reaching_time)
-    show(module, (si, published), tmp_path, monkeypatch)
-    assert "far too small to make it slide" in capsys.readouterr().out
-    assert (tmp_path / "asmc_published.png").exists()
