@@ -40,6 +40,7 @@ ENOUGH = 0.9  # of the faults that are not equivalent
 
 ROOMS = {
     "": "input_errors",
+    "cli/": "cli help input_errors",
     "core/": "input_errors units vehicle numeric",
     "core/errors": "dependencies",
     "core/folders": "cache interruption",

@@ -213,9 +213,13 @@ class Judgement:
         """As `worst`, of all cases."""
         return self._worst(self._usable)
 
-    def least(self, margin: str, sign: float = 1.0) -> tuple[float, Case]:
-        """The least value of a margin, by its name in `Margins`, among the operating points from `usable_from_kmh` up,
-        and where; with `sign` -1 the largest. All loops there are stable."""
+    def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
+        """The least of a margin among the operating points from `usable_from_kmh` up, all of them stable, and its case.
+
+        - margin: name, one of `Margins`.
+        - largest: whether the largest is asked for instead.
+        """
+        sign = -1.0 if largest else 1.0
         cases = np.flatnonzero(self._usable & self.points.operating)
         values = getattr(self.margins, margin)[cases]
         if np.isnan(values).any():  # of a seeking controller: the batch has Ms alone

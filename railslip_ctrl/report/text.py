@@ -428,7 +428,7 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         return
     kind = _kind_of(judged.worst)
     (phase, phase_at), (delay, delay_at) = judged.least("phase_deg"), judged.least("delay_s")
-    (low, low_at), (high, high_at) = judged.least("gain_decrease", -1.0), judged.least("gain_increase")
+    (low, low_at), (high, high_at) = judged.least("gain_decrease", largest=True), judged.least("gain_increase")
     where = low_at.words if low_at == high_at else f"low: {low_at.words}; high: {high_at.words}"
     yield f"Least phase margin, {kind}", f"{below(phase)} deg", phase_at.words
     yield f"Least delay margin, {kind}", f"{below(delay)} s", delay_at.words
