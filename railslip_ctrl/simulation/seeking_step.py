@@ -80,6 +80,8 @@ _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over ar
 _QUICK_TIME = 0.05  # s
 _GROWTH = 0.7  # 1/s, largest relative rate of the reference slip, upwards: slip follows it no faster where it is low
 AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the first start, 0: none
+_LOW_SLIP = 0.6  # of the first reference: a new start is worth its price to a slip that is lower
+_START_SPEED = 1.1  # of that at which the reference fades: below, a start anew would lock more than it gains
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
 _FLAT_STEPS = 2.0  # in turn
 _TINY = 1e-9  # of the map: weight of a knot never visited
@@ -312,7 +314,11 @@ def readhesion(x, c, v, slip, reference):
     else:  # what rises as the slip comes back from past the peak is no news of the rail
         x[MEAN_TORQUE] = x[QUICK_TORQUE]
     rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
-    if v > c[HAND_OVER_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
+    # with a slip above a low reference: the wheel spins up, and no torque on its way to it holds it
+    spins = c[INERTIA] / c[RADIUS] * x[SLIP_RATE] < -0.2 * x[MEAN_TORQUE]
+    if spins and 0.85 * reference < slip < _LOW_SLIP * c[FIRST_SLIP]:
+        rises = x[ADHESION_TORQUE] > max(1.08 * x[MEAN_TORQUE], 1.03 * x[TORQUE_AHEAD])
+    if v > _START_SPEED * c[FADE_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
         x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
         if rises:
             x[REFERENCE_SLIP] = max(x[REFERENCE_SLIP], c[FIRST_SLIP])
