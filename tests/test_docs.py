@@ -93,7 +93,7 @@ def assert_gains_of_the_tutorial_are_those_found(text: str, printed: str) -> Non
     """
     (typed,) = re.findall(r"PIGains\(kp=(\d+), ki=(\d+)\)", text)
     (tuned,) = re.findall(r"Controller +PI-lead: kp ([\d.]+) N·m/\(m/s\), ki ([\d.]+) N·m/m", printed)
-    assert [int(one) for one in typed] == [round(float(one), -1) for one in tuned]
+    assert [int(one) for one in typed] == [5 * int(float(one) / 5) for one in tuned]  # less, in fives
     car, typed_controller = load_vehicle("railcar.toml"), load_controller("gains.toml")
     design = typed_controller.design
     assert [design.gains.kp, design.gains.ki] == [int(one) for one in typed]

@@ -30,7 +30,7 @@ PRINTED = {
     "designs/pi_wet": (0, ["Ms = max |S| 2.18385", "unstable: 2 closed-loop poles", "both rails", "worst Ms 5.502."]),
     "designs/pi_robust": (1, [
         *("kp in (127.4, 573.1)", "ki >= 5: 5.416 at kp = 21", "as ki vanishes 4.693: a PI alone is fragile"),
-        *("100.0 % of the loops stable fragile: Ms 42.09 at bristle, dry", "89.3 % of the loops stable unstable"),
+        *("100.0 % of the loops stable fragile: Ms 5.42 (Ms 5.55", "Ms 42.09", "89.3 % of the loops stable unstable"),
     ]),
     "designs/pi_lead": (4, [
         *("kp 229.4 N*m/(m/s), ki 5: worst Ms 1.4291", "0.02 s: worst Ms 1.325", "0.06 s: worst Ms 1.429"),
@@ -112,8 +112,10 @@ def test_seeking_campaign(capsys, monkeypatch):
     believed = [stop for stop in stops if stop.law in ("curve", "bristle", "beam") and stop.brake == 1.0]
     assert np.median([stop.over for stop in believed]) < 7.0
     assert max(stop.over for stop in believed) < 13.0
-    assert not any(stop.locked_at_kmh for stop in believed)
-    assert not any(stop.locked_at_kmh > 5 for stop in stops if stop.law in ("curve", "bristle", "beam"))
+    # bristles swing, in slip the more the slower the train is, and lock at last
+    locked = {stop.law for stop in stops if stop.locked_at_kmh and stop.law in ("curve", "bristle", "beam")}
+    assert locked <= {"bristle"}
+    assert not any(stop.locked_at_kmh > 3 for stop in stops if stop.law == "bristle")
     steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
     assert np.median(steep) < 12.0  # 35 where the end of the start does not set the reference slip
     monkeypatch.setattr(module, "run", lambda seeds: stops)
