@@ -218,6 +218,9 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
 
 
 ONE_RUN = """
+from railslip_ctrl.design import PIController
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.vehicle import TABLE4_PI
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 reference = ReferenceSlip(dry=0.132, wet=0.092)
 simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference, period=None))
