@@ -18,7 +18,7 @@ from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import PIGains, doubts
-from railslip_ctrl.report.recommendation import FASTER, SEEKING, DesignReport, Rival, Trial, longest
+from railslip_ctrl.report.recommendation import FASTER, LEVEL_KMH, SEEKING, DesignReport, Rival, Trial, longest
 from railslip_ctrl.report.stops import SLIDING, Stop
 from railslip_ctrl.simulation import SeekingControl
 from railslip_ctrl.simulation.catalogue import is_published
@@ -59,7 +59,10 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-_RANKED = "use from the lowest speed (robust; slip below 0.5, brake as given), then no oscillation, then the mean stop"
+_RANKED = (
+    f"use from the lowest speed, within {LEVEL_KMH:g} km/h (robust; slip below 0.5, brake as given), then no "
+    "oscillation, then the mean stop"
+)
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _NEARLY_UNSTABLE = 10.0  # Ms: the curve of L passes -1 at a tenth
 _MOST_TOLD = 8  # of points left out and knife edges

@@ -72,6 +72,8 @@ if TYPE_CHECKING:
 
 
 SEEKING = SeekingDesign.structure
+LEVEL_KMH = 5.0
+"""Difference in the speeds from which designs are used that does not count."""
 
 
 @dataclass(frozen=True)
@@ -120,12 +122,13 @@ class Trial:
         distances = [stopping_distance(run) for stop in self.stops for run in stop.runs]
         return sum(distances) / len(distances)
 
-    @property
-    def rank(self) -> tuple[bool, float, tuple[bool, float, float] | None, bool, float]:
+    def rank(self, lowest_kmh: float) -> tuple[bool, float, tuple[bool, float, float] | None, bool, float]:
         """Smaller is better: used from the lowest speed, of none used the best judged, then without oscillation, then
-        the shortest stops."""
+        the shortest stops. Little more than `lowest_kmh`, the lowest of all trials, is as good as that: a train goes a
+        few metres there."""
         swings, tier = any(stop.swings for stop in self.stops), self.choice.tier if self.above_kmh is None else None
-        return self.above_kmh is None, self.above_kmh or 0.0, tier, swings, self.distance()
+        later = max((self.above_kmh or 0.0) - lowest_kmh, 0.0)
+        return self.above_kmh is None, later if later > LEVEL_KMH else 0.0, tier, swings, self.distance()
 
 
 @dataclass(frozen=True)
@@ -461,7 +464,9 @@ def _designed(
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
         found = replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
         return found if seeking is None else replace(found, trials=(seeking,))
-    trials = sorted([*tried, *([] if seeking is None else [seeking])], key=lambda trial: trial.rank)
+    trials = [*tried, *([] if seeking is None else [seeking])]
+    lowest = min((trial.above_kmh for trial in trials if trial.above_kmh is not None), default=0.0)
+    trials.sort(key=lambda trial: trial.rank(lowest))
     best, control = trials[0].choice, trials[0].control
     selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
     assert best.design is not None, "as its tier"
