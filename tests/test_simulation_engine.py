@@ -258,3 +258,13 @@ def test_a_law_too_stiff_to_integrate_is_named(alpha: float) -> None:
     run = sim.simulate(scenario(PARK2008, adhesion=law), pi(2340.0, 97.2))
     assert run.outcome is sim.Outcome.TOO_STIFF
     assert run.braking_time < 1.0
+
+
+def test_a_run_says_that_its_slip_never_came_to_the_reference() -> None:
+    """An integral too slow for the stop; the same with a slip for reference that it comes to; no reference."""
+    si = sim.built_in_scenario("park2008-si")
+    slow = sim.simulate(si, pi(190.0, 5.0))
+    assert not slow.reached
+    assert f"slip at most {slow.max_slip:.3g}, never at the reference 0.132; no lock" in str(slow)
+    assert sim.simulate(si, pi(190.0, 5.0, slip=0.2 * slow.max_slip)).reached
+    assert sim.simulate(si, constant_torque(100.0)).reached

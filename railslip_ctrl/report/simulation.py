@@ -306,7 +306,7 @@ def _numbers(run: simulation.Run) -> list[tuple[str, str]]:
     lock = "never" if np.isnan(run.first_lock) else f"first at {run.first_lock:.4g} s"
     return [
         *rows,
-        ("Highest slip", fixed(run.max_slip, 4)),
+        ("Highest slip", fixed(run.max_slip, 4) + ("" if run.reached else ", never at the reference slip")),
         ("Wheel locked", f"{100 * run.locked_fraction:.3g} % of the time, {lock}"),
         ("Highest torque", f"{fixed(run.max_torque)} N·m"),
         ("Torque rate", f"{fixed(run.rms_torque_rate, 4)} N·m/s rms, {fixed(run.max_torque_rate, 4)} N·m/s at most"),

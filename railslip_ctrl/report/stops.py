@@ -23,10 +23,10 @@ from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, 
 from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
 from railslip_ctrl.simulation.catalogue import braking_control, full_brake_torque
 from railslip_ctrl.simulation.controllers import reference_slip
+from railslip_ctrl.simulation.run import REACHED_SHARE
 from railslip_ctrl.simulation.scenario import in_reading
 from railslip_ctrl.simulation.step_objects import StepControl
 
-_REACHED = 0.95  # of the reference slip: as good as there
 SLIDING = 0.5  #: slip ratio, halfway to a locked wheel
 
 
@@ -71,7 +71,7 @@ class Stop:
     @property
     def reached(self) -> bool:
         """Whether the slip comes to 0.95 of the reference."""
-        return self.held >= _REACHED * self.reference
+        return self.held >= REACHED_SHARE * self.reference
 
     @property
     def max_slip(self) -> float:

@@ -19,12 +19,13 @@ from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
-from .controllers import Controller, Situation, reference_slip
+from .controllers import Controller, LinearControl, ScheduledControl, Situation, SlidingControl, reference_slip
 from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
 from .step_objects import ADDRESS, Call, StepControl, as_control
 from .steps import kernel
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
+REACHED_SHARE = 0.95  #: of the reference slip, from where it counts as reached
 
 _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
@@ -135,17 +136,16 @@ class Run:
     def __str__(self) -> str:
         """What became of it, and its slip and torque, in three lines."""
         scenario, lock = self.scenario, "no lock"
-        rails = dict.fromkeys((scenario.rail, *(one.rail for one in scenario.events if one.rail is not None)))
-        slips = dict.fromkeys(f"{reference_slip(self.controller.reference, rail):g}" for rail in rails)
-        held = " and ".join(slips)
+        slips = dict.fromkeys(f"{slip:g}" for slip in self._references())
+        held = f"the reference {' and '.join(slips)}"
+        error = f"{self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f"never at {held}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
             f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.name}: "
             f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
             f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
-            f"slip at most {self.max_slip:.3g}, {self.mean_abs_slip_error:.3g} from the reference {held} on average; "
-            f"{lock}\n"
+            f"slip at most {self.max_slip:.3g}, {error}; {lock}\n"
             f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
         )
 
@@ -163,6 +163,16 @@ class Run:
     def stopped(self) -> bool:
         """Whether the train came to the final speed."""
         return self.outcome is Outcome.STOPPED
+
+    @property
+    def reached(self) -> bool:
+        """Whether the slip came to 0.95 of the reference, the least of its rails; true of a controller without one."""
+        holds = isinstance(self.controller, LinearControl | ScheduledControl | SlidingControl)
+        return not holds or self.max_slip >= REACHED_SHARE * min(self._references())
+
+    def _references(self) -> list[float]:
+        rails = (self.scenario.rail, *(one.rail for one in self.scenario.events if one.rail is not None))
+        return [reference_slip(self.controller.reference, rail) for rail in rails]
 
     @property
     def brake_energy(self) -> float:
