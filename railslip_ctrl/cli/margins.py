@@ -40,7 +40,7 @@ from .settings import HELP, option, switch
 
 
 @click.command(context_settings=HELP)
-@case_options
+@case_options()
 @envelope_options("the points of those options")
 @gain_options("Table 4's")
 @controller_option("a PI of --kp, --ki and --lead")

@@ -34,11 +34,11 @@ from .margins import given_controller
 from .options import (
     DEFAULT_ENVELOPE,
     CaseOptions,
+    case_options,
     chosen_gains,
     controller_option,
     envelope_options,
     gain_options,
-    over_options,
 )
 from .output import progress, provenance, show
 from .settings import HELP, preset, switch
@@ -49,7 +49,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 
 
 @click.command(context_settings=HELP)
-@over_options
+@case_options(over=True)
 @envelope_options("the vehicle's own, or the default")
 @gain_options("only the recommended design is judged and run")
 @controller_option("only the recommended design is judged and run")

@@ -21,13 +21,13 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options, number_option
+from .options import DEFAULT_ENVELOPE, CaseOptions, Number, case_options, envelope_options, number_option
 from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
 
 @click.command(context_settings=HELP)
-@family_options
+@case_options(masses=True)
 @envelope_options("the vehicle's own or the default, unless points are named")
 @preset(
     "--structure",
