@@ -16,7 +16,7 @@ from project import ROOT, refused
 
 from railslip_ctrl import InputError, Rail, derive
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
-from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
+from railslip_ctrl.report.derivation import derivation_document, derivation_json, derivation_text
 from railslip_ctrl.report.document import WIDTH
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 
@@ -259,8 +259,8 @@ def derived(file):
 
 
 def told(derivation, code, numbers) -> tuple[str, str, str]:
-    in_code = (derivation_markdown(derivation, (), code, numbers), derivation_latex(derivation, (), code, numbers))
-    return (derivation_text(derivation, (), numbers), *in_code)
+    with_code = [derivation_document(form, derivation, (), code, numbers) for form in ("markdown", "latex")]
+    return (derivation_text(derivation, (), numbers), *with_code)
 
 
 def test_derive_puts_the_numbers_of_a_file_into_the_law_and_the_code(derived):

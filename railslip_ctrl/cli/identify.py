@@ -20,8 +20,7 @@ from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import check_file
+from railslip_ctrl.report.export import check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.identification import (
     identification_json,
     identification_text,
@@ -273,7 +272,7 @@ def _writers(
 
     logs = found.logs if isinstance(found, LogSeries) else (found,)
     texts = {name: options_named(model_toml(each)) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
-    texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
+    texts |= {"identification.txt": text, "identification.json": json_text(content)}
     figures = [plots.adhesion_figure(logs)]
     if isinstance(found, LogSeries):
         whole = series_toml(found)

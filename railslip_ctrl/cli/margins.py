@@ -90,7 +90,10 @@ def command(
     if controller is not None:
         given = given_controller(controller, points[0], gains)
         points = cases.points(None if seeking_of(given) else getattr(given, "reference", None))
-        _tell_hand_over(given, points)
+        below = getattr(given, "cut_out_speed", 0.0) / KMH
+        slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
+        if slow:
+            warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -105,14 +108,6 @@ def command(
         lambda: margins_text(assessments, certificates),
     )
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
-
-
-def _tell_hand_over(controller: Any, points: list[OperatingPoint]) -> None:
-    """A warning of points at which the controller does not control slip."""
-    below = getattr(controller, "cut_out_speed", 0.0) / KMH
-    slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
-    if slow:
-        warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
 
 
 def given_controller(

@@ -16,8 +16,7 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.paper import tables
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
-from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import Provenance, json_text
+from railslip_ctrl.report.export import Provenance, check_directory, json_text, write_files
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .options import whole_number

@@ -90,6 +90,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @click.pass_context
 def command(
     ctx: click.Context,
+    /,
     cases: CaseOptions,
     seed: str,
     no_noise: bool,

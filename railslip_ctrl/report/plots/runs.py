@@ -72,7 +72,7 @@ _ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is
 _ENOUGH_SLIP = 1.3  # of the slip that is passed for a thousandth of the time, or of the reference
 
 
-def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
+def simulation_figure(run: Run) -> Figure:
     """Speeds, slip with its reference, torque commanded and acting, and adhesion over time; needs `run.signals`.
 
     A vertical line stands at each event that happened.
@@ -80,7 +80,7 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
-    figure = style.new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
+    figure = style.new_figure(8.0, f"{name}, {run.braking_distance:.4g} m; {noise}")
     axes = style.panels(figure, 4, sharex=True)
     _draw(axes[:3], [run])
     adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
@@ -232,21 +232,19 @@ def _largest(time: Floats, values: Floats, block: int) -> tuple[Floats, Floats]:
 # --- campaigns --------------------------------------------------------------------------------------------------------
 
 
-SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
-"""Measures drawn, if none are named."""
-
+_SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
 # where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
 _CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # over marks
 
 
-def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
-    """Histogram and distribution function of some measures, over the runs that stopped; None where none did."""
+def distributions_figure(summary: CampaignSummary) -> Figure | None:
+    """Histogram and distribution function of four measures, over the runs that stopped; None where none did."""
     if not summary.any_stopped:
         return None
-    figure = style.new_figure(0.9 + 1.5 * len(measures), _title(summary))
-    axes = style.panels(figure, len(measures), 2, sharex="row")
-    for (density_axes, share), name in zip(axes, measures, strict=True):
+    figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
+    axes = style.panels(figure, len(_SHOWN), 2, sharex="row")
+    for (density_axes, share), name in zip(axes, _SHOWN, strict=True):
         for i, found in enumerate(summary.controllers.values()):
             measure, scale = found.measures[name], measured(name).scale
             if not measure.moments.count:
