@@ -148,12 +148,6 @@ def test_what_pages_type_of_the_designs_is_what_the_package_has(tmp_path):
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
 
 
-def test_the_gallery_knows_what_to_give_every_script(tmp_path):
-    given = {script.name: script.arguments() for script in documentation("gallery").scripts(tmp_path)}
-    assert given["pi_lead"] == [str(tmp_path / "pi_lead")]
-    assert given["seeking_campaign"] == ["16", "0"]
-
-
 def test_a_failing_command_stops_the_build(tmp_path):
     with pytest.raises(RuntimeError, match="--rail"):
         pages.run(["railslip", "margins", "--rail", "icy"], tmp_path, "")

@@ -330,14 +330,17 @@ def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False
 
     def collected(function: Callable[..., Any]) -> Any:
         @functools.wraps(function)
-        def command(**given: Any) -> Any:
+        def called(**given: Any) -> Any:
             for name in ("rails", "speeds", "masses"):
                 value = given.get(name)
                 given[name] = value if isinstance(value, tuple) else () if value is None else (value,)
             cases = {field.name: given.pop(field.name) for field in fields(CaseOptions) if field.name in given}
             return function(cases=CaseOptions(**cases), **given)
 
-        return functools.reduce(lambda made, add: add(made), reversed(_options(speeds, masses, run, over)), command)
+        command: Any = called
+        for add in reversed(_options(speeds, masses, run, over)):
+            command = add(command)
+        return command
 
     return collected
 

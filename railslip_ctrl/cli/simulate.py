@@ -22,21 +22,7 @@ from railslip_ctrl.simulation.catalogue import (
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import (
-    SLIP,
-    CaseOptions,
-    Number,
-    case_options,
-    chosen_gains,
-    controller_from_file,
-    controller_name,
-    controller_option,
-    gain_options,
-    is_file,
-    naming,
-    number_option,
-    whole_number,
-)
+from . import options
 from .output import progress, show
 from .settings import HELP, option, path_option, preset, switch
 
@@ -48,8 +34,8 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 
 
 @click.command(context_settings=HELP)
-@case_options(run=True)
-@controller_option("pi", default="pi")
+@options.case_options(run=True)
+@options.controller_option("pi", default="pi")
 @option(
     "--gains",
     "|".join(COLUMNS),
@@ -61,14 +47,14 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "X",
     "Reference slip on either rail.",
     "the adhesion law's; with --gains the column's",
-    type=SLIP,
+    type=options.SLIP,
 )
 @switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet.")
 @switch("--adaptive", "asmc: adapt as printed in the paper.")
-@number_option(
+@options.number_option(
     "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP
 )
-@gain_options("Table 4's")
+@options.gain_options("Table 4's")
 @preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
@@ -85,13 +71,13 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "S",
     "Time between rows of the time series, s; at least the sampling period.",
     LOG_PERIOD,
-    type=Number("s", ge=LEAST_STEP),
+    type=options.Number("s", ge=LEAST_STEP),
 )
 @click.pass_context
 def command(
     ctx: click.Context,
     /,
-    cases: CaseOptions,
+    cases: options.CaseOptions,
     seed: str,
     no_noise: bool,
     csv: Path | None,
@@ -109,7 +95,7 @@ def command(
         check_file(csv, "--csv")
     if out is not None:
         check_directory(out, _FILES)
-    noise = None if no_noise else whole_number("--seed", seed, 0, LARGEST_SEED)
+    noise = None if no_noise else options.whole_number("--seed", seed, 0, LARGEST_SEED)
     scenario = cases.run_scenario()
     law_speed = cases.law_speed(scenario.initial_speed)
     controller, column = _chosen(scenario, law_speed, slip=cases.slip, **control)
@@ -150,13 +136,13 @@ def _chosen(
     `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
     """
     vehicle, law = scenario.vehicle, scenario.adhesion
-    if is_file(controller):
+    if options.is_file(controller):
         numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}
         for flag, given in (numbers | {"--unknown-rail": unknown_rail or None, "--adaptive": adaptive or None}).items():
             if given is not None:
                 raise InputError(f"{flag}: does not go with a controller from a file; put it into {controller}")
-        return controller_from_file(controller, vehicle, law.reference, law_speed), None
-    name, own = controller_name(controller), chosen_gains(kp, ki)
+        return options.controller_from_file(controller, vehicle, law.reference, law_speed), None
+    name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
     column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)
     if column is None and gains is not None:
         raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
@@ -166,7 +152,7 @@ def _chosen(
     column = column or default_column(law)
     asked: dict[str, Any] = {"column": column, "gains": own, "reference": reference, "period": period}
     asked |= {"knows_rail": not unknown_rail, "adaptive": adaptive}
-    made = naming("--controller", lambda: controller_named(name, vehicle, **asked))
+    made = options.naming("--controller", lambda: controller_named(name, vehicle, **asked))
     return made, column if name in _TABLE_4 and own is None else None
 
 

@@ -168,35 +168,31 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
     """Operating points and linearisations."""
     parts: list[RenderableType] = []
     for plant in plants:
-        parts += [*_linear_plant(plant), ""]
+        point = plant.point
+        num, den = plant.transfer_function()
+        frozen = "speed as a state" if plant.speed_state else "speed frozen"
+        rows = [
+            ("Vehicle", vehicle_line(point.vehicle)),
+            (
+                "Operating point",
+                f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
+            ),
+            ("Adhesion force", f"{point.adhesion_force:.7g} N"),
+            ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
+            ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
+            ("States", ", ".join(plant.states)),
+            ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
+            ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
+            ("A", _matrix(plant.A)),
+            ("B", _matrix(plant.B)),
+            ("C", _matrix(plant.C)),
+            ("D", _matrix(plant.D)),
+            ("Poles, 1/s", roots_text(plant.poles)),
+            ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
+            ("sigma/torque", f"({polynomial_text(num)}) / ({polynomial_text(den)})   (m/s)/(N·m)"),
+        ]
+        parts += [heading(f"Linearisation, {frozen}: {case_title(point)}"), Facts(rows), ""]
     return render(parts[:-1])
-
-
-def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
-    point = plant.point
-    num, den = plant.transfer_function()
-    frozen = "speed as a state" if plant.speed_state else "speed frozen"
-    rows = [
-        ("Vehicle", vehicle_line(point.vehicle)),
-        (
-            "Operating point",
-            f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
-        ),
-        ("Adhesion force", f"{point.adhesion_force:.7g} N"),
-        ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
-        ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
-        ("States", ", ".join(plant.states)),
-        ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
-        ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
-        ("A", _matrix(plant.A)),
-        ("B", _matrix(plant.B)),
-        ("C", _matrix(plant.C)),
-        ("D", _matrix(plant.D)),
-        ("Poles, 1/s", roots_text(plant.poles)),
-        ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
-        ("sigma/torque", f"({polynomial_text(num)}) / ({polynomial_text(den)})   (m/s)/(N·m)"),
-    ]
-    return [heading(f"Linearisation, {frozen}: {case_title(point)}"), Facts(rows)]
 
 
 def polynomial_text(coefficients: Iterable[float]) -> str:

@@ -117,7 +117,11 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
         rows.append((one.name, _HOLDS[one.holds][0], down_to, one.how or "-"))
     parts.append(Table(("Condition", "Holds", "Down to", "How"), rows, left=4))
     for one in verification.conditions:
-        parts += _paragraphs(one)
+        how = f" ({one.how})" if one.how else ""
+        parts += [heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"), Paragraph(statement(one))]
+        parts.append(Paragraph(evidence(one)))
+        parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
+        parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
     if conclusion:
         parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), Paragraph(conclusion)]
@@ -134,17 +138,6 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
         ("Actuator", _ACTUATORS.get(verification.law, _ACTUATOR)),
-    ]
-
-
-def _paragraphs(one: Condition) -> list[RenderableType]:
-    how = f" ({one.how})" if one.how else ""
-    return [
-        heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
-        Paragraph(statement(one)),
-        Paragraph(evidence(one)),
-        *([Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
-        Text(""),
     ]
 
 

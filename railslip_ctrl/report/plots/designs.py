@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,21 +38,12 @@ _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
 _TWO = -1 + 0.5 * _CIRCLE  # |1 + L| = 1/2, where Ms is 2
 
 
-class _Alone:
-    """A loop without an operating point, drawn as an assessment is."""
-
-    point = None
-
-    def __init__(self, loop: Loop) -> None:
-        self.loop = loop
-        self.margins = loop.margins() if loop.is_stable() else None
-        self.unstable_poles = loop.unstable_closed_loop_poles
-
-
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
     """A "bode", "nyquist" or "nichols" figure of one loop, over a band, rad/s, or that in which everything happens."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
-    alone: Any = _Alone(loop)
+    margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
+    # drawn as an assessment, without an operating point
+    alone: Any = SimpleNamespace(point=None, loop=loop, margins=margins, unstable_poles=unstable)
     ends = loop.feature_band() if band is None else (float(band.min()), float(band.max()))
     return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *ends),)),))
 
