@@ -5,11 +5,12 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import matplotlib.colors
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 _PAGE = 6.7  # inches: what figures are shown at, 17 cm
 _LEAST = 7.0  # points: a smaller letter is not read on paper
@@ -54,17 +55,16 @@ def _unread(figure: Figure) -> Iterator[str]:
 
 
 def _outside(figure: Figure) -> Iterator[str]:
-    canvas = figure.bbox.padded(_RIM)
     for text, box in _texts(figure):
-        if box.x0 < canvas.x0 or box.y0 < canvas.y0 or box.x1 > canvas.x1 or box.y1 > canvas.y1:
+        if figure.bbox.padded(_RIM).count_contains(box.corners()) < 4:
             yield f"{text.get_text()!r} leaves the figure"
 
 
 def _overlapping(figure: Figure) -> Iterator[str]:
     upright = [(text, box) for text, box in _texts(figure) if text.get_rotation() % 90 == 0]  # else a box says little
     for (one, a), (other, b) in itertools.combinations(upright, 2):
-        width, height = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
-        if width > _RIM and height > _RIM:
+        both = Bbox.intersection(a, b)
+        if both is not None and min(both.size) > _RIM:
             yield f"{one.get_text()!r} lies on {other.get_text()!r}"
 
 
@@ -73,14 +73,11 @@ def _without_unit(figure: Figure) -> Iterator[str]:
     for ax in _shown(figure):
         column = [other for other in _shown(figure) if other.get_subplotspec().colspan == ax.get_subplotspec().colspan]
         row = [other for other in _shown(figure) if other.get_subplotspec().rowspan == ax.get_subplotspec().rowspan]
-        words = {
-            ax.xaxis: [ax.get_xlabel()] if ax.get_xlabel() else [other.get_xlabel() for other in column],
-            ax.yaxis: [ax.get_ylabel()] if ax.get_ylabel() else [other.get_ylabel() for other in row],
-        }
-        words[ax.yaxis] += [other.get_title() for other in column]
-        for axis, near in words.items():
+        of_x = [ax.get_xlabel()] if ax.get_xlabel() else [other.get_xlabel() for other in column]
+        of_y = [ax.get_ylabel()] if ax.get_ylabel() else [other.get_ylabel() for other in row]
+        for axis, near in ((ax.xaxis, of_x), (ax.yaxis, [*of_y, *(other.get_title() for other in column)])):
             numbers = [t.get_text() for t in _tick_labels(axis, seen=True) if t.get_visible()]
-            if any(_NUMBER.fullmatch(number) for number in numbers) and not any(map(_UNIT.search, near)):
+            if any(map(_NUMBER.fullmatch, numbers)) and not any(map(_UNIT.search, near)):
                 yield f"{axis.axis_name} axis below {ax.get_title()!r}: no unit in {near}"
 
 
@@ -88,32 +85,22 @@ def _alike(figure: Figure) -> Iterator[str]:
     """Lines of one legend that a grey print does not tell apart."""
     for ax in figure.axes:
         lines = [line for line in ax.lines if not line.get_label().startswith("_")]
+        # get_linestyle() is "--" for every dash of one's own
+        look = {
+            ln: (ln.get_linestyle(), ln._unscaled_dash_pattern, ln.get_marker(), ln.get_fillstyle()) for ln in lines
+        }
+        grey = {line: float(np.dot(to_rgb(line.get_color()), (0.299, 0.587, 0.114))) for line in lines}
         for one, other in itertools.combinations(lines, 2):
-            if _pattern(one) == _pattern(other) and abs(_grey(one) - _grey(other)) < _APART:
+            if look[one] == look[other] and abs(grey[one] - grey[other]) < _APART:
                 yield f"{one.get_label()!r} and {other.get_label()!r} look the same in grey"
-
-
-def _pattern(line: Any) -> tuple[Any, ...]:
-    # get_linestyle() is "--" for every dash of one's own
-    return line.get_linestyle(), line._unscaled_dash_pattern, line.get_marker(), line.get_fillstyle()
-
-
-def _grey(line: Any) -> float:
-    return float(np.dot(matplotlib.colors.to_rgb(line.get_color()), (0.299, 0.587, 0.114)))
 
 
 def _covered(figure: Figure) -> Iterator[str]:
     """Legends that lie on what is drawn in their axes."""
     for ax in _shown(figure):
-        if ax.get_legend() is None:
-            continue
-        box = ax.get_legend().get_window_extent(figure.canvas.get_renderer())
-        for line in ax.lines:
+        legend = ax.get_legend()
+        box = legend and Bbox.intersection(ax.bbox, legend.get_window_extent(figure.canvas.get_renderer()))
+        for line in ax.lines if box else ():
             points = line.get_transform().transform(np.column_stack(line.get_data(orig=False)))
-            if len(points) > 2 and np.any(_inside(points, ax.bbox) & _inside(points, box)):
+            if len(points) > 2 and box.count_contains(points):
                 yield f"the legend of {ax.get_title()!r} covers {line.get_label()!r}"
-
-
-def _inside(points: np.ndarray, box: Any) -> np.ndarray:
-    """Which of the points, a row each, lie in a box or on its rim; at once, as there are thousands of them."""
-    return np.all((box.min <= points) & (points <= box.max), axis=1)

@@ -1,9 +1,12 @@
-"""Dependencies: named in the documentation, loaded by the commands that use them alone, missing ones named."""
+"""The wheel as it is installed; dependencies: named in the documentation, loaded where used, missing ones named."""
 
 import re
 import subprocess
 import sys
+import sysconfig
 import tomllib
+import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -74,3 +77,26 @@ def test_a_missing_extra_is_named_before_the_work(words, package, extra, railsli
     monkeypatch.setitem(sys.modules, package, None)
     assert f'{package} is not installed; pip install "railslip_ctrl[{extra}]"' in refused(railslip(*words.split()))
     assert {path.name for path in Path.cwd().iterdir()} <= {"tolerances.toml", "run.csv", "runs"}
+
+
+@pytest.mark.long
+def test_command_works_from_an_installed_wheel(tmp_path):
+    built = tmp_path / "wheel"
+    make = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", built, ROOT]
+    subprocess.run(make, check=True, capture_output=True)
+    (wheel,) = built.glob("railslip_ctrl-*.whl")
+    files = set(zipfile.ZipFile(wheel).namelist())
+    data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/steps.py")
+    assert {f"railslip_ctrl/{name}" for name in data} <= files
+    environment = tmp_path / "environment"
+    venv.create(environment, with_pip=False)
+    scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
+    (site,) = environment.glob("lib/python*/site-packages")
+    # the dependencies of this environment, but not the project's own source tree
+    (site / "dependencies.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    install = [sys.executable, "-m", "pip", f"--python={scripts / 'python'}", "install", "--quiet", "--no-deps"]
+    install.append("--no-compile")  # of all modules, few of which are imported here
+    subprocess.run([*install, "--force-reinstall", "--no-index", wheel], check=True, capture_output=True)
+    words = [scripts / "railslip", "report", "--no-html", "--rail", "wet"]
+    subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert (tmp_path / "railslip-report" / "loop.svg").exists()

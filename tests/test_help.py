@@ -22,8 +22,7 @@ from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import law_names, published_law
 
-CONTEXT = click.Context(railslip, **HELP)
-COMMANDS = {name: railslip.get_command(CONTEXT, name) for name in _COMMANDS}
+COMMANDS = {name: railslip.get_command(click.Context(railslip, **HELP), name) for name in _COMMANDS}
 OPTIONS = [
     pytest.param(option, id=f"{name} {option.opts[0]}")
     for name, command in COMMANDS.items()
@@ -59,21 +58,16 @@ def words_of(line: str) -> list[str]:
     return [str(ROOT / word) if word.startswith("designs/") else word for word in shlex.split(line)[1:]]
 
 
-@pytest.fixture
-def prepare(file, railslip):
+def prepare(line: str, file, railslip) -> None:
     """Put the files that a command names into the working folder."""
-
-    def put(line: str) -> None:
-        if "my_train.toml" in line:
-            for path in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
-                Path("my_train.toml" if path.suffix == ".toml" else path.name).write_bytes(path.read_bytes())
-        file("tolerances.toml", CAMPAIGN)
-        if line.startswith("railslip identify"):
-            write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
-        if "best.toml" in line and line != TUNE:
-            assert railslip(*words_of(TUNE))[0] == 0
-
-    return put
+    if "my_train.toml" in line:
+        for path in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
+            Path("my_train.toml" if path.suffix == ".toml" else path.name).write_bytes(path.read_bytes())
+    file("tolerances.toml", CAMPAIGN)
+    if line.startswith("railslip identify"):
+        write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
+    if "best.toml" in line and line != TUNE:
+        assert railslip(*words_of(TUNE))[0] == 0
 
 
 @pytest.mark.parametrize("line", [
@@ -81,8 +75,8 @@ def prepare(file, railslip):
     for line in dict.fromkeys([*SHOWN, *EXAMPLES.values()])
 ])  # fmt: skip
 @pytest.mark.usefixtures("without_lag_search")
-def test_a_command_that_the_readme_or_its_help_shows_runs(line, prepare, railslip):
-    prepare(line)
+def test_a_command_that_the_readme_or_its_help_shows_runs(line, file, railslip):
+    prepare(line, file, railslip)
     before, words = set(Path.cwd().iterdir()), words_of(line)
     status, out, err = railslip(*words, *SHORTER.get(words[0], ()))
     assert status == (words[0] == "verify"), err  # the layered law has a condition that fails

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from figure_checks import defects
 
-from railslip_ctrl import PARK2008, DeadTimeLoop, Envelope, InputError, PIController, PIGains, Rail, Rational, judge
+from railslip_ctrl import PARK2008, Envelope, InputError, PIController, PIGains, Rail, Rational, judge
 from railslip_ctrl.design.assessment import assess, controller_group, published_groups
 from railslip_ctrl.design.schedule import plant_at, sweep_slip, sweep_speed
-from railslip_ctrl.loop.deadtime import gang_of_four
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.report import plots
 from railslip_ctrl.report.plots.style import figure_bytes, new_figure
@@ -29,19 +28,15 @@ def defects_of(figure):
     return defects(figure)
 
 
-def test_bode_draws_the_curve_it_is_given(groups):
-    curve = groups[0].curves[0]
-    drawn = plots.bode_figure(groups).axes[0].lines[0].get_data()
-    assert np.array_equal(drawn, [curve.omega, curve.magnitude_db])
-
-
 def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
     """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
     plant = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
     zero = controller_group("no gain", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
     assert np.all(zero.curves[0].magnitude_db == -np.inf)
     drawn = [draw((zero,)) for draw in (plots.bode_figure, plots.nyquist_figure, plots.nichols_figure)]
-    assert not any(map(defects_of, [*drawn, plots.bode_figure((zero, groups[0]))]))
+    beside, curve = plots.bode_figure((zero, groups[0])), groups[0].curves[0]
+    assert not any(map(defects_of, [*drawn, beside]))
+    assert np.array_equal(beside.axes[1].lines[0].get_data(), [curve.omega, curve.magnitude_db])
 
 
 def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
@@ -85,39 +80,24 @@ def test_the_map_of_a_judgement_writes_its_numbers():
     assert np.isinf(found.with_tolerances).any()
 
 
-def test_a_gang_of_four_is_drawn():
-    loop = DeadTimeLoop(Rational(np.array([]), np.array([0.0]), 2.0), 0.3)
-    gang = gang_of_four(Rational(np.array([]), np.array([]), 1.0), loop, 0.01, 100.0)
-    figure = plots.gang_of_four_figure({"P": gang}, title="gang")
-    assert any("N·m/(m/s)" in ax.get_ylabel() + ax.get_title() for ax in figure.axes)
-    assert defects_of(figure) == []
-
-
 def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
     plant, lag = Rational(np.array([]), np.array([-0.2]), 2.0), Rational(np.array([]), np.array([-1.0]), 1.0)
-    steps = {
-        name: step_response(PIController(PIGains(kp=0.5, ki=0.1), *lead).transfer_function, plant, 0.1,
-                            final_time=30.0, actuator=lag)
-        for name, lead in {"PI": (0.0, 0.0), "PI-lead": (1.0, 0.02)}.items()
-    }  # fmt: skip
-    words = {"title": "r", "reference_label": "a", "load_label": "b"}
-    figure = plots.response_figure(steps, steps, **words)
-    highest = steps["PI-lead"].control.max()
-    assert highest == pytest.approx(25.0, rel=1e-6)  # 0.5 times 1/0.02
-    (told,) = figure.axes[2].texts
-    assert told.get_text() == "cut off: begins with up to 25 N·m"
-    assert figure.axes[2].get_ylim()[1] < 2.0
-    assert defects_of(figure) == []
-    alone = plots.response_figure({"PI": steps["PI"]}, {"PI": steps["PI"]}, **words)
-    assert not alone.axes[2].texts
-    assert alone.axes[2].get_ylim()[1] > steps["PI"].control.max()
+    for lead, highest in (((0.0, 0.0), 0.5), ((1.0, 0.02), 25.0)):  # kp, and kp times 1/0.02
+        c = PIController(PIGains(kp=0.5, ki=0.1), *lead).transfer_function
+        steps = {"PI": step_response(c, plant, 0.1, final_time=30.0, actuator=lag)}
+        figure = plots.response_figure(steps, steps, title="r", reference_label="a", load_label="b")
+        assert steps["PI"].control[0] == pytest.approx(highest, rel=1e-6)
+        told = [text.get_text() for text in figure.axes[2].texts]
+        assert told == ["cut off: begins with up to 25 N·m"] * (highest > 1)
+        top = figure.axes[2].get_ylim()[1]
+        assert top < 2.0 if told else top > steps["PI"].control.max()
+        assert defects_of(figure) == []
 
 
-@pytest.mark.parametrize("form", ["png", "svg"])
-def test_the_same_figure_gives_the_same_file(form):
-    def drawn():
+def test_the_same_figure_gives_the_same_file():
+    def drawn(form):
         figure = new_figure(2.0, "twice")
         figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
         return figure_bytes(figure, form)
 
-    assert drawn() == drawn()
+    assert all(drawn(form) == drawn(form) for form in ("png", "svg"))

@@ -8,7 +8,7 @@ import pytest
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = shutil.which("chromedriver")
-WIDTHS = {"phone": 390, "A4": 794, "desk": 1200}
+A4 = 794  # CSS pixels
 
 pytestmark = [
     pytest.mark.long,
@@ -49,63 +49,53 @@ def browser(tmp_path_factory):
     driver.quit()
 
 
-@pytest.fixture(scope="module")
-def page(full_report):
-    return (full_report[0] / "report.html").as_uri()
+@pytest.fixture
+def show(browser, full_report):
+    """Shows the page at a width in CSS pixels, and runs scripts in it; nothing is complained of."""
+
+    def shown(width):
+        screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+        browser.get((full_report[0] / "report.html").as_uri())
+        assert [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")] == []
+        return browser.execute_script
+
+    return shown
 
 
-def shown(browser, address, width):
-    """The page at a width in CSS pixels; its console."""
-    screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
-    browser.get(address)
-    return [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
+@pytest.mark.parametrize("width", [390, A4, 1200])  # of a phone, of a page, of a desk
+def test_page_fits_shows_every_figure_and_loads_nothing(show, width):
+    """That each link has a target is looked at in the page's text, `html_page`."""
+    run = show(width)
+    assert (run("return innerWidth"), run(_WIDER), run(_UNSEEN), run(_LOADED)) == (width, False, [], [])
+    assert run("return document.images.length") >= 4
+    if width >= A4:  # on a phone wide tables scroll within themselves
+        assert run(_CUT) == []
+    run("document.querySelector('nav a[href=\"#stops\"]').click()")
+    # the section is where the eye is; a pixel of rounding
+    assert abs(run("return document.getElementById('stops').getBoundingClientRect().top")) < 2
 
 
-@pytest.mark.parametrize("width", WIDTHS.values(), ids=WIDTHS.keys())
-def test_page_fits_and_shows_every_figure(browser, page, width):
-    console = shown(browser, page, width)
-    assert browser.execute_script("return innerWidth") == width
-    assert console == []
-    assert not browser.execute_script(_WIDER)
-    assert browser.execute_script("return document.images.length") >= 4
-    assert browser.execute_script(_UNSEEN) == []
-    if width >= WIDTHS["A4"]:  # on a phone wide tables scroll within themselves
-        assert browser.execute_script(_CUT) == []
-
-
-def test_a_link_leads_to_its_section_and_nothing_is_loaded(browser, page):
-    """That each has a target is looked at in the page's text, `html_page`."""
-    shown(browser, page, WIDTHS["desk"])
-    assert browser.execute_script(_LOADED) == []
-    browser.execute_script("document.querySelector('nav a[href=\"#stops\"]').click()")
-    top = browser.execute_script("return document.getElementById('stops').getBoundingClientRect().top")
-    assert abs(top) < 2  # the section is where the eye is; a pixel of rounding
-
-
-def test_prints_on_a4_with_everything_opened(browser, page):
-    shown(browser, page, WIDTHS["A4"])
-    before = browser.execute_script(_OPEN)
-    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
-    assert browser.execute_script(_OPEN) == browser.execute_script("return document.querySelectorAll('details').length")
-    browser.execute_script("dispatchEvent(new Event('afterprint'))")
-    assert browser.execute_script(_OPEN) == before == 0
+def test_prints_on_a4_with_everything_opened(browser, show):
+    run = show(A4)
+    before = run(_OPEN)
+    run("dispatchEvent(new Event('beforeprint'))")
+    assert run(_OPEN) == run("return document.querySelectorAll('details').length")
+    run("dispatchEvent(new Event('afterprint'))")
+    assert run(_OPEN) == before == 0
     printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
-    pdf = base64.b64decode(printed["data"])
-    assert pdf.startswith(b"%PDF-")
-    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", base64.b64decode(printed["data"]))
     assert 3 <= len(boxes) <= 12  # beyond, pages are left half-empty, as those before a figure once were
     for width, height in boxes:
         # points; a browser rounds A4 to its own pixels, three quarters of a point each
         assert (float(width), float(height)) == pytest.approx((595.0, 842.0), abs=1.0)
 
 
-def test_print_is_not_made_smaller_and_keeps_together_what_belongs_together(browser, page):
-    shown(browser, page, 680)  # CSS pixels between the margins of A4, 180 mm: a wider page is printed smaller
+def test_print_is_not_made_smaller_and_keeps_together_what_belongs_together(browser, show):
+    run = show(680)  # CSS pixels between the margins of A4, 180 mm: a wider page is printed smaller
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     try:
-        browser.execute_script("dispatchEvent(new Event('beforeprint'))")
-        assert not browser.execute_script(_WIDER)
-        assert browser.execute_script(_TORN) == []
+        run("dispatchEvent(new Event('beforeprint'))")
+        assert (run(_WIDER), run(_TORN)) == (False, [])
     finally:
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})

@@ -164,7 +164,7 @@ def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_p
     texts = {path.name: path.read_text("utf-8") for path in (tmp_path / "out").iterdir() if path.suffix != ".png"}
     assert set(texts) == {"reproduction.txt", "reproduction.json", "reproduce.html"}
     assert {path.stem for path in (tmp_path / "out").glob("*.png")} == set(reproduce.FIGURES)
-    page = Page.parsed(texts["reproduce.html"])
+    page = Page(texts["reproduce.html"])
     assert page.problems() == []
     assert sum(row[0] in {case.name for case in CASES} for row in page.rows("table5")) == 16
     readings = [(row[0].partition("scale ")[2], row[-1]) for row in page.rows("gains")[1:]]

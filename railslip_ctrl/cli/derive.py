@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -13,8 +12,8 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
 from railslip_ctrl.paper.errata import errata
-from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
-from railslip_ctrl.report.export import check_directory, write_files
+from railslip_ctrl.report.derivation import derivation_document, derivation_json, derivation_text
+from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Reference, derive
 
@@ -88,13 +87,10 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
         return code.c if form == "c" else code.python
     rows = errata(derivation)
     if form == "json":
-        content = derivation_json(derivation, rows, code, numbers)
-        return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    if form == "markdown":
-        return derivation_markdown(derivation, rows, code, numbers)
-    if form == "latex":
-        return derivation_latex(derivation, rows, code, numbers)
-    return derivation_text(derivation, rows, numbers)
+        return json_text(derivation_json(derivation, rows, code, numbers), ensure_ascii=False)
+    if form == "text":
+        return derivation_text(derivation, rows, numbers)
+    return derivation_document(form, derivation, rows, code, numbers)
 
 
 def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:

@@ -18,10 +18,9 @@ from railslip_ctrl.identification.identify import Identification, LogSeries, ide
 from railslip_ctrl.identification.logs import STANDARD_INPUT, UNITS
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import check_file
+from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.identification import (
     identification_json,
     identification_text,
@@ -139,7 +138,9 @@ def command(
         check_directory(out, _file_names(len(logs)))
         if observed is not None and observed.resolve() in {out.resolve(), *(out.resolve() / n for n in _file_names(1))}:
             raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
-    chosen = _vehicle(vehicle, loaded)
+    chosen = PARK2008 if vehicle is None else from_file("--vehicle", vehicle, load_vehicle)
+    tell_remarks(chosen)
+    chosen = chosen.loaded() if loaded else chosen
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
         found: Identification | LogSeries = (
             identify(logs[0], chosen, options, progress=advance, observed=sink)
@@ -153,13 +154,13 @@ def command(
     record = identification_json(found) if isinstance(found, Identification) else series_json(found)
     content = json.loads(options_named(json.dumps(record)))
     if out is not None:
-        writers = _writers(found, text, content)
-        write_files(out, writers)
-        told = ", the model to model.toml" if "model.toml" in writers else ""
+        files = _files(found, text, content)
+        write_files(out, files)
+        told = ", the model to model.toml" if "model.toml" in files else ""
         if isinstance(found, LogSeries):
             told += ", to be taken at --initial-speed" if told else ""
             told += "; model-1.toml and so on are for the v0 of their log"
-        progress(f"wrote {len(writers)} files to {out}{told}")
+        progress(f"wrote {len(files)} files to {out}{told}")
     show(as_json, lambda: content, lambda: _report(found))
 
 
@@ -217,12 +218,6 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
     return _value("--bound", name, low), _value("--bound", name, high)
 
 
-def _vehicle(path: Path | None, loaded: bool) -> Vehicle:
-    chosen = PARK2008 if path is None else from_file("--vehicle", path, load_vehicle)
-    tell_remarks(chosen)
-    return chosen.loaded() if loaded else chosen
-
-
 @contextmanager
 def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], None] | None]:
     """A progress bar on standard error while large logs are read."""
@@ -266,24 +261,20 @@ def _file_names(count: int) -> list[str]:
     return [*several, *_model_names(count), "identification.txt", "identification.json", *pictures]
 
 
-def _writers(
-    found: Identification | LogSeries, text: str, content: Mapping[str, Any]
-) -> dict[str, Callable[[Path], object]]:
+def _files(found: Identification | LogSeries, text: str, content: Mapping[str, Any]) -> dict[str, FileContent]:
     from railslip_ctrl.report import plots
 
     logs = found.logs if isinstance(found, LogSeries) else (found,)
-    texts = {name: options_named(model_toml(each)) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
-    texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
+    named = zip(_model_names(len(logs)), logs, strict=True)
+    files: dict[str, FileContent] = {name: options_named(model_toml(each)) for name, each in named}
+    files |= {"identification.txt": text, "identification.json": json_text(content)}
     figures = [plots.adhesion_figure(logs)]
     if isinstance(found, LogSeries):
         whole = series_toml(found)
-        texts |= {} if whole is None else {"model.toml": options_named(whole)}
+        files |= {} if whole is None else {"model.toml": options_named(whole)}
         figures.append(plots.coefficients_figure(found))
     else:
         figures += [plots.drift_figure(found), plots.braking_figure(found)]
-    writers: dict[str, Callable[[Path], object]] = {
-        name: partial(Path.write_text, data=written, encoding="utf-8") for name, written in texts.items()
-    }
     for name, figure in zip(_pictures(len(logs)), figures, strict=True):
-        writers |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
-    return writers
+        files |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
+    return files

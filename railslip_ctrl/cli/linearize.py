@@ -13,7 +13,7 @@ from .settings import HELP, switch
 
 
 @click.command(context_settings=HELP)
-@case_options
+@case_options()
 @switch("--speed-state", "Keep the train speed as a state instead of freezing it.")
 def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
     """Operating point and linearisation, from brake torque at the wheel to sigma, lambda and the tracking error. Exit

@@ -22,35 +22,29 @@ from railslip_ctrl.model.vehicle import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.report.text import judgement_json, judgement_text
 
-from .options import (
-    CaseOptions,
-    Number,
-    case_options,
-    chosen_gains,
-    controller_from_file,
-    controller_name,
-    controller_option,
-    envelope_options,
-    gain_options,
-    is_file,
-    warn,
-)
+from . import options
 from .output import show
 from .settings import HELP, option, switch
 
 
 @click.command(context_settings=HELP)
-@case_options
-@envelope_options("the points of those options")
-@gain_options("Table 4's")
-@controller_option("a PI of --kp, --ki and --lead")
-@option("--lead", "S", "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.", "none", type=Number("s", ge=0))
-@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=Number("s", ge=0))
+@options.case_options()
+@options.envelope_options("the points of those options")
+@options.gain_options("Table 4's")
+@options.controller_option("a PI of --kp, --ki and --lead")
+@option(
+    "--lead",
+    "S",
+    "Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.",
+    "none",
+    type=options.Number("s", ge=0),
+)
+@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=options.Number("s", ge=0))
 @switch("--certify", "Proven bounds on all margins, relative width at most 1e-9.")
 @click.pass_context
 def command(
     ctx: click.Context,
-    cases: CaseOptions,
+    cases: options.CaseOptions,
     as_json: bool,
     envelope: str | None,
     nominal: bool,
@@ -68,7 +62,7 @@ def command(
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
-    gains = chosen_gains(kp, ki)
+    gains = options.chosen_gains(kp, ki)
     time = lead or 0.0
     pi_of = partial(PIController, lead=time, lead_filter=FILTER_RATIO * time if lead_filter is None else lead_filter)
     given: Any = None
@@ -90,7 +84,10 @@ def command(
     if controller is not None:
         given = given_controller(controller, points[0], gains)
         points = cases.points(None if seeking_of(given) else getattr(given, "reference", None))
-        _tell_hand_over(given, points)
+        below = getattr(given, "cut_out_speed", 0.0) / KMH
+        slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
+        if slow:
+            options.warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -107,14 +104,6 @@ def command(
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
 
 
-def _tell_hand_over(controller: Any, points: list[OperatingPoint]) -> None:
-    """A warning of points at which the controller does not control slip."""
-    below = getattr(controller, "cut_out_speed", 0.0) / KMH
-    slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
-    if slow:
-        warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
-
-
 def given_controller(
     text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
 ) -> Any:
@@ -122,9 +111,9 @@ def given_controller(
     from railslip_ctrl.simulation.catalogue import controller_named, default_column
 
     held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
-    if is_file(text):
+    if options.is_file(text):
         if gains is not None:
             raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
-        return controller_from_file(text, point.vehicle, held, point.speed)
-    name = controller_name(text)
+        return options.controller_from_file(text, point.vehicle, held, point.speed)
+    name = options.controller_name(text)
     return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=held)

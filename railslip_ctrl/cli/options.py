@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -34,25 +34,14 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation import Scenario
-from railslip_ctrl.simulation.catalogue import (
-    COLUMNS,
-    NAMES,
-    Column,
-    controller_named,
-    default_column,
-    held_reference,
-    is_tuned_when_asked,
-)
+from railslip_ctrl.simulation.catalogue import NAMES
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
 
 from .output import progress
 from .settings import Option, json_option, option, path_option, preset, switch
 
-F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
-
-_TABLE_4 = ("pi", "asmc")
 
 # Sizes of numbers taken from the command line: far beyond any vehicle, and far inside the range of doubles.
 _SMALLEST, _LARGEST = 1e-12, 1e12
@@ -332,60 +321,38 @@ def number_option(
     return option(name, metavar, text, left_out, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
-def case_options(function: F) -> F:
-    """The options that name a vehicle and its operating points, handed to the command as one `CaseOptions`."""
-    return _collected(function, _options())
+def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
+    """The options that name a vehicle and where it is looked at, handed to the command as one `CaseOptions`.
+
+    Without `speeds` for whole stops, with several `masses`, each combined with every rail and speed, for a `run`, which
+    takes one of each, or `over` an envelope, which has what is left out, and whose loads are not a mass alone.
+    """
+
+    def collected(function: Callable[..., Any]) -> Any:
+        @functools.wraps(function)
+        def called(**given: Any) -> Any:
+            for name in ("rails", "speeds", "masses"):
+                value = given.get(name)
+                given[name] = value if isinstance(value, tuple) else () if value is None else (value,)
+            cases = {field.name: given.pop(field.name) for field in fields(CaseOptions) if field.name in given}
+            return function(cases=CaseOptions(**cases), **given)
+
+        command: Any = called
+        for add in reversed(_options(speeds, masses, run, over)):
+            command = add(command)
+        return command
+
+    return collected
 
 
-def family_options(function: F) -> F:
-    """As `case_options`, with the mass repeatable too: every mass is combined with every rail and speed."""
-    return _collected(function, _options(masses=True))
-
-
-def stop_options(function: F) -> F:
-    """As `case_options` without the speed, for a command that looks at whole stops."""
-    return _collected(function, _options(speeds=False))
-
-
-def over_options(function: F) -> F:
-    """As `case_options` for a command that always looks at an envelope, whose loads are not a mass alone."""
-    return _collected(function, _options(over=True))
-
-
-def run_options(function: F) -> F:
-    """The options of a braking run and its controller, handed to the command as `cases` and `control`."""
-    return _collected(function, [*_options(run=True), *_controller_options()], control=True)
-
-
-def _collected(function: F, options: list[Option], *, control: bool = False) -> F:
-    @functools.wraps(function)
-    def wrapped(**given: Any) -> Any:
-        def made(kind: type) -> Any:
-            return kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
-
-        for name in ("rails", "speeds", "masses"):
-            value = given.get(name)
-            given[name] = value if isinstance(value, tuple) else () if value is None else (value,)
-        records = {"control": made(ControllerOptions)} if control else {}
-        records["cases"] = made(CaseOptions)
-        return function(**records, **given)
-
-    command = cast(F, wrapped)
-    for add in reversed(options):
-        command = add(command)
-    return command
-
-
-def _options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> list[Option]:
-    """Without `speeds` for whole stops, with several `masses`, for a `run`, which takes one of each, or over an
-    envelope, which has what is left out."""
+def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     of_envelope = "the envelope's" if over else None
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
     law = f"Adhesion law: {laws}, which is run."
     rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
     v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
-    of_run = ("Speed at which the brake is applied, km/h.", _SCENARIO)
-    speed = of_run if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
+    begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
+    speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
     vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
     scale = (
@@ -412,27 +379,20 @@ def _options(*, speeds: bool = True, masses: bool = False, run: bool = False, ov
         number_option("--lag", "s", "Actuator lag, s.", own, ge=0),
         json_option,
     ]
-    slip = [] if run else [_slip_option(of_point=speeds)]
-    return [*(_scenario_options() if run else ()), *of_law, *of_speed, *slip, *of_vehicle]
-
-
-def _scenario_options() -> list[Option]:
-    text = "The published run as published or in SI, a plain stop, or a file."
-    return [
-        preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", text, BUILT_IN[0]),
-        number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
-    ]
-
-
-def _slip_option(*, of_point: bool) -> Option:
-    """The slip of an operating point, or that held through whole stops."""
+    if run:
+        scenario = "The published run as published or in SI, a plain stop, or a file."
+        of_run = [
+            preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", scenario, BUILT_IN[0]),
+            number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
+        ]
+        return [*of_run, *of_law, *of_speed, *of_vehicle]
     static = ", ".join(name for name, law in law_classes().items() if not law.has_state)
     point = f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
-    text, kind = (point, Number("1", ge=0, lt=1)) if of_point else ("Reference slip ratio held, 0 < X < 1.", SLIP)
-    return option("--slip", "X", text, "the law's published reference", type=kind)
+    slip, kind = (point, Number("1", ge=0, lt=1)) if speeds else ("Reference slip ratio held, 0 < X < 1.", SLIP)
+    return [*of_law, *of_speed, option("--slip", "X", slip, "the law's published reference", type=kind), *of_vehicle]
 
 
-def envelope_options(left_out: str) -> Callable[[F], F]:
+def envelope_options(left_out: str) -> Option:
     """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
     nominal = switch("--nominal", "Judge an envelope without tolerances.")
     text = (
@@ -443,7 +403,7 @@ def envelope_options(left_out: str) -> Callable[[F], F]:
     return lambda function: envelope(nominal(function))
 
 
-def gain_options(left_out: str) -> Callable[[F], F]:
+def gain_options(left_out: str) -> Option:
     """The options that give the PI gains; `left_out` says what holds without them."""
     kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
     ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.'
@@ -541,62 +501,7 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 
-# --- the controller of a braking run --------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ControllerOptions:
-    """What the options say of the controller."""
-
-    controller: str
-    gains: str | None
-    kp: float | None
-    ki: float | None
-    slip: float | None
-    unknown_rail: bool
-    adaptive: bool
-    period: float | None
-
-    def chosen(self, scenario: Scenario, law_speed: float) -> tuple[Controller, str | None]:
-        """The controller, and the column of Table 4 that its gains are from, if any.
-
-        `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
-        """
-        if is_file(self.controller):
-            return self._from_file(scenario, law_speed), None
-        name = controller_name(self.controller)
-        gains = chosen_gains(self.kp, self.ki)
-        given, law = self._column(), scenario.adhesion
-        column = given or default_column(law)
-        reference = held_reference(law, self.slip, given, "--slip", "--slip X, or --gains for that of Table 4")
-        if is_tuned_when_asked(name, scenario.vehicle.empty(), gains):
-            progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
-        asked: dict[str, Any] = {"column": column, "gains": gains, "reference": reference, "period": self.period}
-        asked |= {"knows_rail": not self.unknown_rail, "adaptive": self.adaptive}
-        made = naming("--controller", lambda: controller_named(name, scenario.vehicle, **asked))
-        return made, column if name in _TABLE_4 and gains is None else None
-
-    def _column(self) -> Column | None:
-        if self.gains is None:
-            return None
-        for column in COLUMNS:
-            if column == self.gains.lower():
-                return column
-        raise InputError(f"--gains: {self.gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
-
-    def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
-        for flag, given in (
-            ("--gains", self.gains),
-            ("--kp", self.kp),
-            ("--ki", self.ki),
-            ("--slip", self.slip),
-            ("--period", self.period),
-            ("--unknown-rail", self.unknown_rail or None),
-            ("--adaptive", self.adaptive or None),
-        ):
-            if given is not None:
-                raise InputError(f"{flag}: does not go with a controller from a file; put it into {self.controller}")
-        return controller_from_file(self.controller, scenario.vehicle, scenario.adhesion.reference, law_speed)
+# --- controllers ------------------------------------------------------------------------------------------------------
 
 
 def controller_option(left_out: str, **kind: Any) -> Option:
@@ -630,16 +535,3 @@ def controller_name(text: str) -> str:
             "give FILE.toml or FILE.py"
         )
     return name
-
-
-def _controller_options() -> list[Option]:
-    column = "gains of beam for the beam law, else of bristle; slip of the law"
-    reference, period = "the adhesion law's; with --gains the column's", "every step; slide-protection 0.01"
-    return [
-        controller_option("pi", default="pi"),
-        option("--gains", "|".join(COLUMNS), "Column of Table 4: gains and reference slip.", column),
-        option("--slip", "X", "Reference slip on either rail.", reference, type=SLIP),
-        switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet."),
-        switch("--adaptive", "asmc: adapt as printed in the paper."),
-        number_option("--period", "s", "The controller's sampling period, s.", period, ge=LEAST_STEP),
-    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import shutil
 import sys
@@ -13,18 +12,15 @@ import click
 from click.core import ParameterSource
 
 from railslip_ctrl.report.document import WIDTH, columns
-from railslip_ctrl.report.export import Provenance
+from railslip_ctrl.report.export import Provenance, json_text
 
 _NARROWEST = 60  # columns; a narrower terminal breaks the lines itself
 
 
 def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
-    """One JSON object on standard output, if that is asked for, else the text.
-
-    A number that is not finite would be a defect here, and fails.
-    """
+    """One JSON object on standard output, if that is asked for, else the text."""
     if as_json:
-        click.echo(json.dumps(content(), indent=2, allow_nan=False, ensure_ascii=False))
+        click.echo(json_text(content(), ensure_ascii=False), nl=False)
     else:
         print_text(text)
 

@@ -132,12 +132,12 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 # What the package calls a quantity that an option gives, where a message begins with it.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
-    r"|(?:structure|controller|out|workers|scheduler|worst by)(?=:))"
+    r"|(?:structure|controller|out|workers|scheduler|worst by|law|K|D|ki_min|inertia scale)(?=:))"
 )
 
 
 def _fail(message: str) -> NoReturn:
     line = options_named(" ".join(message.split()))
-    line = _OPTION_NAMED.sub(lambda match: "--" + match[0].replace(" ", "-"), line)
+    line = _OPTION_NAMED.sub(lambda match: "--" + re.sub("[ _]", "-", match[0]), line)
     click.echo(f"{PROGRAM}: error: {line}", err=True)
     sys.exit(2)

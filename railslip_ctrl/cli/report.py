@@ -14,10 +14,6 @@ import click
 from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.linearization import OperatingPoint
-from railslip_ctrl.model.vehicle import PIGains
-from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.design_report import (
     RECOMMENDED,
     design_report_json,
@@ -26,7 +22,7 @@ from railslip_ctrl.report.design_report import (
     first_page,
 )
 from railslip_ctrl.report.document import WIDTH, width
-from railslip_ctrl.report.export import Provenance, json_text
+from railslip_ctrl.report.export import Provenance, check_directory, json_text, write_files
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
 
@@ -34,11 +30,11 @@ from .margins import given_controller
 from .options import (
     DEFAULT_ENVELOPE,
     CaseOptions,
+    case_options,
     chosen_gains,
     controller_option,
     envelope_options,
     gain_options,
-    over_options,
 )
 from .output import progress, provenance, show
 from .settings import HELP, preset, switch
@@ -49,7 +45,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 
 
 @click.command(context_settings=HELP)
-@over_options
+@case_options(over=True)
 @envelope_options("the vehicle's own, or the default")
 @gain_options("only the recommended design is judged and run")
 @controller_option("only the recommended design is judged and run")
@@ -95,12 +91,21 @@ def command(
     """
     if whole:
         check_extra("html", "--html", ", or give --no-html")
-    told = _timed()
+    started = time.perf_counter()
+
+    def told(message: str) -> None:
+        progress(f"{time.perf_counter() - started:5.1f} s  {message}")
+
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
     plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
-    given = _given(controller, chosen_gains(kp, ki), plant.point, judged.reference)
+    given: dict[str, Any] = {}
+    gains = chosen_gains(kp, ki)
+    if controller is not None:
+        given = {Path(controller).name: given_controller(controller, plant.point, gains, judged.reference)}
+    elif gains is not None:
+        given = {"given PI": PIController(gains)}
     for one in given.values():
         if not no_margins(one):
             wheel_slip_loop(plant, one)  # refuses what is not linear there
@@ -116,15 +121,6 @@ def command(
         written = write_files(out, {name: files[name] for name in content["files"]})
     show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
-
-
-def _given(
-    controller: str | None, gains: PIGains | None, point: OperatingPoint, reference: ReferenceSlip | None
-) -> dict[str, Any]:
-    """The user's own controllers by name, for the vehicle of a point and the reference slip of the envelope."""
-    if controller is not None:
-        return {Path(controller).name: given_controller(controller, point, gains, reference)}
-    return {} if gains is None else {"given PI": PIController(gains)}
 
 
 def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Callable[[str], None]) -> None:
@@ -174,9 +170,3 @@ def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
         words += [f"--{name} {value:g}"] if value is not None else []
     words += [f"--rail {stop.rail}", f"--seed {stop.run.seed}"]
     return f"The {stop.rail} stop again: {' '.join(words)}"
-
-
-def _timed() -> Callable[[str], None]:
-    """Progress with the seconds since now before it."""
-    started = time.perf_counter()
-    return lambda message: progress(f"{time.perf_counter() - started:5.1f} s  {message}")

@@ -5,21 +5,18 @@ from __future__ import annotations
 import datetime
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from railslip_ctrl.core.errors import check_extra
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.paper import tables
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
-from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import Provenance, json_text
+from railslip_ctrl.report.export import Provenance, check_directory, json_text, write_files
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .options import whole_number
@@ -75,6 +72,7 @@ def _files(
 ) -> dict[str, str | bytes]:
     from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.assessment import published_groups
+    from railslip_ctrl.design.schedule import plant_at
     from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry
     from railslip_ctrl.report.page import page
@@ -92,7 +90,8 @@ def _files(
     started = time.perf_counter()
     progress("errata, and Table 4's gains in both readings")
     wrong = cached("errata", lambda: errata(derive()))
-    groups = published_groups(published_points())
+    points = [plant_at("bristle", PARK2008, rail, v).point for rail in Rail for v in (100.0, 60.0, 20.0)]
+    groups = published_groups([replace(point, initial_speed_kmh=INITIAL_SPEED_KMH) for point in points])
     progress("pictures")
     figures = {
         **model_figures(model_curves()),
@@ -109,17 +108,3 @@ def _files(
     html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, source, today, seconds)
     files = {"reproduction.txt": text, "reproduction.json": json_text(content), _PAGE: html}
     return {**files, **{f"{name}.png": drawn[name]["png"] for name in FIGURES}}
-
-
-def published_points() -> list[OperatingPoint]:
-    """Where Table 4's gains are looked at: the published vehicle, dry and wet, from 100 to 20 km/h."""
-    found = []
-    for rail in Rail:
-        law = published_law("bristle", rail)
-        slip = law.reference_slip(rail)
-        assert slip is not None, "the published law has one"
-        found += [
-            operating_point(law, PARK2008, v * KMH, slip, rail=rail, initial_speed_kmh=INITIAL_SPEED_KMH)
-            for v in (100.0, 60.0, 20.0)
-        ]
-    return found

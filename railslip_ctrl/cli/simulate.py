@@ -8,24 +8,53 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
-from railslip_ctrl.simulation import Run, Simulator
+from railslip_ctrl.simulation import Run, Scenario, Simulator
+from railslip_ctrl.simulation.catalogue import (
+    COLUMNS,
+    controller_named,
+    default_column,
+    held_reference,
+    is_tuned_when_asked,
+)
+from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import CaseOptions, ControllerOptions, Number, gain_options, run_options, whole_number
+from . import options
 from .output import progress, show
-from .settings import HELP, path_option, preset, switch
+from .settings import HELP, option, path_option, preset, switch
 
 LOG_PERIOD = 0.01  #: s, between the rows of the CSV and the points of the pictures, unless given
 
 LARGEST_SEED = 2**63 - 1
+_TABLE_4 = ("pi", "asmc")
 _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png", "simulation.svg")
 
 
 @click.command(context_settings=HELP)
-@run_options
-@gain_options("Table 4's")
+@options.case_options(run=True)
+@options.controller_option("pi", default="pi")
+@option(
+    "--gains",
+    "|".join(COLUMNS),
+    "Column of Table 4: gains and reference slip.",
+    "gains of beam for the beam law, else of bristle; slip of the law",
+)
+@option(
+    "--slip",
+    "X",
+    "Reference slip on either rail.",
+    "the adhesion law's; with --gains the column's",
+    type=options.SLIP,
+)
+@switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet.")
+@switch("--adaptive", "asmc: adapt as printed in the paper.")
+@options.number_option(
+    "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP
+)
+@options.gain_options("Table 4's")
 @preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
@@ -42,19 +71,20 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "S",
     "Time between rows of the time series, s; at least the sampling period.",
     LOG_PERIOD,
-    type=Number("s", ge=LEAST_STEP),
+    type=options.Number("s", ge=LEAST_STEP),
 )
 @click.pass_context
 def command(
     ctx: click.Context,
-    cases: CaseOptions,
-    control: ControllerOptions,
+    /,
+    cases: options.CaseOptions,
     seed: str,
     no_noise: bool,
     csv: Path | None,
     out: Path | None,
     log_period: float,
     as_json: bool,
+    **control: Any,
 ) -> None:
     """Simulate a braking run: outcome, time, distance, energy, slip error; time series and pictures. Exit status 1 if
     the train did not stop, 2 for bad input.
@@ -65,10 +95,10 @@ def command(
         check_file(csv, "--csv")
     if out is not None:
         check_directory(out, _FILES)
-    noise = None if no_noise else whole_number("--seed", seed, 0, LARGEST_SEED)
+    noise = None if no_noise else options.whole_number("--seed", seed, 0, LARGEST_SEED)
     scenario = cases.run_scenario()
     law_speed = cases.law_speed(scenario.initial_speed)
-    controller, column = control.chosen(scenario, law_speed)
+    controller, column = _chosen(scenario, law_speed, slip=cases.slip, **control)
     simulator = Simulator(scenario, controller)
     every = max(round(log_period / simulator.period), 1)
     rows = every * simulator.period
@@ -86,6 +116,44 @@ def command(
         progress(f"wrote {len(files)} files to {out}")
     show(as_json, lambda: content, lambda: simulation_text(run, law_speed))
     ctx.exit(0 if run.stopped else 1)
+
+
+def _chosen(
+    scenario: Scenario,
+    law_speed: float,
+    *,
+    controller: str,
+    gains: str | None,
+    slip: float | None,
+    unknown_rail: bool,
+    adaptive: bool,
+    period: float | None,
+    kp: float | None,
+    ki: float | None,
+) -> tuple[Controller, str | None]:
+    """The controller, and the column of Table 4 that its gains are from, if any.
+
+    `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
+    """
+    vehicle, law = scenario.vehicle, scenario.adhesion
+    if options.is_file(controller):
+        numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}
+        for flag, given in (numbers | {"--unknown-rail": unknown_rail or None, "--adaptive": adaptive or None}).items():
+            if given is not None:
+                raise InputError(f"{flag}: does not go with a controller from a file; put it into {controller}")
+        return options.controller_from_file(controller, vehicle, law.reference, law_speed), None
+    name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
+    column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)
+    if column is None and gains is not None:
+        raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
+    reference = held_reference(law, slip, column, "--slip", "--slip X, or --gains for that of Table 4")
+    if is_tuned_when_asked(name, vehicle.empty(), own):
+        progress(f"tuning {name} for {vehicle.name}; this takes some seconds")
+    column = column or default_column(law)
+    asked: dict[str, Any] = {"column": column, "gains": own, "reference": reference, "period": period}
+    asked |= {"knows_rail": not unknown_rail, "adaptive": adaptive}
+    made = options.naming("--controller", lambda: controller_named(name, vehicle, **asked))
+    return made, column if name in _TABLE_4 and own is None else None
 
 
 def _files(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, FileContent]:

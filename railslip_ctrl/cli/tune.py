@@ -21,13 +21,13 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Number, envelope_options, family_options, number_option
+from .options import DEFAULT_ENVELOPE, CaseOptions, Number, case_options, envelope_options, number_option
 from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
 
 @click.command(context_settings=HELP)
-@family_options
+@case_options(masses=True)
 @envelope_options("the vehicle's own or the default, unless points are named")
 @preset(
     "--structure",
@@ -83,7 +83,8 @@ def command(
     leads = {"lead": lead, "lead_filter": lead_filter}
     _check_out(out, structure)
     if structure == "seeking":
-        _check_rules(minimise_ms, phase_min, delay_min, ki_min, lead, lead_filter)
+        if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
+            raise InputError("--structure seeking: its gains go by rules; give --ms-max alone")
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         _seek(ctx, seeking_over(judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(structure, specification, minimise_ms, ki_min)
@@ -115,11 +116,6 @@ def _check_out(out: Path | None, structure: str) -> None:
             either = " or, with --structure seeking, FILE.c" if out.suffix.lower() == ".c" else ""
             raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml{either}")
         check_file(out, "--out")
-
-
-def _check_rules(minimise_ms: bool, *given: float | None) -> None:
-    if minimise_ms or any(one is not None for one in given):
-        raise InputError("--structure seeking: its gains go by rules; give --ms-max alone")
 
 
 def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import get_args
 
 import click
@@ -13,12 +12,11 @@ from railslip_ctrl.report.verification import conclusion_text, verification_json
 from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
 from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
-from .options import CaseOptions, is_file, number_option, stop_options, whole_number
+from .options import CaseOptions, case_options, is_file, number_option, whole_number
 from .output import show
 from .settings import HELP, preset
 
 LAWS: tuple[Law, ...] = get_args(Law)
-_OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the package calls a quantity that an option gives
 
 
 @click.command(context_settings=HELP)
@@ -55,7 +53,7 @@ _OPTION = re.compile("^(law|K|D|ki_min|inertia scale)(?=: )")  # what the packag
     gt=0,
 )
 @preset("--seed", "N", "First seed of samples and simulated runs.", "2008")
-@stop_options
+@case_options(speeds=False)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -79,20 +77,15 @@ def command(
     Example: railslip verify --law layered
     """
     adhesion, vehicle = _adhesion(cases), cases.chosen_vehicle
-    try:
-        full = verify_with_actuator(
-            law=law,  # type: ignore[arg-type]  # checked there
-            vehicle=vehicle,
-            K=gain,
-            D=damping,
-            seed=whole_number("--seed", seed, 0, LARGEST_SEED),
-            adhesion=adhesion,
-            ki_min=ki_min,
-        )
-    except InputError as error:
-        raise InputError(
-            _OPTION.sub(lambda name: "--" + name[0].replace(" ", "-").replace("_", "-"), str(error))
-        ) from None
+    full = verify_with_actuator(
+        law=law,  # type: ignore[arg-type]  # checked there
+        vehicle=vehicle,
+        K=gain,
+        D=damping,
+        seed=whole_number("--seed", seed, 0, LARGEST_SEED),
+        adhesion=adhesion,
+        ki_min=ki_min,
+    )
     result = full.verification
     show(
         as_json,

@@ -6,7 +6,7 @@ files, `page` and `templates/` make an HTML page, `plots/` the figures. What a c
 margins, tune), `derivation`, `verification`, `simulation`, `campaign`, `identification`, `reproduction`.
 """
 
-from .export import check_directory, linear_plant_json, margins_json, write_files
+from .export import linear_plant_json, margins_json
 from .text import linearize_text, margins_text
 
-__all__ = ["check_directory", "linear_plant_json", "linearize_text", "margins_json", "margins_text", "write_files"]
+__all__ = ["linear_plant_json", "linearize_text", "margins_json", "margins_text"]

@@ -21,7 +21,7 @@ from railslip_ctrl.simulation.campaign.statistics import (
 )
 from railslip_ctrl.simulation.run import Outcome, Run
 
-from .document import facts, fixed, heading, render, table
+from .document import Facts, Table, fixed, heading, render
 from .export import exported, plain
 
 
@@ -51,7 +51,7 @@ def quantity_heads(campaign: Campaign) -> dict[str, str]:
 def campaign_text(summary: CampaignSummary) -> str:
     """What was varied, what became of the runs, statistics, comparison, the worst runs."""
     parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
-    parts += [facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
+    parts += [Facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
     if failed := _failures(summary):
         parts += [*failed, Text("They are in no average below.")]
     parts.append(heading("Runs that stopped", "-"))
@@ -79,7 +79,7 @@ def campaign_table(summary: CampaignSummary) -> str:
         return (found.name, f"{found.stopped} of {summary.runs}", *numbers, _percent(found.locked))
 
     heads = ("controller", "stopped", "median (m)", "95 % (m)", "worst (m)", "highest slip", "locked (%)")
-    return render([table(heads, [row(found) for found in summary.controllers.values()])]).strip("\n")
+    return render([Table(heads, [row(found) for found in summary.controllers.values()])]).strip("\n")
 
 
 def replay_text(replayed: Replay) -> str:
@@ -92,7 +92,7 @@ def replay_text(replayed: Replay) -> str:
         (measure_head(measure), *(_shown(measure, measure.of(run)) for run in replayed.runs.values()))
         for measure in MEASURES
     ]
-    return render([heading(f"Run {replayed.number} again"), facts(rows), table(("measure", *replayed.runs), cells)])
+    return render([heading(f"Run {replayed.number} again"), Facts(rows), Table(("measure", *replayed.runs), cells)])
 
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
@@ -178,7 +178,7 @@ def _outcome_table(summary: CampaignSummary) -> RenderableType:
         (c.name, *(str(c.outcomes.get(o, 0)) for o in columns), _percent(c.not_stopped), _percent(c.locked))
         for c in summary.controllers.values()
     ]
-    return table(("controller", *columns, "not stopped, %", "locked at some time, %"), rows)
+    return Table(("controller", *columns, "not stopped, %", "locked at some time, %"), rows)
 
 
 def _failures(summary: CampaignSummary) -> list[RenderableType]:
@@ -201,7 +201,7 @@ def _mean_table(summary: CampaignSummary) -> RenderableType:
             rows.append(
                 (measure_head(measure), c.name, runs, _with_interval(moments.estimate, measure.scale), *numbers)
             )
-    return table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
+    return Table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
 
 
 def _quantile_table(summary: CampaignSummary) -> RenderableType:
@@ -212,7 +212,7 @@ def _quantile_table(summary: CampaignSummary) -> RenderableType:
             cells = [_with_interval(found[level], measure.scale) if level in found else "-" for level in LEVELS]
             rows.append((measure_head(measure), c.name, *cells))
     head = ("measure", "controller", *("median" if level == 0.5 else f"{100 * level:g} %" for level in LEVELS))
-    return table(head, rows, left=2)
+    return Table(head, rows, left=2)
 
 
 def _shown(measure: Measure, value: float | None, digits: int = 5) -> str:
@@ -242,7 +242,7 @@ def _grid_table(summary: CampaignSummary) -> RenderableType:
         where = ", ".join(f"{name} {value:g}" for name, value in point.values.items())
         means = (_with_interval(point.means[name, "braking_distance_m"]) for name in names)
         rows.append((where, *means, *(_percent(point.not_stopped[name]) for name in names)))
-    return table(("point", *names, *(f"{name}, % not stopped" for name in names)), rows)
+    return Table(("point", *names, *(f"{name}, % not stopped" for name in names)), rows)
 
 
 def _paired_table(summary: CampaignSummary) -> RenderableType:
@@ -251,7 +251,7 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
         measure, names = measured(pair.measure), f"{pair.second} - {pair.first}"
         difference = _with_interval(pair.difference, measure.scale)
         rows.append((measure_head(measure), names, str(pair.pairs), difference, _percent(pair.second_smaller)))
-    return table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
+    return Table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
 
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
@@ -263,7 +263,7 @@ def _worst(summary: CampaignSummary) -> list[RenderableType]:
         for row in c.worst
     ]
     failed = _failures(summary)
-    return [*failed, *([table(("controller", "run", measure_head(measure), *heads.values()), rows)] if rows else [])]
+    return [*failed, *([Table(("controller", "run", measure_head(measure), *heads.values()), rows)] if rows else [])]
 
 
 def _with_interval(found: Estimate, scale: float = 1.0) -> str:

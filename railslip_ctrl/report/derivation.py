@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -17,7 +17,7 @@ from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.proof import latex, plain
 
-from .document import facts, heading, indented, render
+from .document import Facts, Paragraph, heading, render
 from .export import exported
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
@@ -33,6 +33,11 @@ def derivation_json(
     derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
 ) -> dict[str, Any]:
     """The contract's keys, and beside them what was done, how each step was checked, and a law's `numbers` by rail."""
+    formulas = [None if one.torque is None else f"T_b = {latex(one.torque)}" for one in numbers]
+    of_rails = {
+        one.rail.value: {"parameters": dict(one.parameters), "latex": formula}
+        for one, formula in zip(numbers, formulas, strict=True)
+    }
     return {
         **exported(derivation, "reference", "adhesion", "all_checked"),
         "steps": [exported(step, *_STEP) for step in derivation.steps],
@@ -40,15 +45,10 @@ def derivation_json(
             "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
             "python": code.python,
             "c": code.c,
-            **({"numbers": {one.rail.value: _numbers_json(one) for one in numbers}} if numbers else {}),
+            **({"numbers": of_rails} if numbers else {}),
         },
         "errata": [exported(row, *_ERRATUM) for row in errata],
     }
-
-
-def _numbers_json(numbers: LawNumbers) -> dict[str, Any]:
-    formula = None if numbers.torque is None else f"T_b = {latex(numbers.torque)}"
-    return {"parameters": dict(numbers.parameters), "latex": formula}
 
 
 def _numeric_title(numbers: LawNumbers) -> str:
@@ -95,19 +95,19 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
             heading(f"{number}. {step.name}   {step.source}   {_mark(step.checked)}", "-"),
             Text(step.statement),
             Padding(Text(step.equation_text), (1, 0, 1, 4)),
-            facts([("done", step.done), ("check", step.check)]),
+            Facts([("done", step.done), ("check", step.check)]),
             Text(""),
         ]
     parts += [heading("Law", "-"), Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4))]
     for one in numbers:
-        parts += [heading(_numeric_title(one), "-"), indented(_parameters(one))]
+        parts += [heading(_numeric_title(one), "-"), Paragraph(_parameters(one))]
         torque = _NO_FORMULA if one.torque is None else f"Tb = {plain(one.torque)}"
         parts.append(Padding(Text(torque), (1, 0, 1, 4)))
     parts.append(heading("Errata: as printed, and as derived", "="))
     for row in errata:
         parts += [
             heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
-            facts(
+            Facts(
                 [("printed", row.printed), ("derived", row.derived), ("size", row.sign_and_size), ("", row.explanation)]
             ),
             Text(""),
@@ -130,28 +130,12 @@ _LATEX = {
 }
 
 
-def derivation_markdown(
-    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+def derivation_document(
+    form: str, derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
 ) -> str:
-    """Markdown with LaTeX formulas."""
-    return _document("derivation.md", _MARKDOWN, derivation, errata, code, numbers)
-
-
-def derivation_latex(
-    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
-) -> str:
-    """A LaTeX document that needs amsmath, geometry, graphicx and listings; too wide a formula is made to fit."""
-    return _document("derivation.tex", _LATEX, derivation, errata, code, numbers)
-
-
-def _document(
-    template: str,
-    escapes: Mapping[str, str],
-    derivation: Derivation,
-    errata: Sequence[Erratum],
-    code: LawCode,
-    numbers: Sequence[LawNumbers],
-) -> str:
+    """As "markdown" with LaTeX formulas, or as "latex": a document that needs amsmath, geometry, graphicx and listings;
+    too wide a formula is made to fit."""
+    template, escapes = {"markdown": ("derivation.md", _MARKDOWN), "latex": ("derivation.tex", _LATEX)}[form]
     # LaTeX is full of braces
     names = ("block_start_string", "block_end_string", "variable_start_string", "variable_end_string")
     filling = environment("railslip_ctrl.report", **dict(zip(names, ("<%", "%>", "<<", ">>"), strict=True)))

@@ -26,6 +26,7 @@ from railslip_ctrl.simulation.catalogue import is_published
 from .document import (
     NONE,
     Block,
+    Facts,
     FirstPage,
     Paragraph,
     Picture,
@@ -34,7 +35,6 @@ from .document import (
     above,
     below,
     counted,
-    facts,
     heading,
     listed,
     minus,
@@ -42,7 +42,6 @@ from .document import (
     render,
     roots_text,
     short,
-    table,
 )
 from .export import exported, plain
 from .page import typeset
@@ -63,6 +62,7 @@ _RANKED = (
     f"use from the lowest speed, within {LEVEL_KMH:g} km/h (robust; slip below 0.5, brake as given), then no "
     "oscillation, then the mean stop"
 )
+_PAPER = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _NEARLY_UNSTABLE = 10.0  # Ms: the curve of L passes -1 at a tenth
 _MOST_TOLD = 8  # of points left out and knife edges
@@ -400,14 +400,14 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
         _adhesion(report),
         _plant(report),
         _sliding(report),
-        _paper(report),
+        Section("paper", "The paper", (Paragraph(_PAPER),)) if is_published(report.vehicle) else None,
     )
     return [section for section in made if section is not None]
 
 
 def _envelope(report: DesignReport) -> Section:
     judged, used, car = report.judgement, report.in_use, report.vehicle
-    blocks: list[Block] = [facts([("Envelope", envelope_words(report.judged_envelope))])]
+    blocks: list[Block] = [Facts([("Envelope", envelope_words(report.judged_envelope))])]
     if judged is not None and used is not None:
         worst = [("Operating points", used.worst)]
         worst += [] if used.nominal else [("With tolerances", used.worst_with_tolerances)]
@@ -418,7 +418,12 @@ def _envelope(report: DesignReport) -> Section:
             run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
             rows.append((name, ms_text(one.ms), *margins, one.case.words, *run))
         axes = [
-            (_AXES.get(axis, axis), _value(value), _percent(share), ms_text(ms))
+            (
+                _AXES.get(axis, axis),
+                f"{value:{'' if isinstance(value, str) else 'g'}}",
+                f"{100 * share:.3g}",
+                ms_text(ms),
+            )
             for axis, values in judged.by_axis().items()
             if len({(share, ms_text(ms)) for share, ms in values.values()}) > 1
             for value, (share, ms) in sorted(values.items())
@@ -428,8 +433,8 @@ def _envelope(report: DesignReport) -> Section:
         lowest = f"{min(used.envelope.speeds):g} km/h"
         blocks += [
             Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
-            table(worst_head, rows, caption=f"Worst cases from {lowest} up, and their margins, in continuous time."),
-            table(
+            Table(worst_head, rows, caption=f"Worst cases from {lowest} up, and their margins, in continuous time."),
+            Table(
                 head,
                 axes,
                 caption="What costs margin over the whole envelope, in continuous time; axes that cost none left out.",
@@ -441,14 +446,6 @@ def _envelope(report: DesignReport) -> Section:
         told = (*told, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
     blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
-
-
-def _value(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g}"
 
 
 def _candidates(report: DesignReport) -> Section:
@@ -477,7 +474,7 @@ def _candidates(report: DesignReport) -> Section:
         f"The designs most robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance, from the lowest speed up) brake in "
         f"the stops below, and so does the seeking controller. The order is by {_RANKED}."
     )
-    shown = table(head, rows, caption="What was tried.", wide=True)
+    shown = Table(head, rows, caption="What was tried.", wide=True)
     return Section("candidates", "Candidates", (Paragraph(text), shown))
 
 
@@ -502,7 +499,7 @@ def _rivals(report: DesignReport) -> Section | None:
         "Controller", "Over the whole envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
     )  # fmt: skip
-    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
+    return Section("given", "Your controller beside it", (Table(head, rows, caption="Judged and run alike."),))
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:
@@ -513,9 +510,11 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
     if not shown:
         return None
     ran = report.stops or report.trials[0].stops
+    torques = sorted({stop.brake_torque for stop in ran if math.isfinite(stop.brake_torque)})
+    brake = f"a brake of {listed(f'{short(one)} N·m' for one in torques)}" if torques else "a brake"
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(ran[0].runs)} noise seeds each. No "
-        f"controller stops before the bound, that of a brake{_brakes(ran)} which is at the peak of adhesion "
+        f"controller stops before the bound, that of {brake} which is at the peak of adhesion "
         "at once. Attainable is a stop in which the slip builds up too, without noise, by a controller that "
         "knows the rail. Slip held is the median over the second half of the time under control, in the longest stop; "
         f"highest slip is that of all seeds. {_elsewhere(report)}{again if report.stops else ''}"
@@ -537,13 +536,7 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
         ]
     below_speed = f"no slip control below {short(control.cut_out_speed / KMH)} km/h: {_handed_over(control)}"
-    yield facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
-
-
-def _brakes(stops: Iterable[Stop]) -> str:
-    """The largest torques of the bounds."""
-    torques = sorted({stop.brake_torque for stop in stops if math.isfinite(stop.brake_torque)})
-    return f" of {listed(f'{short(one)} N·m' for one in torques)}" if torques else ""
+    yield Facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
 
 
 def _elsewhere(report: DesignReport) -> str:
@@ -567,7 +560,7 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         locks = "yes" if stop.locks else "no"
         rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
-    return table(head, rows, caption=caption, wide=True)
+    return Table(head, rows, caption=caption, wide=True)
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
@@ -614,7 +607,7 @@ def _limits(report: DesignReport) -> Section:
         "Least Ms that any controller can have, theorems, at the hardest operating point of each rail and load. "
         "Interpolation at the unstable pole: [Astrom2021] 14.4, [Sarason1967]."
     )
-    return Section("limits", "What no controller beats", (Paragraph(text), table(head, rows, caption="Least Ms.")))
+    return Section("limits", "What no controller beats", (Paragraph(text), Table(head, rows, caption="Least Ms.")))
 
 
 def _structure(limit: StructureLimit | None) -> str:
@@ -629,13 +622,14 @@ def _adhesion(report: DesignReport) -> Section:
         point = curve.point
         peak = short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (falls)"
         held = (short(point.slip), short(point.adhesion_coefficient))
-        rows.append((curve.law, str(curve.rail), f"{curve.speed_kmh:g}", short(curve.peak.coefficient), peak, *held))
+        where = (point.adhesion, str(point.rail), f"{point.speed_kmh:g}")
+        rows.append((*where, short(curve.peak.coefficient), peak, *held))
     head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip judged at", "μ there")
-    laws = listed(dict.fromkeys(curve.law for curve in report.curves))
+    laws = listed(dict.fromkeys(curve.point.adhesion for curve in report.curves))
     alt = f"Steady adhesion coefficient over slip of {laws}, a panel a rail; circles where slip is judged."
     picture = Picture("adhesion", "Steady adhesion over the slip ratio.", alt)
-    peaks = table(head, rows, caption="Peaks, and the slip judged at.")
-    return Section("adhesion", "Adhesion", (picture, peaks, facts(law_facts(curve.point for curve in report.curves))))
+    peaks = Table(head, rows, caption="Peaks, and the slip judged at.")
+    return Section("adhesion", "Adhesion", (picture, peaks, Facts(law_facts(curve.point for curve in report.curves))))
 
 
 def _plant(report: DesignReport) -> Section:
@@ -653,9 +647,9 @@ def _plant(report: DesignReport) -> Section:
         rows.append((where, short(point.brake_torque), *shown))
     head = ("Operating point", "Torque, N·m", "Poles", "Zeros, torque to slip velocity")
     blocks: tuple[Block, ...] = (
-        facts(row for row in vehicle_facts(vehicle) if row[0] != "Note"),
+        Facts([row for row in vehicle_facts(vehicle) if row[0] != "Note"]),
         *(Paragraph(text) for text in noted),
-        table(head, rows, caption="The wheel linearised at constant slip, without the brake."),
+        Table(head, rows, caption="The wheel linearised at constant slip, without the brake."),
     )
     return Section("plant", "Vehicle and plant", blocks)
 
@@ -673,13 +667,8 @@ def _sliding(report: DesignReport) -> Section:
         f"A sliding-mode law with a lead {use}: {len(rows)} of the {len(conditions)} conditions of its use are met, on "
         "the published bristle model. railslip verify --law layered has the evidence."
     )
-    shown = [table(("Condition", "How"), rows, caption="Conditions met.")] if rows else []
+    shown = [Table(("Condition", "How"), rows, caption="Conditions met.")] if rows else []
     return Section("sliding", "Sliding mode", (Paragraph(text), *shown))
-
-
-def _paper(report: DesignReport) -> Section | None:
-    text = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
-    return Section("paper", "The paper", (Paragraph(text),)) if is_published(report.vehicle) else None
 
 
 def _speed(speed: float | None) -> str:
@@ -694,8 +683,8 @@ def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str
     file = f"   {first.file}" if first.file else ""
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),
-        facts([(first.headline, first.subject + file), *first.lines]),
-        table(first.head, first.rows, words=(2,)),
+        Facts([(first.headline, first.subject + file), *first.lines]),
+        Table(first.head, first.rows, words=(2,)),
         rest,
     ]
     return render(parts)

@@ -11,11 +11,11 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar, Literal
 
+import rich.table
 from rich import box
-from rich import table as rich_table
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
 from rich.padding import Padding
@@ -51,18 +51,18 @@ class Paragraph:
     kind: ClassVar[str] = "paragraph"
 
     def __rich__(self) -> RenderableType:
-        return indented(self.text)
+        return Padding(Text(self.text), (0, 0, 0, 2))
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values."""
+    """Names and values, in two columns."""
 
-    rows: tuple[tuple[str, str], ...]
+    rows: Sequence[tuple[str, str]]
     kind: ClassVar[str] = "facts"
 
-    def __rich__(self) -> rich_table.Table:
-        shown = rich_table.Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    def __rich__(self) -> rich.table.Table:
+        shown = rich.table.Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
         shown.add_column(no_wrap=True)
         shown.add_column()
         for row in self.rows:
@@ -72,16 +72,21 @@ class Facts:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; see `table`."""
+    """A table with a ruled head.
 
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    left: int
-    whole: int
-    words: Collection[int]
-    caption: str
-    wide: bool
-    number: int = 0
+    In text the first `left` columns and those numbered in `words` are aligned left, others right; cells of the first
+    `whole` columns are never broken; columns without room follow below, the first `left` repeated. On a page columns
+    of numbers are aligned right, `caption` stands above, and `wide` sets it smaller.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    _: KW_ONLY
+    left: int = 1
+    whole: int = 0
+    words: Collection[int] = ()
+    caption: str = ""
+    wide: bool = False
     kind: ClassVar[str] = "table"
 
     @property
@@ -107,8 +112,8 @@ class Table:
             shown = [*shown, i]
         yield self._part(shown)
 
-    def _part(self, numbers: Sequence[int]) -> rich_table.Table:
-        part = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+    def _part(self, numbers: Sequence[int]) -> rich.table.Table:
+        part = rich.table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
         for i in numbers:
             justify: Literal["left", "right"] = "left" if i < self.left or i in self.words else "right"
             part.add_column(self.head[i], justify=justify, no_wrap=i < self.whole)
@@ -124,7 +129,6 @@ class Picture:
     name: str
     caption: str
     alt: str
-    number: int = 0
     kind: ClassVar[str] = "picture"
 
 
@@ -173,39 +177,6 @@ class FirstPage:
     pictures: tuple[Picture, ...] = ()
 
 
-def facts(rows: Iterable[tuple[str, str]]) -> Facts:
-    """Two columns: what, and its value."""
-    return Facts(tuple(rows))
-
-
-def table(
-    head: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    left: int = 1,
-    whole: int = 0,
-    words: Collection[int] = (),
-    caption: str = "",
-    wide: bool = False,
-) -> Table:
-    """A table with a ruled head.
-
-    In text the first `left` columns and those numbered in `words` are aligned left, others right; cells of the first
-    `whole` columns are never broken; columns without room follow below, the first `left` repeated. On a page columns
-    of numbers are aligned right, `caption` stands above, and `wide` sets it smaller.
-    """
-    return Table(tuple(head), tuple(tuple(row) for row in rows), left, whole, words, caption, wide)
-
-
-def pictures_in(blocks: Sequence[Block]) -> Iterator[Picture]:
-    """Every picture, in order."""
-    for block in blocks:
-        if isinstance(block, Picture):
-            yield block
-        elif isinstance(block, Details):
-            yield from pictures_in(block.blocks)
-
-
 # --- text -----------------------------------------------------------------------------------------------------------
 
 
@@ -236,11 +207,6 @@ def render(parts: Iterable[RenderableType]) -> str:
 def heading(text: str, mark: str = "=") -> Text:
     """A heading, underlined."""
     return Text(f"{text}\n{mark * min(len(text), _width.get())}")
-
-
-def indented(text: str) -> RenderableType:
-    """A paragraph."""
-    return Padding(Text(text), (0, 0, 0, 2))
 
 
 # --- numbers --------------------------------------------------------------------------------------------------------

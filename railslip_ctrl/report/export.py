@@ -71,9 +71,9 @@ def plain(value: Any) -> Any:
     return [plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
-def json_text(content: Mapping[str, Any]) -> str:
-    """JSON as files have it; a number that is not finite would be a defect here, and fails."""
-    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+def json_text(content: Mapping[str, Any], *, ensure_ascii: bool = True) -> str:
+    """JSON as files have it, or as it is printed; a number that is not finite would be a defect here, and fails."""
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=ensure_ascii) + "\n"
 
 
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:

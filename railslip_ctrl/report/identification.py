@@ -26,7 +26,7 @@ from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, 
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
-from .document import counted, facts, fixed, heading, render, table
+from .document import Facts, Table, counted, fixed, heading, render
 from .export import exported, number, plain
 
 # --- text ----------------------------------------------------------------------------------------------------------
@@ -47,7 +47,7 @@ def series_text(found: LogSeries) -> str:
         for p in found.polynomials
     ]
     columns = ("Parameter", "Unit", *(("constant", "v0", "v0^2")[: max(len(row) for row in rows) - 2]))
-    parts.append(table(columns, rows))
+    parts.append(Table(columns, rows))
     parts += [Text(f"Note: {p.misses}") for p in found.polynomials if p.misses]
     parts += [heading("Mean absolute error of mu, by model and initial speed in km/h", "-")]
     return render([*parts, _error_table(found)])
@@ -58,7 +58,7 @@ def _error_table(found: LogSeries) -> RenderableType:
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in found.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
     speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in found.logs)
-    return table(("Model", *speeds), [(name, *(f"{each[name]:.4f}" for each in errors)) for name in names])
+    return Table(("Model", *speeds), [(name, *(f"{each[name]:.4f}" for each in errors)) for name in names])
 
 
 def _pair(value: float, stderr: float) -> str:
@@ -69,7 +69,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     fit = found.chosen.fit
     parts: list[RenderableType] = [
         heading(f"Identification: {found.curve.name}"),
-        facts(_log_facts(found)),
+        Facts(_log_facts(found)),
         *(Text(f"Warning: {warning}") for warning in found.warnings),
         *(Text(f"Note: {note}") for note in found.curve.notes),
         Text(),
@@ -125,7 +125,7 @@ def _parameter_table(fit: Fit) -> RenderableType:
     for name, value in fit.model.known.items():
         if isinstance(value, float):
             rows.append((name, fit.model.unit(name), fixed(value, 6), "-", "-", "-", "known"))
-    return table(("Parameter", "Unit", "Value", "Std. error", "99 % from", "to", "Status"), rows, left=2)
+    return Table(("Parameter", "Unit", "Value", "Std. error", "99 % from", "to", "Status"), rows, left=2)
 
 
 def _correlation(fit: Fit) -> RenderableType:
@@ -145,7 +145,7 @@ def _score_table(found: Identification) -> RenderableType:
         errors = (fixed(x, 3) for x in (score.mean_abs_error, *found.regimes.errors(score)))
         name, count = score.fit.model.name, str(len(score.fit.parameters))
         rows.append((name, count, *errors, f"{score.aic:.1f}", f"{score.bic:.1f}"))
-    return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
+    return Table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
 
 
 def _bin_table(found: Identification) -> RenderableType:
@@ -154,7 +154,7 @@ def _bin_table(found: Identification) -> RenderableType:
     for i in range(len(b.slip)):
         numbers = (f"{x[i]:.4f}" for x in (b.most, b.mean, b.least, b.deviation))
         rows.append((f"{b.low[i]:.2f} to {b.high[i]:.2f}", str(regimes[i]), str(b.count[i]), *numbers))
-    return table(("Slip", "Regime", "Samples", "Max", "Mean", "Min", "Std. deviation"), rows, left=2)
+    return Table(("Slip", "Regime", "Samples", "Max", "Mean", "Min", "Std. deviation"), rows, left=2)
 
 
 def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
@@ -163,7 +163,7 @@ def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
         found = (_pair(peak.slip, peak.slip_stderr), _pair(peak.coefficient, peak.coefficient_stderr))
         held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
         rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *found, *held))
-    return table(("Rail", "From", "Speed, km/h", "Peak slip", "Peak mu", "Reference slip", "mu there"), rows, left=2)
+    return Table(("Rail", "From", "Speed, km/h", "Peak slip", "Peak mu", "Reference slip", "mu there"), rows, left=2)
 
 
 def _verdict(found: Identification) -> str:

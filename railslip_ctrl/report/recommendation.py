@@ -6,7 +6,7 @@ import datetime
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -45,7 +45,6 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, SeekingControl
-from railslip_ctrl.simulation.bound import ClairvoyantStop
 from railslip_ctrl.simulation.catalogue import hand_over_of
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
@@ -78,15 +77,12 @@ LEVEL_KMH = 5.0
 
 @dataclass(frozen=True)
 class LawCurve:
-    """mu over the slip ratio of one law on one rail at one speed (km/h), with its peak and the operating point."""
+    """mu over the slip ratio with the law, rail and speed of an operating point, and its peak."""
 
-    law: str
-    rail: Rail
-    speed_kmh: float
+    point: OperatingPoint
     slip: Floats
     coefficient: Floats
     peak: Peak
-    point: OperatingPoint
 
 
 @dataclass(frozen=True)
@@ -291,17 +287,16 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
     return replace(judgement, envelope=envelope, points=judgement.points.take(kept), margins=margins)
 
 
-def laws_of(judgement: Judgement) -> Iterator[OperatingPoint]:
+def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
     """An operating point of each law and rail, of the first load, at the highest speed."""
     operating = operating_points(judgement.points)
     loads = judgement.points.load[judgement.points.operating].tolist()
     top = max(point.speed for point in operating)
-    told = set()
+    found: dict[tuple[str, Rail], OperatingPoint] = {}
     for point, load in zip(operating, loads, strict=True):
-        key = (point.law.name, point.rail)
-        if load == loads[0] and point.speed > 0.999 * top and key not in told:
-            told.add(key)
-            yield point
+        if load == loads[0] and point.speed > 0.999 * top:
+            found.setdefault((point.law.name, point.rail), point)
+    return found.values()
 
 
 # --- A design report computed: the best design over an envelope, and what a design review asks of it -----------------
@@ -334,34 +329,41 @@ def design_report(
 ) -> DesignReport:
     """Everything of one vehicle that a design review looks at.
 
-    Parameters
-    ----------
-    envelope : Envelope
-        What the design must hold.
-    nominal : bool
-        Judge its operating points alone.
-    given : dict, optional
-        Controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as that
-        says.
-    sliding : bool
-        Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
-    fresh : bool
-        Decide them again, which an earlier report of the same vehicle may have kept.
-    progress : callable
-        Told what is done, a line at a time.
-    meanwhile : callable
-        Given the report without what is still computed in the other process (gains around the design, stops with
-        tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
+    - envelope: what the design must hold; `nominal`: judge its operating points alone.
+    - given: controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as
+      that says.
+    - sliding: decide the conditions of the layered sliding-mode law too, in another process where there are two cores;
+      `fresh`: again, which an earlier report of the same vehicle may have kept.
+    - progress: told what is done, a line at a time.
+    - meanwhile: given the report without what is still computed in the other process (gains around the design, stops
+      with tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
 
-    Raises
-    ------
-    InputError
-        An envelope without points, or what is no controller.
+    InputError: an envelope without points, or what is no controller.
     """
+    started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
     with _beside() as submit:
-        here: Beside = partial if not _may_be_sent(envelope) else submit
-        decide = partial(_sliding, envelope.vehicle, submit, fresh=fresh) if sliding else _not_asked
-        return _report(envelope, nominal, given or {}, (here, decide), progress, meanwhile)
+        # the class of a law of the user's own is unknown in the other process
+        sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
+        here: Beside = submit if sent else partial
+        progress(f"the best design over the envelope of {vehicle.name}")
+        seeking, plain = here(_seeking_trial, envelope, nominal), here(select, envelope, ("pi",))
+        conditions: Callable[[], Sliding] = partial(Sliding, None, "not asked for")
+        if sliding:
+            before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
+            conditions = submit(_verified, vehicle) if before is None else partial(Sliding, before)
+        found = lead().choices if vehicle.actuator.lag > 0 else ()
+        trial = seeking()
+        best = min(found, key=lambda choice: choice.rank, default=None)
+        if best is not None and best.design is not None:
+            found += lead((best.reference_factor,), _QUICK_FILTER).choices
+        selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
+        report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
+        rivals = []
+        for name, controller in (given or {}).items():
+            progress(f"{name}, judged and run beside")
+            rivals.append(_rival(name, controller, envelope, nominal, report))
+        progress("conditions of the layered sliding-mode law")
+        return replace(report, rivals=tuple(rivals), sliding=conditions(), seconds=time.perf_counter() - started)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -385,21 +387,6 @@ def _called(content: bytes) -> Any:
     return function(*arguments)
 
 
-def _may_be_sent(envelope: Envelope) -> bool:
-    """Whether its laws are published ones, by name: the class of a law of the user's own is unknown elsewhere."""
-    return all(isinstance(law, str) and law in law_names() for law in envelope.laws)
-
-
-def _not_asked() -> Callable[[], Sliding]:
-    return lambda: Sliding(None, "not asked for")
-
-
-def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], Sliding]:
-    """What gives the conditions: from an earlier report, or decided beside."""
-    before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
-    return submit(_verified, vehicle) if before is None else lambda: Sliding(before)
-
-
 def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
     from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
@@ -412,35 +399,6 @@ def _verified(vehicle: Vehicle) -> Sliding:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
         return Sliding(None, str(error))
-
-
-def _report(
-    envelope: Envelope,
-    nominal: bool,
-    given: dict[str, Any],
-    beside: tuple[Beside, Callable[[], Callable[[], Sliding]]],
-    progress: Progress,
-    meanwhile: Callable[[DesignReport], object],
-) -> DesignReport:
-    """`beside`: where to compute, and what begins to decide the conditions of the sliding-mode law."""
-    started = time.perf_counter()
-    submit, lead = beside[0], partial(select, envelope, ("pi-lead",))
-    progress(f"the best design over the envelope of {envelope.vehicle.name}")
-    seeking, plain = submit(_seeking_trial, envelope, nominal), submit(select, envelope, ("pi",))
-    sliding = beside[1]()
-    found = lead().choices if envelope.vehicle.actuator.lag > 0 else ()
-    trial = seeking()
-    best = min(found, key=lambda choice: choice.rank, default=None)
-    if best is not None and best.design is not None:
-        found += lead((best.reference_factor,), _QUICK_FILTER).choices
-    selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, (submit, trial), progress, meanwhile)
-    rivals = []
-    for name, controller in given.items():
-        progress(f"{name}, judged and run beside")
-        rivals.append(_rival(name, controller, envelope, nominal, report))
-    progress("conditions of the layered sliding-mode law")
-    return replace(report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started)
 
 
 def _designed(
@@ -499,7 +457,7 @@ def _designed(
     if not enough:
         progress("the brake that would do")
     attainable = iter(had())
-    trials = [replace(trial, stops=_with(trial.stops, attainable)) for trial in trials]
+    trials = [replace(t, stops=tuple(replace(s, attainable=next(attainable)) for s in t.stops)) for t in trials]
     found = replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
     return replace(found, tolerance_stops=tolerances())
 
@@ -507,11 +465,6 @@ def _designed(
 def _braked(trials: Sequence[Trial]) -> list[Scenario]:
     """Their stops, each with the largest torque of its brake."""
     return [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops]
-
-
-def _with(runs: Sequence[Stop], had: Iterator[ClairvoyantStop | None]) -> tuple[Stop, ...]:
-    """Stops, each with what can be had in it, the next ones of `had`."""
-    return tuple(replace(stop, attainable=next(had)) for stop in runs)
 
 
 def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial | None:
@@ -638,7 +591,9 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     if worst.margins is None:
         return None
     plant, actuator = worst.case.plant, worst.case.actuator
-    bare, brake = Rational(plant.zeros, plant.poles, plant.gain), _lag(actuator)
+    bare, lag = Rational(plant.zeros, plant.poles, plant.gain), actuator.lag
+    pole: Any = np.array([-1 / lag] if lag > 0 else [])
+    brake = Rational(pole[:0], pole, 1 / (lag or 1.0))
     c, tau = design.transfer_function, actuator.dead_time
     try:
         step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, reference=KMH)
@@ -646,12 +601,6 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)
-
-
-def _lag(actuator: Actuator) -> Rational:
-    none: Any = np.array([])
-    lag = actuator.lag
-    return Rational(none, np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(none, none, 1)
 
 
 def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
@@ -685,4 +634,4 @@ def _curve(point: OperatingPoint) -> LawCurve:
     end = min(_LARGEST_SLIP, law.domain_limit(point.speed)[0] * (1.0 - 1e-9))
     slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
     coefficient = np.asarray(adhesion_coefficient(law, point.speed, slip, load))
-    return LawCurve(law.name, point.rail, point.speed_kmh, slip, coefficient, peak(law, point.speed, load), point)
+    return LawCurve(point, slip, coefficient, peak(law, point.speed, load))

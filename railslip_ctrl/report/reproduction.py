@@ -24,20 +24,18 @@ from .document import (
     NONE,
     Block,
     Details,
+    Facts,
     FirstPage,
     Paragraph,
     Picture,
     Section,
     Table,
-    facts,
     heading,
-    indented,
     listed,
     margin_cells,
     minus,
     render,
     short,
-    table,
 )
 from .export import exported, number
 from .page import formula, typeset
@@ -112,7 +110,7 @@ def reproduction_text(
     parts: list[RenderableType] = [
         heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
         five,
-        indented(f"{five.caption}\n"),
+        Paragraph(f"{five.caption}\n"),
         heading("The reading it is computed under"),
         _reading(str),
         *_table3_parts(three),
@@ -131,7 +129,7 @@ def _table3_parts(three: Table3) -> list[RenderableType]:
         asked += f", which is that of the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
         found += " of the row means"
     rows = [(three.beam_mean, "beam"), (three.bristle_mean, "bristle")]
-    known = facts(
+    known = Facts(
         [
             ("Row means", ", ".join(f"{name} {mean:.6g} (printed {means[name]:g})" for mean, name in rows)),
             ("Improvement", f"{found}; {asked}"),
@@ -139,11 +137,11 @@ def _table3_parts(three: Table3) -> list[RenderableType]:
         ]
     )
     title = heading("[Park2008] Table 3: mean absolute errors of the adhesion models")
-    return [title, known, indented(three.not_reproducible), Text("")]
+    return [title, known, Paragraph(three.not_reproducible), Text("")]
 
 
 def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
-    known = facts(
+    known = Facts(
         [
             ("Runs", f"{sensitivity.seeds} seeds a column, the same on both sides"),
             ("The reading itself", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
@@ -154,7 +152,7 @@ def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
     columns = ("Rule", "Instead", "Largest change", "Rms, %", "Did not stop")
     rows = [_sensitivity_row(row, sensitivity.seeds) for row in sensitivity.rows]
     title = heading("What each rule is worth: one at a time put to an alternative")
-    return [title, known, table(columns, rows, left=3)]
+    return [title, known, Table(columns, rows, left=3)]
 
 
 def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
@@ -223,7 +221,7 @@ def _table5(comparison: Table5) -> Table:
         f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energies are in the printed reading, "
         f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}."
     )
-    return table((*head, f"Within {TOLERANCE_PERCENT:g} %"), rows, left=2, caption=caption)
+    return Table((*head, f"Within {TOLERANCE_PERCENT:g} %"), rows, left=2, caption=caption)
 
 
 def _energy(comparison: Table5) -> str:
@@ -237,7 +235,7 @@ def _energy(comparison: Table5) -> str:
 
 def _reading(words: Callable[[str], str]) -> Table:
     rows = [(rule.name, rule.basis.value, words(rule.used), rule.where) for rule in READING]
-    return table(
+    return Table(
         ("Rule", "Basis", "Used", "Where"), rows, left=4, caption="Each rule, and where it comes from.", wide=True
     )
 
@@ -308,7 +306,7 @@ def _gains(groups: Sequence[ControllerGroup]) -> Section:
         "Table 4's gains in both readings",
         (
             Paragraph(text),
-            table(head, rows, caption="Margins; dashes: unstable.", wide=True),
+            Table(head, rows, caption="Margins; dashes: unstable.", wide=True),
             Picture("bode", "Bode, Table 4's gains.", alt),
             Picture("nyquist", "Nyquist, Table 4's gains.", alt.replace("Magnitude and phase", "Nyquist curves")),
         ),
@@ -326,6 +324,6 @@ def _errata(errata: Sequence[Erratum]) -> Section:
             ("Size", typeset(one.sign_and_size)),
             ("Decided", _DECIDED[one.how]),
         )
-        blocks.append(Details(typeset(one.where), "differs", (facts(rows), Paragraph(typeset(one.explanation)))))
+        blocks.append(Details(typeset(one.where), "differs", (Facts(rows), Paragraph(typeset(one.explanation)))))
     blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
     return Section("errata", "Errata", tuple(blocks))

@@ -19,7 +19,7 @@ from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.law import LawGains
 
-from .document import facts, fixed, heading, render, table
+from .document import Facts, Table, fixed, heading, render
 from .export import GIVEN, controller_json, exported, law_json, law_words, number, plain, source_of
 from .text import controller_text, vehicle_facts
 
@@ -57,10 +57,10 @@ _WORKS = {
 # --- JSON --------------------------------------------------------------------------------------------------
 
 
-def simulation_json(run: simulation.Run, gains: str | None, law_speed: float | None = None) -> dict[str, Any]:
+def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
     """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any.
 
-    `law_speed` is v0 of the adhesion law, m/s, where that is not the run's initial speed.
+    `law_speed` is v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
     of_stop = {
@@ -100,9 +100,8 @@ def simulation_json(run: simulation.Run, gains: str | None, law_speed: float | N
     }
 
 
-def _law_source(scenario: simulation.Scenario, law_speed: float | None) -> str:
-    v0 = scenario.initial_speed if law_speed is None else law_speed
-    return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, v0))
+def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
+    return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, law_speed))
 
 
 def gain_values(controller: Controller) -> dict[str, Any]:
@@ -126,18 +125,21 @@ def gain_values(controller: Controller) -> dict[str, Any]:
 # --- text --------------------------------------------------------------------------------------------------
 
 
-def simulation_text(run: simulation.Run, law_speed: float | None = None) -> str:
+def simulation_text(run: simulation.Run, law_speed: float) -> str:
     """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance.
 
     `law_speed` as of `simulation_json`.
     """
     scenario = run.scenario
+    end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
+    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
+    outcome = f"stopped {end}" if run.stopped else unfinished
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
-        facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
-        f"\n{_outcome(run)}\n",
+        Facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
+        f"\nOutcome: {outcome}\n",
         heading("Numbers", "-"),
-        facts(_numbers(run)),
+        Facts(_numbers(run)),
         "",
         heading("Energy balance", "-"),
         _energy_table(run),
@@ -145,23 +147,18 @@ def simulation_text(run: simulation.Run, law_speed: float | None = None) -> str:
     return render(parts)
 
 
-def _outcome(run: simulation.Run) -> str:
-    end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
-    if run.stopped:
-        return f"Outcome: stopped {end}"
-    return f"Outcome: NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
-
-
-def _scenario_facts(run: simulation.Run, law_speed: float | None) -> list[tuple[str, str]]:
-    scenario, noise = run.scenario, run.scenario.disturbances
+def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, str]]:
+    scenario, noise, sensors = run.scenario, run.scenario.disturbances, run.scenario.measurement
     law = law_words(scenario.adhesion, _law_source(scenario, law_speed))
     numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
     weaker = "" if scenario.adhesion_factor == 1.0 else f", {scenario.adhesion_factor:g} times the rail's adhesion"
+    least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"
+    viscous = f"changes by {scenario.viscous_rate:g} N·m·s per second" if scenario.viscous_rate else "constant"
     speeds = f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"
     return [
         *vehicle_facts(scenario.vehicle),
         ("Begins with", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
-        ("Viscous friction", _viscous(scenario)),
+        ("Viscous friction", f"{viscous}{least}"),
         ("Brake limits", _limits(scenario)),
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
@@ -172,14 +169,12 @@ def _scenario_facts(run: simulation.Run, law_speed: float | None) -> list[tuple[
             f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "
             f"of the torque, decay {noise.caliper_decay:g} 1/s, {noise.caliper_frequency:.5g} rad/s",
         ),
-        ("Measurement", _measurement(scenario)),
+        (
+            "Measurement",
+            f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s; grid {sensors.speed_quantum:g} m/s "
+            f"and {sensors.wheel_quantum:g} rad/s (0: none); filter {sensors.filter_time:g} s",
+        ),
     ]
-
-
-def _viscous(scenario: simulation.Scenario) -> str:
-    least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"
-    change = f"changes by {scenario.viscous_rate:g} N·m·s per second" if scenario.viscous_rate else "constant"
-    return f"{change}{least}"
 
 
 def _limits(scenario: simulation.Scenario) -> str:
@@ -195,14 +190,6 @@ def _range(low: float, high: float | None) -> str:
     least = f"at least {low:g} N·m" if math.isfinite(low) else ""
     most = f"at most {high:g} N·m" if high is not None and math.isfinite(high) else ""
     return f"{least}{' and ' if least and most else ''}{most}" or "unlimited"
-
-
-def _measurement(scenario: simulation.Scenario) -> str:
-    sensors = scenario.measurement
-    return (
-        f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s; grid {sensors.speed_quantum:g} m/s and "
-        f"{sensors.wheel_quantum:g} rad/s (0: none); filter {sensors.filter_time:g} s"
-    )
 
 
 def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
@@ -326,7 +313,7 @@ def _energy_table(run: simulation.Run) -> RenderableType:
         row("kinetic, at the end", energies.final),
         ("what the balance lacks", f"{energies.error * energies.starting / 1000:.1e}", f"{100 * energies.error:.1e}"),
     ]
-    return table(("Energy", "kJ", "% of the start"), rows)
+    return Table(("Energy", "kJ", "% of the start"), rows)
 
 
 # --- CSV ---------------------------------------------------------------------------------------------------
@@ -365,13 +352,15 @@ def run_comparison_text(comparison: RunComparison) -> str:
             "after the dead time. Slip error: mean of |slip - the controller's own reference|; error [P]: against the "
             "0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
         ),
-        table(COLUMNS, [run_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
+        Table(COLUMNS, [_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
     ]
-    parts += _failures(comparison)
+    for row in comparison.rows:
+        ended = row.outcomes.items() if row.stopped < row.runs else ()
+        parts += [f"{row.name}: {count} of {row.runs} runs {how}." for how, count in ended if how != "stopped"]
     return render(parts)
 
 
-def run_row(row: ControllerRow, bound: float) -> tuple[str, ...]:
+def _row(row: ControllerRow, bound: float) -> tuple[str, ...]:
     """The cells of `COLUMNS`."""
     return (
         row.name,
@@ -386,12 +375,3 @@ def run_row(row: ControllerRow, bound: float) -> tuple[str, ...]:
         fixed(row.brake_energy.value / 1e6, 4),
         fixed(row.rms_torque_rate.value / 1e3, 3),
     )
-
-
-def _failures(comparison: RunComparison) -> list[str]:
-    return [
-        f"{row.name}: {count} of {row.runs} runs {outcome}."
-        for row in comparison.rows
-        for outcome, count in row.outcomes.items()
-        if row.stopped < row.runs and outcome != "stopped"
-    ]

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 
 from railslip_ctrl.core.units import BOUND_DIGITS, KMH, ms_down, ms_up, rounded_up
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
+from railslip_ctrl.design.assessment import Assessment, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import SeekingDesign
@@ -25,7 +25,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
-from .document import MARGIN_HEAD, above, below, counted, facts, fixed, heading, ms_text, render, roots_text, table
+from .document import MARGIN_HEAD, Facts, Table, above, below, counted, fixed, heading, ms_text, render, roots_text
 from .export import (
     PUBLISHED,
     case_json,
@@ -154,15 +154,11 @@ def _factors(dry: AdhesionLaw) -> str:
     told = []
     wet = dry.wet().numbers()
     for name, (value, _) in dry.numbers().items():
-        columns = zip(_column(wet[name][0]), _column(value), strict=True)
+        columns = zip(np.atleast_1d(wet[name][0]), np.atleast_1d(value), strict=True)
         ratios = [new / old for new, old in columns if old != 0.0]
         if ratios and ratios[0] != 1.0:
             told.append(f"{name} × {ratios[0]:g}")
     return ", ".join(told) or "no parameter changes"
-
-
-def _column(value: float | tuple[float, ...]) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 # -- linearize ------------------------------------------------------------------------------------------------
@@ -172,35 +168,31 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
     """Operating points and linearisations."""
     parts: list[RenderableType] = []
     for plant in plants:
-        parts += [*_linear_plant(plant), ""]
+        point = plant.point
+        num, den = plant.transfer_function()
+        frozen = "speed as a state" if plant.speed_state else "speed frozen"
+        rows = [
+            ("Vehicle", vehicle_line(point.vehicle)),
+            (
+                "Operating point",
+                f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
+            ),
+            ("Adhesion force", f"{point.adhesion_force:.7g} N"),
+            ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
+            ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
+            ("States", ", ".join(plant.states)),
+            ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
+            ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
+            ("A", _matrix(plant.A)),
+            ("B", _matrix(plant.B)),
+            ("C", _matrix(plant.C)),
+            ("D", _matrix(plant.D)),
+            ("Poles, 1/s", roots_text(plant.poles)),
+            ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
+            ("sigma/torque", f"({polynomial_text(num)}) / ({polynomial_text(den)})   (m/s)/(N·m)"),
+        ]
+        parts += [heading(f"Linearisation, {frozen}: {case_title(point)}"), Facts(rows), ""]
     return render(parts[:-1])
-
-
-def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
-    point = plant.point
-    num, den = plant.transfer_function()
-    frozen = "speed as a state" if plant.speed_state else "speed frozen"
-    rows = [
-        ("Vehicle", vehicle_line(point.vehicle)),
-        (
-            "Operating point",
-            f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
-        ),
-        ("Adhesion force", f"{point.adhesion_force:.7g} N"),
-        ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
-        ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
-        ("States", ", ".join(plant.states)),
-        ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
-        ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
-        ("A", _matrix(plant.A)),
-        ("B", _matrix(plant.B)),
-        ("C", _matrix(plant.C)),
-        ("D", _matrix(plant.D)),
-        ("Poles, 1/s", roots_text(plant.poles)),
-        ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
-        ("sigma/torque", f"({polynomial_text(num)}) / ({polynomial_text(den)})   (m/s)/(N·m)"),
-    ]
-    return [heading(f"Linearisation, {frozen}: {case_title(point)}"), facts(rows)]
 
 
 def polynomial_text(coefficients: Iterable[float]) -> str:
@@ -240,7 +232,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     ]
     if poles.size:
         rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"))
-    parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
+    parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), Facts(rows)]
     if (m := assessment.margins) is not None:
         pairs = zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
         crossovers = ", ".join(f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in pairs) or "none"
@@ -280,7 +272,7 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
         if ends is not None
     ]
     balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
-    return ["", table(("Certified", "Lowest", "Highest", "Unit"), rows), f"Certificate: stable; {balls}"]
+    return ["", Table(("Certified", "Lowest", "Highest", "Unit"), rows), f"Certificate: stable; {balls}"]
 
 
 def _limits(assessment: Assessment) -> str:
@@ -323,7 +315,7 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     usable = assessment.stabilizing_gain_range
     if usable is not None:
         rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
-    return table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
+    return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
 
 
 def _decrease(m: Margins, digits: int) -> str:
@@ -335,25 +327,22 @@ def _pade_part(assessment: Assessment) -> list[RenderableType]:
     exact, orders = assessment.margins, assessment.pade
     if exact is None and all(row.margins is None for row in orders):
         return [f"Pade approximation of the dead time: orders {orders[0].order} to {orders[-1].order} say unstable too"]
-    rows = [*(_pade_row(row, exact) for row in orders), ["exact", *_pade_cells(exact), ""]]
+    rows = []
+    for row in orders:
+        error = "" if (row.margins is None) == (exact is None) else "wrong verdict"
+        if row.margins is not None and exact is not None:
+            percent = 100 * (row.margins.ms / exact.ms - 1)
+            error = f"{percent:+.2g} %" if abs(percent) >= 1e-9 else "< 1e-9 %"
+        rows.append([str(row.order), *_pade_cells(row.margins), error])
+    rows.append(["exact", *_pade_cells(exact), ""])
     head = ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error")
-    return ["Pade approximation of the dead time against exact:", table(head, rows)]
+    return ["Pade approximation of the dead time against exact:", Table(head, rows)]
 
 
 def _pade_cells(m: Margins | None) -> list[str]:
     if m is None:
         return ["unstable", "-", "-", "-", "-", "-"]
     return ["stable", fixed(m.gain_increase), _decrease(m, 5), fixed(m.phase_deg), fixed(m.delay_s), fixed(m.ms)]
-
-
-def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
-    error = ""
-    if row.margins is not None and exact is not None:
-        percent = 100 * (row.margins.ms / exact.ms - 1)
-        error = f"{percent:+.2g} %" if abs(percent) >= 1e-9 else "< 1e-9 %"
-    elif (row.margins is None) != (exact is None):
-        error = "wrong verdict"
-    return [str(row.order), *_pade_cells(row.margins), error]
 
 
 # --- text and JSON of a verdict over an envelope ---------------------------------------------------------------------
@@ -375,18 +364,20 @@ def judgement_text(judgement: Judgement) -> str:
 
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     """What `judgement_text` renders."""
+    used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
+    over = "all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"{used:g} km/h and more"
     rows = [
         ("Envelope", envelope_words(judgement.envelope)),
         ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
-        ("Stable", _speed(judgement.usable_from_kmh, "at no speed in all loops")),
-        ("Robust", _speed(judgement.robust_from_kmh, "at no speed")),
+        ("Stable", "at no speed in all loops" if used is None else f"from {used:g} km/h up"),
+        ("Robust", "at no speed" if robust is None else f"from {robust:g} km/h up"),
     ]
     # the first line of the judgement is its verdict
     verdict, *told = str(judgement).splitlines()
     return [
         heading("Verdict over the envelope"),
-        facts(rows),
-        table((f"Over {_over(judgement)}", "", "Where"), list(worst_rows(judgement)), words=(2,)),
+        Facts(rows),
+        Table((f"Over {over}", "", "Where"), list(worst_rows(judgement)), words=(2,)),
         _map_table(judgement),
         *told,
         f"Verdict: {verdict}",
@@ -404,17 +395,6 @@ def envelope_words(envelope: Envelope) -> str:
     return "; ".join(
         [car.name, *lists, speeds, *([f"slip {', '.join(slips)}"] if slips else []), f"times {'; '.join(factors)}"]
     )
-
-
-def _over(judgement: Judgement) -> str:
-    """The speeds that worst cases are of."""
-    used = judgement.usable_from_kmh
-    lowest = used is None or used <= min(judgement.envelope.speeds)
-    return "all speeds" if lowest else f"{used:g} km/h and more"
-
-
-def _speed(speed: float | None, never: str) -> str:
-    return never if speed is None else f"from {speed:g} km/h up"
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
@@ -454,7 +434,7 @@ def _map_table(judgement: Judgement) -> RenderableType:
         [f"{speed:g}", *(ms_text(float(ms)) for values in kinds.values() for ms in values[i])]
         for i, speed in enumerate(found.speeds_kmh.tolist())
     ]
-    return table(head, rows)
+    return Table(head, rows)
 
 
 # --- text and JSON of tuned designs ----------------------------------------------------------------------------------
@@ -493,7 +473,7 @@ def seeking_text(design: SeekingDesign) -> str:
     """The seeking controller and its judgement over an envelope."""
     parts: list[RenderableType] = [
         heading(f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"),
-        table(
+        Table(
             ("Key", "Value", "Unit", "Meaning"),
             [(name, f"{value:.6g}", unit, meaning) for name, value, unit, meaning in _seeking_numbers(design.gains)],
             words=(2, 3),
@@ -511,13 +491,13 @@ def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
     parts: list[RenderableType] = [heading(f"Tuning: {name}{at}")]
     known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]
     if design is None:
-        return render([*parts, facts([*known, ("Result", f"infeasible: {tuned.reason}")])])
+        return render([*parts, Facts([*known, ("Result", f"infeasible: {tuned.reason}")])])
     known += [
         ("Controller", controller_text(tuned.controller(design))),
         ("Worst phase margin", f"{fixed(design.worst.phase_deg)} deg"),
         ("Worst delay margin", f"{fixed(design.worst.delay_s)} s"),
     ]
-    parts.append(facts(known))
+    parts.append(Facts(known))
     if judgement is not None:
         return render([*parts, "", *judgement_parts(judgement)])
     verdict = f"worst Ms {ms_up(design.worst.ms)} at {case_title(points[design.worst.ms_member])}"
@@ -532,4 +512,4 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
         where = f"{p.rail}, {p.speed_kmh:g} km/h, {p.vehicle.mass:g} kg"
         numbers = (fixed(x, 4) for x in (m.gain_increase, m.phase_deg, m.delay_s, m.ms, m.mt))
         rows.append((where, _decrease(m, 4), *numbers))
-    return table(("Case", *MARGIN_HEAD), rows)
+    return Table(("Case", *MARGIN_HEAD), rows)

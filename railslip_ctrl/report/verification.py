@@ -23,7 +23,7 @@ from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.reaching import ADHESION_NOISE
 from railslip_ctrl.verification.verdict import Condition, Verification
 
-from .document import facts, heading, indented, render, table
+from .document import Facts, Paragraph, Table, heading, render
 from .export import exported
 
 _LAWS = {
@@ -109,18 +109,22 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
 
     `about`: what else the head says of vehicle and adhesion, names and values.
     """
-    known = facts([*_facts(verification), *about])
+    known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
     rows = []
     for one in verification.conditions:
         down_to = "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
         rows.append((one.name, _HOLDS[one.holds][0], down_to, one.how or "-"))
-    parts.append(table(("Condition", "Holds", "Down to", "How"), rows, left=4))
+    parts.append(Table(("Condition", "Holds", "Down to", "How"), rows, left=4))
     for one in verification.conditions:
-        parts += _paragraphs(one)
+        how = f" ({one.how})" if one.how else ""
+        parts += [heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"), Paragraph(statement(one))]
+        parts.append(Paragraph(evidence(one)))
+        parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
+        parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
     if conclusion:
-        parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), indented(conclusion)]
+        parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), Paragraph(conclusion)]
     return render(parts)
 
 
@@ -134,17 +138,6 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
         ("Actuator", _ACTUATORS.get(verification.law, _ACTUATOR)),
-    ]
-
-
-def _paragraphs(one: Condition) -> list[RenderableType]:
-    how = f" ({one.how})" if one.how else ""
-    return [
-        heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
-        indented(statement(one)),
-        indented(evidence(one)),
-        *([indented(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
-        Text(""),
     ]
 
 
@@ -178,11 +171,11 @@ def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
     names = [condition.name for condition in cases[0][1].conditions]
     # rounded down: what does not hold all the time never reads 100 %
     held = [(name, *(f"{math.floor(1000 * one.share) / 10:.1f} %" for one in run.conditions)) for name, run in cases]
-    shares = table(("Share of the time each holds", *names), held)
+    shares = Table(("Share of the time each holds", *names), held)
     broken = [(n, *("never" if one.holds else f"{one.first_violation:.3f}" for one in r.conditions)) for n, r in cases]
-    first = table(("First violation, s", *names), broken)
+    first = Table(("First violation, s", *names), broken)
     columns = ("Last third of each stage", "outcome", "time s", "largest |s| m/s", "largest slip error", "locked %")
-    bounds = table(columns, [_bounds(name, run) for name, run in cases], left=2)
+    bounds = Table(columns, [_bounds(name, run) for name, run in cases], left=2)
     return render([heading("Lyapunov conditions along braking runs"), shares, first, bounds])
 
 

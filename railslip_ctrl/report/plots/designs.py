@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,23 +27,10 @@ from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.report.document import short
 from railslip_ctrl.report.export import words_at
 from railslip_ctrl.report.plots.runs import runs_figure
-from railslip_ctrl.report.plots.style import (
-    PAGE_WIDTH,
-    SMALL,
-    TEXT,
-    folded,
-    legend_below,
-    legend_of_figure,
-    line_style,
-    magnitudes_figure,
-    mark_style,
-    new_figure,
-    panels,
-    plain_log_ticks,
-    sparse_log_ticks,
-)
 from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses
 from railslip_ctrl.report.stops import Stop
+
+from . import style
 
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
@@ -50,21 +38,12 @@ _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
 _TWO = -1 + 0.5 * _CIRCLE  # |1 + L| = 1/2, where Ms is 2
 
 
-class _Alone:
-    """A loop without an operating point, drawn as an assessment is."""
-
-    point = None
-
-    def __init__(self, loop: Loop) -> None:
-        self.loop = loop
-        self.margins = loop.margins() if loop.is_stable() else None
-        self.unstable_poles = loop.unstable_closed_loop_poles
-
-
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
     """A "bode", "nyquist" or "nichols" figure of one loop, over a band, rad/s, or that in which everything happens."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
-    alone: Any = _Alone(loop)
+    margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
+    # drawn as an assessment, without an operating point
+    alone: Any = SimpleNamespace(point=None, loop=loop, margins=margins, unstable_poles=unstable)
     ends = loop.feature_band() if band is None else (float(band.min()), float(band.max()))
     return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *ends),)),))
 
@@ -87,12 +66,12 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
     """`height` without the legends, inches."""
     height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
-    return new_figure(height, _title(groups))
+    return style.new_figure(height, _title(groups))
 
 
 def _column(groups: tuple[ControllerGroup, ...]) -> float:
     """Inches a column has, with its axis labels."""
-    return (PAGE_WIDTH - 0.3) / max(len(groups), 2)
+    return (style.PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
 def _label(assessment: Assessment) -> str:
@@ -104,22 +83,22 @@ def _label(assessment: Assessment) -> str:
 
 
 def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dict[str, Any]]]:
-    return [(a, c, line_style(i)) for i, (a, c) in enumerate(zip(group.assessments, group.curves, strict=True))]
+    return [(a, c, style.line_style(i)) for i, (a, c) in enumerate(zip(group.assessments, group.curves, strict=True))]
 
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """Magnitude and continuous phase of L(j omega) of every group, gain crossovers marked."""
     figure = _new_figure(groups, 4.5)
-    axes = panels(figure, 2, len(groups), sharex="col", sharey="row")
+    axes = style.panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
         magnitude, phase = axes[:, column]
-        for assessment, curve, style in _lines(group):
-            _bode_lines(magnitude, phase, assessment.loop, curve, {"label": _label(assessment), **style})
+        for assessment, curve, look in _lines(group):
+            _bode_lines(magnitude, phase, assessment.loop, curve, {"label": _label(assessment), **look})
         _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
-        magnitude.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        magnitude.set_title(style.folded(group.title, _column(groups)), fontsize=style.TEXT)
         phase.set_xlabel("frequency ω (rad/s)")
-        sparse_log_ticks(phase.xaxis)
-        legend_below(phase, 0.22)
+        style.sparse_log_ticks(phase.xaxis)
+        style.legend_below(phase, 0.22)
     axes[0, 0].set_ylabel("magnitude |L| (dB)")
     axes[1, 0].set_ylabel("phase arg L (deg),\ndead time exact")
     return figure
@@ -127,30 +106,30 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     """Magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`design_report.ShownLoop`)."""
-    figure = new_figure(3.1 + 0.15 * len(loops), title)
-    magnitude, phase, near = panels(figure, 1, 3)[0]
+    figure = style.new_figure(3.1 + 0.15 * len(loops), title)
+    magnitude, phase, near = style.panels(figure, 1, 3)[0]
     for i, shown in enumerate(loops):
-        _bode_lines(magnitude, phase, shown.loop, shown.curve, {"label": shown.label, **line_style(i)})
-        _nyquist_line(near, shown.curve.response, line_style(i))
+        _bode_lines(magnitude, phase, shown.loop, shown.curve, {"label": shown.label, **style.line_style(i)})
+        _nyquist_line(near, shown.curve.response, style.line_style(i))
     magnitude.set_ylim(-42, 42)
     _critical_phases(phase, tuple(shown.curve for shown in loops))
     _decorate_near(near)
     near.set_ylabel("Im L (-)")
     for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
         ax.set(ylabel=label, xlabel="frequency ω (rad/s)")
-        sparse_log_ticks(ax.xaxis)
+        style.sparse_log_ticks(ax.xaxis)
     told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
-    legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
+    style.legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=style.SMALL)
     return figure
 
 
-def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, style: dict[str, Any]) -> None:
+def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, look: dict[str, Any]) -> None:
     """Magnitude and continuous phase, gain crossovers marked."""
     at = np.searchsorted(curve.omega, loop.gain_crossovers)
     at = at[at < curve.omega.size]
     for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
-        ax.semilogx(curve.omega, values, **style)
-        ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
+        ax.semilogx(curve.omega, values, **look)
+        ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=look["color"])
     magnitude.axhline(0, color="black", linewidth=0.8)
 
 
@@ -182,22 +161,22 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     beside = _column(groups) > 3.0  # what the legend says of a loop fits on one line
     side = _column(groups) - 0.55  # inches, of the axes
     figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
-    axes = panels(figure, 2, len(groups))
+    axes = style.panels(figure, 2, len(groups))
     for column, group in enumerate(groups):
         whole, near = axes[0, column], axes[1, column]
-        for assessment, curve, style in _lines(group):
-            _nyquist_line(whole, _compressed(curve.response), style)
-            _closing_arc(whole, assessment.loop, curve, style)
-            _nyquist_line(near, curve.response, style)
+        for assessment, curve, look in _lines(group):
+            _nyquist_line(whole, _compressed(curve.response), look)
+            _closing_arc(whole, assessment.loop, curve, look)
+            _nyquist_line(near, curve.response, look)
             near.lines[-2].set_label(_label(assessment) + (": " if beside else "\n") + _encirclements(assessment))
         _decorate_whole(whole)
         _decorate_near(near)
-        whole.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
-        legend_below(near, 0.4 / side)
+        whole.set_title(style.folded(group.title, _column(groups)), fontsize=style.TEXT)
+        style.legend_below(near, 0.4 / side)
     figure.supxlabel(
         "+: −1. Above: rim at infinity; dotted: |L| = 1 and closing arc. Below: dotted: |L| = 1; dash-dotted: Ms = 2.\n"
         "P: unstable poles of L; N: turns around −1, anticlockwise; Z = P − N: unstable poles of the closed loop.",
-        fontsize=SMALL,
+        fontsize=style.SMALL,
     )
     axes[0, 0].set_ylabel("Im, radius |L|/(1 + |L|) (-)")
     axes[1, 0].set_ylabel("Im L (-)")
@@ -215,10 +194,10 @@ def _encirclements(assessment: Assessment) -> str:
     return f"P {unstable_open}, N {turns:g}, Z {assessment.unstable_poles:g}".replace("-", "−")
 
 
-def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
+def _nyquist_line(ax: Any, response: Any, look: dict[str, Any]) -> None:
     """Positive frequencies thick, with arrows, negative ones thin."""
-    ax.plot(response.real, response.imag, linewidth=1.4, **style)
-    ax.plot(response.real, -response.imag, linewidth=0.6, **style)
+    ax.plot(response.real, response.imag, linewidth=1.4, **look)
+    ax.plot(response.real, -response.imag, linewidth=0.6, **look)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
     if visible.size < 4:
         return
@@ -227,15 +206,15 @@ def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(seen)))])
     for fraction in (0.3, 0.6, 0.85):
         i = int(np.clip(np.searchsorted(length, fraction * length[-1]), 0, visible.size - 2))
-        _arrow(ax, response[visible[i]], response[min(visible[i] + 12, response.size - 1)], style)
+        _arrow(ax, response[visible[i]], response[min(visible[i] + 12, response.size - 1)], look)
 
 
-def _arrow(ax: Any, tail: complex, head: complex, style: dict[str, Any]) -> None:
-    look = {"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 9}
-    ax.annotate("", (head.real, head.imag), (tail.real, tail.imag), arrowprops=look, annotation_clip=True)
+def _arrow(ax: Any, tail: complex, head: complex, look: dict[str, Any]) -> None:
+    arrow = {"arrowstyle": "-|>", "color": look["color"], "mutation_scale": 9}
+    ax.annotate("", (head.real, head.imag), (tail.real, tail.imag), arrowprops=arrow, annotation_clip=True)
 
 
-def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, Any]) -> None:
+def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, look: dict[str, Any]) -> None:
     """The arc at infinity, clockwise from omega = 0- to 0+, that each integrator adds: 180 deg a pole at the origin."""
     integrators = loop.integrators
     if integrators == 0:
@@ -244,8 +223,8 @@ def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, An
     middle = 0.5 * (end + start) + np.pi * np.round((end - start + np.pi * integrators) / (2 * np.pi))
     angle = np.linspace(middle + np.pi / 2 * integrators, middle - np.pi / 2 * integrators, 181)
     arc = np.abs(_compressed(curve.response[:1]))[0] * np.exp(1j * angle)
-    ax.plot(arc.real, arc.imag, linewidth=0.6, color=style["color"], linestyle=":")
-    _arrow(ax, arc[angle.size // 3], arc[angle.size // 3 + 8], style)
+    ax.plot(arc.real, arc.imag, linewidth=0.6, color=look["color"], linestyle=":")
+    _arrow(ax, arc[angle.size // 3], arc[angle.size // 3 + 8], look)
 
 
 def _decorate_whole(ax: Any) -> None:
@@ -267,12 +246,12 @@ def _decorate_near(ax: Any) -> None:
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """Magnitude against continuous phase, with the critical points and the Ms = 2 contour around them."""
     figure = _new_figure(groups, 3.7)
-    axes = panels(figure, 1, len(groups), sharex=True, sharey=True)
+    axes = style.panels(figure, 1, len(groups), sharex=True, sharey=True)
     low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
     for column, group in enumerate(groups):
         ax = axes[0, column]
-        for assessment, curve, style in _lines(group):
-            ax.plot(curve.phase_deg, curve.magnitude_db, label=_label(assessment), **style)
+        for assessment, curve, look in _lines(group):
+            ax.plot(curve.phase_deg, curve.magnitude_db, label=_label(assessment), **look)
         contour_phase = np.degrees(np.unwrap(np.angle(-_TWO)))
         for centre in _critical(low, high):
             ax.plot(centre, 0, **_CRITICAL)
@@ -280,9 +259,9 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         ax.axhline(0, color="black", linewidth=0.6)
         ax.set(xlim=(low - 30, high + 30), ylim=(-42, 42))
         ax.xaxis.set_major_locator(MultipleLocator(90 if _column(groups) > 3.0 else 180))
-        ax.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
-        ax.set_xlabel("phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=SMALL)
-        legend_below(ax, 0.22)
+        ax.set_title(style.folded(group.title, _column(groups)), fontsize=style.TEXT)
+        ax.set_xlabel("phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=style.SMALL)
+        style.legend_below(ax, 0.22)
     axes[0, 0].set_ylabel("magnitude |L| (dB)")
     return figure
 
@@ -306,12 +285,12 @@ def region_figure(
     chosen: Mapping[str, tuple[float, float]],
     *,
     title: str,
-    kp_unit: str = "N·m/(m/s)",
-    ki_unit: str = "N·m/m",
+    kp_unit: str,
+    ki_unit: str,
 ) -> Figure:
     """The stabilising set of (kp, ki), contours of worst Ms, phase margin and delay margin in it, and chosen gains."""
-    figure = new_figure(3.3 + 0.14 * len(chosen), title)
-    axes = panels(figure, 1, 3, sharex=True, sharey=True)[0]
+    figure = style.new_figure(3.3 + 0.14 * len(chosen), title)
+    axes = style.panels(figure, 1, 3, sharex=True, sharey=True)[0]
     mesh = _mesh(strips, grid)
     fields = (
         ("Ms (-)", 1 / grid.ms, {1 / level: f"{level:g}" for level in _ms_levels(grid.ms)}),
@@ -323,15 +302,15 @@ def region_figure(
             ax.fill(*strip.polygon.T, facecolor="0.95", edgecolor="black", linewidth=1.2)
         _limit(ax, strips)
         for i, (label, (kp, ki)) in enumerate(chosen.items()):
-            ax.plot(kp, ki, markersize=5, label=label, **mark_style(i))
+            ax.plot(kp, ki, markersize=5, label=label, **style.mark_style(i))
         if not any(strip.ki_cut for strip in strips):
             ax.set_ylim(0.0, 1.05 * ax.dataLim.ymax)
         _contours(ax, mesh, values, levels, chosen.values())
-        ax.set_title(f"contours: {name}", fontsize=TEXT)
+        ax.set_title(f"contours: {name}", fontsize=style.TEXT)
         ax.set_xlabel(f"kp ({kp_unit})" + (", no bound" if any(strip.kp_cut for strip in strips) else ""))
     axes[0].set_ylabel(f"ki ({ki_unit})" + (", no bound" if any(strip.ki_cut for strip in strips) else ""))
     if chosen:
-        legend_of_figure(figure, axes[0], columns=2)
+        style.legend_of_figure(figure, axes[0], columns=2)
     return figure
 
 
@@ -389,8 +368,8 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
     """Lines of a field that is 0 at the edge, with their numbers clear of `marks`."""
     if mesh is None or not levels:
         return
-    style = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
-    lines = ax.tricontour(mesh.triangles, mesh.values(field), levels=sorted(levels), **style)
+    look = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
+    lines = ax.tricontour(mesh.triangles, mesh.values(field), levels=sorted(levels), **look)
     _number_contours(ax, lines, levels, marks)
 
 
@@ -409,7 +388,7 @@ def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Ite
         taken.append(best)
         places.append(tuple(to_axes.inverted().transform(best)))
     if places:
-        ax.clabel(lines, fmt=words, fontsize=SMALL, manual=places, inline_spacing=2)
+        ax.clabel(lines, fmt=words, fontsize=style.SMALL, manual=places, inline_spacing=2)
 
 
 def _round_levels(values: Any) -> dict[float, str]:
@@ -431,26 +410,28 @@ def _ms_levels(ms: Any) -> list[float]:
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
     """Ms, phase margin, delay margin and the plant's rightmost pole along each sweep; a gap is an unstable loop."""
-    figure = new_figure(7.2, title)
+    figure = style.new_figure(7.2, title)
     # over speed and over slip the pole has different sizes; over speed, on two rails, it is to be compared
     alike = len({sweep.axis for sweep in sweeps}) == 1
-    axes = panels(figure, 4, len(sweeps), sharex="col", sharey="row" if alike else False)
+    axes = style.panels(figure, 4, len(sweeps), sharex="col", sharey="row" if alike else False)
     for column, sweep in enumerate(sweeps):
         for i, (name, margins) in enumerate(sweep.margins.items()):
-            style = line_style(i)
-            axes[0, column].plot(sweep.values, margins.ms, label=name, **style)
-            axes[1, column].plot(sweep.values, margins.phase_deg, label=name, **style)
-            axes[2, column].semilogy(sweep.values, margins.delay_s, label=name, **style)
+            look = style.line_style(i)
+            axes[0, column].plot(sweep.values, margins.ms, label=name, **look)
+            axes[1, column].plot(sweep.values, margins.phase_deg, label=name, **look)
+            axes[2, column].semilogy(sweep.values, margins.delay_s, label=name, **look)
         axes[3, column].plot(sweep.values, sweep.pole, color="black")
         axes[3, column].axhline(0, color="0.5", linewidth=0.8)
-        axes[0, column].set_title(folded(sweep.title, 0.95 * PAGE_WIDTH / len(sweeps)), fontsize=TEXT)
+        axes[0, column].set_title(style.folded(sweep.title, 0.95 * style.PAGE_WIDTH / len(sweeps)), fontsize=style.TEXT)
         axes[3, column].set_xlabel(f"{sweep.axis} ({sweep.unit})")
-        plain_log_ticks(axes[2, column].yaxis)
+        style.plain_log_ticks(axes[2, column].yaxis)
         axes[0, column].set_ylim(1, _ms_top(sweeps if alike else [sweep]))
     for row, label in enumerate(("Ms (-)", "phase margin (deg)", "delay margin (s)", "plant pole (1/s)")):
         axes[row, 0].set_ylabel(label)
     gap = any(np.isnan(margins.ms).any() for sweep in sweeps for margins in sweep.margins.values())
-    legend_of_figure(figure, axes[0, 0], columns=3, title="gap: unstable" if gap else None, title_fontsize=SMALL)
+    style.legend_of_figure(
+        figure, axes[0, 0], columns=3, title="gap: unstable" if gap else None, title_fontsize=style.SMALL
+    )
     return figure
 
 
@@ -469,20 +450,20 @@ def response_figure(
     load_label: str,
 ) -> Figure:
     """Output and control of named designs after a reference step and after a load step, the dead time exact."""
-    figure = new_figure(4.4, title)
-    axes = panels(figure, 2, 2, sharex="col")
+    figure = style.new_figure(4.4, title)
+    axes = style.panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
         for i, (name, response) in enumerate(responses.items()):
-            axes[0, column].plot(response.time, response.output, label=name, **line_style(i))
-            axes[1, column].plot(response.time, response.control, **line_style(i))
+            axes[0, column].plot(response.time, response.output, label=name, **style.line_style(i))
+            axes[1, column].plot(response.time, response.control, **style.line_style(i))
         for height in {response.reference for response in responses.values()}:
             axes[0, column].axhline(height, color="black", linewidth=0.6, label="reference")
-        axes[0, column].set_title(folded(label, 0.45 * PAGE_WIDTH), fontsize=TEXT)
+        axes[0, column].set_title(style.folded(label, 0.45 * style.PAGE_WIDTH), fontsize=style.TEXT)
         axes[1, column].set_xlabel("time (s)")
         _without_kick(axes[1, column], responses.values())
     axes[0, 0].set_ylabel("slip velocity\ndeviation (m/s)")
     axes[1, 0].set_ylabel("commanded torque\ndeviation (N·m)")
-    legend_of_figure(figure, axes[0, 0], columns=3)
+    style.legend_of_figure(figure, axes[0, 0], columns=3)
     return figure
 
 
@@ -496,7 +477,7 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
     if top > low + 2 * span > low:
         ax.set_ylim(low - 0.1 * span, low + 1.5 * span)
         words = f"cut off: begins with up to {short(top, 3)} N·m"
-        ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=SMALL)
+        ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
@@ -507,18 +488,18 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
         "cs": "|CS|, noise to torque (N·m/(m/s))",
         "t": "|T|, complementary sensitivity (-)",
     }
-    return magnitudes_figure(gangs, fields, title, 4.5)
+    return style.magnitudes_figure(gangs, fields, title, 4.5)
 
 
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str) -> Figure:
     """Worst Ms on a grid of speed and load, at the operating points and with tolerances, for named controllers."""
-    figure = new_figure(0.7 + 2.6 * len(maps), title)
-    axes = panels(figure, len(maps), 2, sharex="col")
+    figure = style.new_figure(0.7 + 2.6 * len(maps), title)
+    axes = style.panels(figure, len(maps), 2, sharex="col")
     for row, (name, found) in enumerate(maps.items()):
         shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
             _grid(ax, found.speeds_kmh, found.loads, worst)
-            ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=TEXT)
+            ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
             ax.grid(visible=False)
         axes[row, 0].set_ylabel("speed (km/h)")
     for ax in axes[-1]:
@@ -574,8 +555,8 @@ def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
 
 
 def _gains(found: GainMap, vehicle: str) -> Figure:
-    figure = new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
-    ax = panels(figure)[0, 0]
+    figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
+    ax = style.panels(figure)[0, 0]
     ax.set(xscale="log", yscale="log")
     inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
     ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
@@ -583,9 +564,9 @@ def _gains(found: GainMap, vehicle: str) -> Figure:
     if levels:
         lines = ax.contour(found.kp, found.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
         _number_contours(ax, lines, levels, [found.chosen])
-    ax.plot(*found.chosen, marker="*", markersize=11, color=line_style(1)["color"], linestyle="none")
+    ax.plot(*found.chosen, marker="*", markersize=11, color=style.line_style(1)["color"], linestyle="none")
     for axis in (ax.xaxis, ax.yaxis):
-        plain_log_ticks(axis)
+        style.plain_log_ticks(axis)
     ax.set(xlabel="kp (N·m/(m/s)); star: recommended, grey: unstable", ylabel="ki (N·m/m)")
     return figure
 
@@ -603,19 +584,21 @@ def _responses(found: Responses, control: Any) -> Figure:
 
 
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
-    rails = list(dict.fromkeys(curve.rail for curve in curves))
-    speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.speed_kmh for curve in curves))
-    figure = new_figure(3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip judged at, triangles: peaks")
-    axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
+    rails = list(dict.fromkeys(curve.point.rail for curve in curves))
+    speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.point.speed_kmh for curve in curves))
+    figure = style.new_figure(
+        3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip judged at, triangles: peaks"
+    )
+    axes = style.panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
-        for i, curve in enumerate(one for one in curves if one.rail is rail):
-            style = line_style(i)
-            ax.plot(curve.slip, curve.coefficient, label=curve.law, **style)
+        for i, curve in enumerate(one for one in curves if one.point.rail is rail):
+            look = style.line_style(i)
+            ax.plot(curve.slip, curve.coefficient, label=curve.point.adhesion, **look)
             top = curve.peak
-            ax.plot(top.slip, top.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False)
-            ax.plot(curve.point.slip, curve.point.adhesion_coefficient, color=style["color"], **_POINT)
-        ax.set_title(f"{rail} rail", fontsize=TEXT)
+            ax.plot(top.slip, top.coefficient, marker="^", markersize=5, color=look["color"], clip_on=False)
+            ax.plot(curve.point.slip, curve.point.adhesion_coefficient, color=look["color"], **_POINT)
+        ax.set_title(f"{rail} rail", fontsize=style.TEXT)
         ax.set(xlabel="slip ratio λ (-)", xlim=(0.0, None), ylim=(0.0, None))
-        legend_below(ax, 0.18, columns=2)
+        style.legend_below(ax, 0.18, columns=2)
     axes[0].set_ylabel("adhesion coefficient μ (-)")
     return figure

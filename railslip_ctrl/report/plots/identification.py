@@ -22,21 +22,7 @@ from railslip_ctrl.identification.observer import ObserverResponses
 from railslip_ctrl.identification.results import PeakSlip
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
-from .style import (
-    PAGE_WIDTH,
-    SMALL,
-    TEXT,
-    folded,
-    grid_of,
-    legend_below,
-    legend_beside,
-    legend_of_figure,
-    line_style,
-    magnitudes_figure,
-    new_figure,
-    panels,
-    rail_style,
-)
+from . import style
 
 if TYPE_CHECKING:  # it loads the simulation
     from railslip_ctrl.identification.virtual_rig import BrakeTrial, TradeOff
@@ -50,7 +36,7 @@ def adhesion_figure(found: Sequence[Identification]) -> Figure:
     """mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
     columns = min(len(found), 2)
     title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
-    figure, axes = grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
+    figure, axes = style.grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
     bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
     for ax, each in zip(axes, found, strict=True):
         _adhesion(ax, each, columns)
@@ -73,16 +59,18 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
         mean = "\nmean along the log's slip" if line.name in along else ""
         taken = ", chosen" if line.name == chosen else ""
         label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
-        ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
+        ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **style.line_style(i))
     ax.axvline(found.regimes.boundary, color="0.7", linewidth=0.8)
     ax.set_xlim(left=0.0)
     late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
     where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
-    ax.text(found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
+    ax.text(
+        found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=style.SMALL, color="0.4", **where
+    )
     name = found.curve.name.rsplit("/", 1)[-1]
-    ax.set_title(f"{name}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT)
+    ax.set_title(f"{name}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=style.TEXT)
     ax.set_xlabel("slip ratio λ (-)")
-    legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
+    style.legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
 
 
 def drift_figure(found: Identification) -> Figure:
@@ -92,8 +80,8 @@ def drift_figure(found: Identification) -> Figure:
     Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
     """
     title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
-    figure = new_figure(4.2, title)
-    slip, height = panels(figure, 1, 2)[0]
+    figure = style.new_figure(4.2, title)
+    slip, height = style.panels(figure, 1, 2)[0]
     for rail in dict.fromkeys(peak.rail for peak in found.peaks):
         _drift(slip, height, [peak for peak in found.peaks if peak.rail is rail])
     shown = [peak.speed / KMH for peak in found.peaks]
@@ -106,55 +94,55 @@ def drift_figure(found: Identification) -> Figure:
     for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
         if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
-        legend_below(ax, 0.17)
+        style.legend_below(ax, 0.17)
     return figure
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     """The peaks on one rail, all of the log or all by rule."""
     rail = peaks[0].rail
-    style, where = rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
+    look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, errors, mu, mu_errors, reference = (
         np.array([getattr(peak, name) for peak in peaks])
         for name in ("speed", "slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
     )
     speed = speed / KMH
-    _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", style)
+    _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", look)
     size = 9.0 if peaks[0].by_rule else 5.0  # a rule may leave the slip as it is: each mark is seen about the other
-    mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": style["color"]}
+    mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": look["color"]}
     slip.plot(speed, reference, label=f"reference, {where}", **mark)
-    _peaks(height, (speed, mu, mu_errors), peaks, where, style)
+    _peaks(height, (speed, mu, mu_errors), peaks, where, look)
 
 
-def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, style: dict[str, Any]) -> None:
+def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, look: dict[str, Any]) -> None:
     """A line through values over speed; marks on it, with bars where the log tells them."""
     speed, values, errors = data
     if peaks[0].by_rule:
-        ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **style)
+        ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **look)
         return
-    ax.plot(speed, values, **style)
+    ax.plot(speed, values, **look)
     beyond = np.array([peak.extrapolated for peak in peaks])
     for at, fill, suffix in ((~beyond, "full", "99 %"), (beyond, "none", "99 %, extrapolated")):
         if at.any():
             bars = NORMAL_QUANTILE * np.nan_to_num(errors[at])
-            marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": style["color"]}
+            marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": look["color"]}
             ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
 
 def braking_figure(found: Identification) -> Figure:
     """The log's longest braking over time: speeds, brake torque and observed adhesion torque, slip."""
     run = time_history_of(found.curve.record, found.vehicle, found.curve.time_constant)
-    figure = new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
-    speed, torque, slip = panels(figure, 3, 1, sharex=True)[:, 0]
+    figure = style.new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
+    speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
     if run is not None:
-        speed.plot(run.time, run.train_speed / KMH, label="train", **line_style(0))
-        speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **line_style(1))
-        torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **line_style(0))
+        speed.plot(run.time, run.train_speed / KMH, label="train", **style.line_style(0))
+        speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **style.line_style(1))
+        torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **style.line_style(0))
         label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
-        torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **line_style(1))
-        slip.plot(run.time, run.slip, **line_style(0))
+        torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **style.line_style(1))
+        slip.plot(run.time, run.slip, **style.line_style(0))
         for ax in (speed, torque):
-            ax.legend(fontsize=SMALL)
+            ax.legend(fontsize=style.SMALL)
     speed.set_ylabel("speed (km/h)")
     torque.set_ylabel("torque at the\nwheel (kN·m)")
     slip.set(ylabel="slip ratio λ (-)", xlabel="time from the brake's application (s)")
@@ -170,18 +158,18 @@ def coefficients_figure(
     """
     count, first = len(found.polynomials), found.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
-    figure, axes = grid_of(count, min(count, 3), title, (0.8, 2.3))
+    figure, axes = style.grid_of(count, min(count, 3), title, (0.8, 2.3))
     for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
         intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
         reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
         ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
         speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
-        ax.plot(speeds, [p.at(speed) for speed in speeds], label="polynomial of v0", **line_style(0))
+        ax.plot(speeds, [p.at(speed) for speed in speeds], label="polynomial of v0", **style.line_style(0))
         if beside is not None:
-            ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **line_style(1))
+            ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **style.line_style(1))
         unit = parameter_unit(p.name)
         ax.set(ylabel=f"{p.name} (-)" if unit == "1" else f"{p.name} ({unit})", xlabel="initial speed v0 (km/h)")
-    legend_of_figure(figure, axes[0], columns=3)
+    style.legend_of_figure(figure, axes[0], columns=3)
     return figure
 
 
@@ -191,18 +179,18 @@ def coefficients_figure(
 def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
     """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
     columns = min(len(curves), 3)
-    figure, axes = grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
+    figure, axes = style.grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
     for ax, (name, curve) in zip(axes, curves.items(), strict=True):
         for i, (kind, label) in enumerate((("lag", "lag"), ("noise", "noise (H2 norm)"), ("total", "both"))):
-            ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **line_style(i))
+            ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **style.line_style(i))
         simulated = [error.simulated for error in curve.errors]
         ax.loglog(curve.settings, simulated, "o", color="black", markersize=3.5, fillstyle="none", label="simulated")
         ax.axvline(curve.best, color="0.5", linewidth=0.8)
-        ax.set_title(f"{name}:\nbest at {curve.best:.3g}: {curve.at_best.total:.0f} N·m", fontsize=TEXT)
-        ax.set_xlabel(folded(labels[name], 0.9 * PAGE_WIDTH / columns))
+        ax.set_title(f"{name}:\nbest at {curve.best:.3g}: {curve.at_best.total:.0f} N·m", fontsize=style.TEXT)
+        ax.set_xlabel(style.folded(labels[name], 0.9 * style.PAGE_WIDTH / columns))
     for ax in axes[::columns]:
         ax.set_ylabel("rms error of the adhesion torque (N·m)")
-    legend_of_figure(figure, axes[0], columns=4)
+    style.legend_of_figure(figure, axes[0], columns=4)
     return figure
 
 
@@ -210,12 +198,14 @@ def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
     """A brake trial: speeds and torques as they were, the estimates at `time` (s), and the error (N*m) of each."""
-    figure = new_figure(4.2 + 1.1 * len(estimates), title)
-    axes = panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[:, 0]
+    figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
+    axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
+        :, 0
+    ]
     for ax in axes[3:]:
         ax.sharey(axes[2])
-    axes[0].plot(trial.time, trial.speed, label="train speed v", **line_style(0))
-    axes[0].plot(trial.time, trial.rim_speed, label="rim speed r ω", **line_style(1))
+    axes[0].plot(trial.time, trial.speed, label="train speed v", **style.line_style(0))
+    axes[0].plot(trial.time, trial.rim_speed, label="rim speed r ω", **style.line_style(1))
     axes[0].set_ylabel("speed (m/s)")
     dashed = {"color": "black", "linestyle": "--", "linewidth": 1.0}
     axes[1].plot(trial.time, trial.brake_torque / 1e3, label="brake torque, true", **dashed)
@@ -228,7 +218,7 @@ def estimates_figure(
     axes[1].set_ylabel("torque (kN·m)")
     axes[-1].set_xlabel("time (s)")
     for ax in axes[:2]:
-        legend_beside(ax)
+        style.legend_beside(ax)
     return figure
 
 
@@ -240,7 +230,7 @@ def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, tit
         "torque_noise": "from noise of the torque (N·m per N·m)",
         "speed_noise": "from noise of the speed (N·m per rad/s)",
     }
-    return magnitudes_figure(responses, fields, title, 5.6)
+    return style.magnitudes_figure(responses, fields, title, 5.6)
 
 
 # --- a test on the virtual rig -------------------------------------------------------------------------------------
@@ -248,16 +238,16 @@ def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, tit
 
 def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:
     """Speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
-    figure = new_figure(6.0, title)
-    speeds, slip, torque = panels(figure, 3, sharex=True)[:, 0]
+    figure = style.new_figure(6.0, title)
+    speeds, slip, torque = style.panels(figure, 3, sharex=True)[:, 0]
     names = ("time", "train_speed", "wheel_angular_speed", "brake_torque")
     time, v, omega, brake = (log.columns[name] for name in names)
-    speeds.plot(time, v / KMH, label="train, v", **line_style(0))
-    speeds.plot(time, radius * omega / KMH, label="wheel rim, rω", **line_style(1))
+    speeds.plot(time, v / KMH, label="train, v", **style.line_style(0))
+    speeds.plot(time, radius * omega / KMH, label="wheel rim, rω", **style.line_style(1))
     speeds.set_ylabel("speed (km/h)")
-    legend_below(speeds, 0.04, columns=2)
-    slip.plot(time, 1.0 - radius * omega / v, **line_style(0))
+    style.legend_below(speeds, 0.04, columns=2)
+    slip.plot(time, 1.0 - radius * omega / v, **style.line_style(0))
     slip.set_ylabel("slip ratio λ (-)")
-    torque.plot(time, brake / 1e3, **line_style(0))
+    torque.plot(time, brake / 1e3, **style.line_style(0))
     torque.set(ylabel="brake torque (kN·m)", xlabel="time (s)")
     return figure

@@ -11,15 +11,13 @@ from matplotlib.figure import Figure
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.paper.printed import TABLE5
 from railslip_ctrl.paper.tables import QUANTITIES, ModelCurve, Table5
+from railslip_ctrl.report.reproduction import QUANTITY_WORDS
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
 from . import style
 from .runs import recorded
 
-_QUANTITIES = dict(
-    zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
-)
 # two noisy lines told apart in grey: light under dark
 _PAIR = ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})
 _PAIR_OF_REFERENCES = ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})
@@ -192,8 +190,8 @@ def deviations_figure(comparison: Table5) -> Figure:
     for i, (quantity, found) in enumerate(groups.items()):
         names, deviations, errors = zip(*found, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
-        marks = {"markersize": 4.5, "capsize": 3, **style.mark_style(i)}
-        ax.errorbar(places, deviations, yerr=2 * np.array(errors), label=_QUANTITIES[quantity], **marks)
+        marks = {"label": QUANTITY_WORDS[quantity].split(", ")[0], "markersize": 4.5, "capsize": 3}
+        ax.errorbar(places, deviations, yerr=2 * np.array(errors), **marks, **style.mark_style(i))
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
     ax.axhline(0.0, color="black", linewidth=0.8)

@@ -15,7 +15,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import seeking_of
 from railslip_ctrl.report.campaign import measure_head, quantity_heads
 from railslip_ctrl.simulation import Run, Signals
-from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
+from railslip_ctrl.simulation.bound import RunComparison
 from railslip_ctrl.simulation.campaign.execution import Replay, measured
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
 from railslip_ctrl.simulation.run import events_log
@@ -40,7 +40,9 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
         places = range(len(names))
         means = [row.braking_distance for row in comparison.rows]
         bars = distance.barh(places, [one.value for one in means], xerr=[one.error for one in means], **_BAR)
-        distance.bar_label(bars, [_met(row) for row in comparison.rows], padding=3, fontsize=style.SMALL)
+        few = ("" if row.stopped == row.runs else f" ({row.stopped} of {row.runs})" for row in comparison.rows)
+        met = [f"{mean.value:.0f}{told}" for mean, told in zip(means, few, strict=True)]
+        distance.bar_label(bars, met, padding=3, fontsize=style.SMALL)
         bound = comparison.bound.braking_distance
         distance.axvline(bound, color="black", linestyle="--")
         distance.set_xlabel(f"braking distance (m)\ndashed: no controller below {bound:.0f} m")
@@ -59,12 +61,6 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
     return figure
 
 
-def _met(row: ControllerRow) -> str:
-    """The mean distance, and of how many runs where some did not stop."""
-    few = "" if row.stopped == row.runs else f" ({row.stopped} of {row.runs})"
-    return f"{row.braking_distance.value:.0f}{few}"
-
-
 # --- pictures of a braking run ---------------------------------------------------------------------------------------
 
 
@@ -72,7 +68,7 @@ _ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is
 _ENOUGH_SLIP = 1.3  # of the slip that is passed for a thousandth of the time, or of the reference
 
 
-def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
+def simulation_figure(run: Run) -> Figure:
     """Speeds, slip with its reference, torque commanded and acting, and adhesion over time; needs `run.signals`.
 
     A vertical line stands at each event that happened.
@@ -80,7 +76,7 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
-    figure = style.new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
+    figure = style.new_figure(8.0, f"{name}, {run.braking_distance:.4g} m; {noise}")
     axes = style.panels(figure, 4, sharex=True)
     _draw(axes[:3], [run])
     adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
@@ -192,14 +188,17 @@ def _along_runs(
     cases: Sequence[tuple[str, LyapunovRun]], title: str, curves: Sequence[_Curve]
 ) -> tuple[Figure, NDArray[Any]]:
     """Curves over time, a panel each with a line a case."""
-    interval = _interval(cases)
+    longest = max(float(judged.signals.time[-1]) for _, judged in cases)
+    interval = max(round(10 * longest / _BLOCKS), 1) / 10  # tenths of a second that can be seen
     figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
     axes = style.panels(figure, len(curves), sharex=True)[:, 0]
     for ax, (label, scale, largest, values) in zip(axes, curves, strict=True):
         for i, (name, judged) in enumerate(cases):
             time, line = judged.signals.time, values(judged.signals)
-            if largest:
-                time, line = _largest(time, line, _block(time, interval))
+            if largest:  # of each block of samples, at the block's first time
+                block = max(round(interval / float(np.median(np.diff(time)))), 1)
+                whole = line.size // block * block
+                time, line = time[:whole:block], line[:whole].reshape(-1, block).max(axis=1)
             ax.plot(time, line, label=name, **{**style.line_style(i), "linewidth": 0.9})
         ax.set_ylabel(label)
         if scale == "symlog":  # logarithmic above and below zero, with as many ticks as have room
@@ -212,41 +211,22 @@ def _along_runs(
     return figure, axes
 
 
-def _interval(cases: Sequence[tuple[str, LyapunovRun]]) -> float:
-    """Tenths of a second, s, so many that what is left of the longest run can be seen."""
-    longest = max(float(judged.signals.time[-1]) for _, judged in cases)
-    return max(round(10 * longest / _BLOCKS), 1) / 10
-
-
-def _block(time: Floats, interval: float) -> int:
-    """Samples in an interval."""
-    return max(round(interval / float(np.median(np.diff(time)))), 1)
-
-
-def _largest(time: Floats, values: Floats, block: int) -> tuple[Floats, Floats]:
-    """The largest value of each block of samples, at the block's first time."""
-    whole = values.size // block * block
-    return time[:whole:block], values[:whole].reshape(-1, block).max(axis=1)
-
-
 # --- campaigns --------------------------------------------------------------------------------------------------------
 
 
-SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
-"""Measures drawn, if none are named."""
-
+_SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
 # where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
 _CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # over marks
 
 
-def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
-    """Histogram and distribution function of some measures, over the runs that stopped; None where none did."""
+def distributions_figure(summary: CampaignSummary) -> Figure | None:
+    """Histogram and distribution function of four measures, over the runs that stopped; None where none did."""
     if not summary.any_stopped:
         return None
-    figure = style.new_figure(0.9 + 1.5 * len(measures), _title(summary))
-    axes = style.panels(figure, len(measures), 2, sharex="row")
-    for (density_axes, share), name in zip(axes, measures, strict=True):
+    figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
+    axes = style.panels(figure, len(_SHOWN), 2, sharex="row")
+    for (density_axes, share), name in zip(axes, _SHOWN, strict=True):
         for i, found in enumerate(summary.controllers.values()):
             measure, scale = found.measures[name], measured(name).scale
             if not measure.moments.count:
