@@ -41,7 +41,7 @@ _REPORT = ("report.txt", "report.json")
 @preset(
     "--worst-by",
     "MEASURE",
-    "Measure of the worst runs: a column of the runs, its unit at the end of its name.",
+    "Column that ranks the worst runs.",
     "braking_distance_m",
 )
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)

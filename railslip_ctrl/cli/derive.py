@@ -45,8 +45,8 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
 def command(
     reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None
 ) -> None:
-    """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code. The law is in
-    symbols, and with the numbers of an adhesion law's file beside it. Exit status 0, or 2 for bad input.
+    """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code. The law is
+    symbolic; with an adhesion law's file its numbers are shown too. Exit status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """

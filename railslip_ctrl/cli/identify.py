@@ -63,14 +63,14 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 @preset(
     "--observer",
     "|".join(Observer),
-    "Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
-    "table); prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects.",
+    "Observer of the adhesion torque. It affects the observed curve and lugre, bristle_rest and table; it hardly "
+    "affects the prediction-error fits (beam, polach, burckhardt, curve, bristle).",
     "corrected",
 )
 @option(
     "--column",
     "NAME=HEADER",
-    f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}, or its place, the first being 1; repeatable.",
+    f"Column header, or column number from 1, of a quantity NAME, one of {', '.join(UNITS)}; repeatable.",
     "its name",
     multiple=True,
 )
@@ -84,7 +84,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 @option(
     "--delay",
     "NAME=S",
-    "Column delay of a quantity, s; half its interval for an encoder's difference of counts; repeatable.",
+    "Column delay of a quantity, s; for differences of encoder counts half their interval; repeatable.",
     "0",
     multiple=True,
 )
@@ -99,9 +99,8 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 @path_option(
     "--observed",
     "FILE",
-    "CSV for the observed adhesion torque and coefficient, a line for each row under brake, beside slip, speed "
-    "and load behind the observer's filter, with its regime: adhesion below the slip of the chosen model's peak, "
-    "sliding from there on.",
+    "CSV to write: observed adhesion torque and coefficient, slip, speed and load behind the observer's filter, "
+    "for each row under brake, with its regime: adhesion below the slip of the chosen model's peak, else sliding.",
 )
 @json_option
 def command(

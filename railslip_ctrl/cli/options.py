@@ -350,14 +350,14 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
     law = f"Adhesion law: {laws}, which is run."
     rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
-    v0 = "Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
+    v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
     speed = begin if run else ("Train speed, km/h; repeatable.", of_envelope or "100; an envelope has its own")
-    vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load."
+    vehicle = "Vehicle: .toml, or a railtoolkit .yaml; published adhesion is scaled with its wheel load."
     mass = f"Quarter-car mass M, kg; the wheel load stays{'; repeatable' * masses}."
     scale = (
-        "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
-        "as-published reading."
+        "Factor on M, J and B, in runs also on the stiffness of a published dynamic law. 1: SI; 3.6: units as in the "
+        "paper."
     )
     unnamed = _SCENARIO if run else of_envelope or "bristle; an envelope has its own"
     late = "Actuator dead time, s; linearize leaves it out."

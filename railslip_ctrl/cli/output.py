@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from railslip_ctrl.report.document import WIDTH, columns
-from railslip_ctrl.report.export import Provenance, json_text
+from railslip_ctrl.report.export import json_text
 
 _NARROWEST = 60  # columns; a narrower terminal breaks the lines itself
 
@@ -38,16 +38,14 @@ def progress(message: str) -> None:
     click.echo(f"railslip: {message}", err=True)
 
 
-def provenance(ctx: click.Context) -> Provenance:
-    """The command line as it could be typed again, and every option with its value."""
-    words, options = [ctx.command_path], []
+def command_line(ctx: click.Context) -> str:
+    """The command line as it could be typed again."""
+    words = [ctx.command_path]
     for option in ctx.command.params:
         given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
         value = ctx.params.get(option.name or "")
         values = list(value) if isinstance(value, tuple) else [value]
-        shown = ", ".join(str(one) for one in values if one is not None) or "left out"
-        options.append((option.opts[0], shown if given else f"{shown} (default)"))
         if given and isinstance(option, click.Option):
             words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
             words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
-    return Provenance(" ".join(words), tuple(options))
+    return " ".join(words)

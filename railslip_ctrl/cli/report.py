@@ -22,7 +22,7 @@ from railslip_ctrl.report.design_report import (
     first_page,
 )
 from railslip_ctrl.report.document import WIDTH, width
-from railslip_ctrl.report.export import Provenance, check_directory, json_text, write_files
+from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
 
@@ -36,7 +36,7 @@ from .options import (
     envelope_options,
     gain_options,
 )
-from .output import progress, provenance, show
+from .output import command_line, progress, show
 from .settings import HELP, preset, switch
 
 _TEXTS = ("report.txt", "report.json")
@@ -61,7 +61,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
     "whole",
     default=True,
     show_default=True,
-    help="Write report.html, and decide the conditions of a sliding-mode law for it.",
+    help="Write report.html; this also decides the conditions of the sliding-mode law.",
 )
 @switch(
     "--fresh",
@@ -81,11 +81,11 @@ def command(
     whole: bool,
     fresh: bool,
 ) -> None:
-    """The slip controller to take for a vehicle: the best over its envelope of speeds, rails, loads and tolerances,
-    from which speed it may be used, how it brakes, and why. Given gains, or a controller of your own, are run beside
-    it, and judged where they have margins. report.html begins with what is read in a minute; recommended.toml is the
-    design, as simulate and margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that
-    cannot be written to.
+    """Recommend a slip controller for a vehicle: the best over its envelope of speeds, rails, loads and tolerances.
+    The report says from which speed to use it, how it brakes, and why. Given gains, or a controller of your own, run
+    in the same stops and are judged if they have margins. The first page of report.html takes a minute to read;
+    recommended.toml is the design, as simulate and margins take it. Exit status 0 whatever is found, or 2 for bad
+    input or a folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -117,7 +117,7 @@ def command(
         )
         _draw(found, pictures, told)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
-        files, content, text = _made(found, pictures, whole, provenance(ctx), rest, _again(cases, found, out))
+        files, content, text = _made(found, pictures, whole, command_line(ctx), rest, _again(cases, found, out))
         written = write_files(out, {name: files[name] for name in content["files"]})
     show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
@@ -135,7 +135,7 @@ def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Call
 
 
 def _made(
-    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, source: Provenance, rest: str, again: str
+    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)
@@ -145,7 +145,7 @@ def _made(
         files[RECOMMENDED] = found.control.toml.encode()
     if whole:
         svg = {name: forms["svg"] for name, forms in pictures.items()}
-        files[_PAGE] = page(first, design_sections(found, again), svg, source, found.date, found.seconds).encode()
+        files[_PAGE] = page(first, design_sections(found, again), svg, command, found.date, found.seconds).encode()
     content = design_report_json(found, [*_TEXTS, *files])
     files["report.json"] = json_text(content).encode()
     text = partial(design_report_text, found, first, f"{rest}\n{again}".rstrip())

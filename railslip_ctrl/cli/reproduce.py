@@ -16,11 +16,11 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.paper import tables
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
-from railslip_ctrl.report.export import Provenance, check_directory, json_text, write_files
+from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .options import whole_number
-from .output import progress, provenance, show
+from .output import command_line, progress, show
 from .settings import HELP, json_option, path_option, preset, switch
 
 _PAGE = "reproduce.html"
@@ -30,7 +30,7 @@ _PAGE = "reproduce.html"
 @preset("--seeds", "N", "Number of noise seeds, runs of each column.", str(tables.DEFAULT_SEEDS))
 @switch(
     "--sensitivity",
-    "Put each rule of the reading to its alternatives, one at a time, with fewer seeds "
+    "Replace each unit assumption by its alternatives, one at a time, with fewer seeds "
     f"(N, at most {SENSITIVITY_SEEDS}). The first time this compiles for a minute or two.",
     to="with_sensitivity",
 )
@@ -44,9 +44,9 @@ _PAGE = "reproduce.html"
 @json_option
 @click.pass_context
 def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | None, as_json: bool) -> None:
-    """The tables and figures of [Park2008] beside what this software obtains: Table 5's sixteen numbers, the reading
-    they come out under, Table 3 as far as it can be, and other facts of the runs. Exit status 1 if a number of Table 5
-    is out of tolerance, 2 for bad input.
+    """The tables and figures of [Park2008] beside what this software obtains: Table 5's sixteen numbers, the unit
+    assumptions that reproduce them, the parts of Table 3 that can be checked, and other facts of the runs. Exit status
+    1 if a number of Table 5 is out of tolerance, 2 for bad input.
 
     Example: railslip reproduce --seeds 16 --out reproduced
     """
@@ -61,14 +61,14 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     text = reproduction_text(comparison, tables.table3(), found, worth)
     content = reproduction_json(comparison, tables.table3(), found, worth)
     if out is not None:
-        write_files(out, _files(text, content, comparison, found, provenance(ctx)))
+        write_files(out, _files(text, content, comparison, found, command_line(ctx)))
         progress(f"wrote {len(names)} files to {out}")
     show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), found, worth))
     ctx.exit(0 if comparison.within else 1)
 
 
 def _files(
-    text: str, content: dict[str, Any], comparison: tables.Table5, facts: Sequence[tables.Fact], source: Provenance
+    text: str, content: dict[str, Any], comparison: tables.Table5, facts: Sequence[tables.Fact], command: str
 ) -> dict[str, str | bytes]:
     from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.assessment import published_groups
@@ -105,6 +105,6 @@ def _files(
     svg = {name: files["svg"] for name, files in drawn.items()}
     about = (comparison, facts, wrong, groups)
     today, seconds = datetime.date.today(), time.perf_counter() - started
-    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, source, today, seconds)
+    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, command, today, seconds)
     files = {"reproduction.txt": text, "reproduction.json": json_text(content), _PAGE: html}
     return {**files, **{f"{name}.png": drawn[name]["png"] for name in FIGURES}}

@@ -49,7 +49,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "the adhesion law's; with --gains the column's",
     type=options.SLIP,
 )
-@switch("--unknown-rail", "asmc: its adhesion model stays dry when the rail turns wet.")
+@switch("--unknown-rail", "asmc: keep the adhesion model of dry rail on wet rail.")
 @switch("--adaptive", "asmc: adapt as printed in the paper.")
 @options.number_option(
     "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP

@@ -33,7 +33,7 @@ from .settings import HELP, path_option, preset, switch
     "--structure",
     "pi|pi-lead|pid|seeking",
     "PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
-    "seeking controller, whose gains go by rules and are judged.",
+    "seeking controller, whose gains follow from rules; the result is judged.",
     "pi",
 )
 @number_option("--ms-max", "1", "Largest Ms allowed, a ratio; ki is maximised.", "none", gt=1)
@@ -46,14 +46,14 @@ from .settings import HELP, path_option, preset, switch
 @preset(
     "--period",
     "S",
-    "Sampling period of the controller, s; twice the lead's filter where that is less.",
+    "Sampling period of the controller, s; at most twice the lead's filter unless given.",
     PERIOD,
     type=Number("s", ge=LEAST_STEP),
 )
 @path_option(
     "--out",
     "FILE.toml|FILE.c",
-    "Write the controller, as every command takes it with --controller; of the seeking one also its C99 program.",
+    "File for --controller; FILE.c, of the seeking controller alone: its C99 program.",
 )
 @click.pass_context
 def command(
@@ -73,9 +73,9 @@ def command(
     period: float,
     out: Path | None,
 ) -> None:
-    """One gain set for all operating points of an envelope, empty and loaded together, from a specification, judged
-    over it with its tolerances and as it runs, sampled; or for the points named alone, as if never sampled. Exit status
-    1 if it cannot be met, 2 for bad input.
+    """Find one set of gains for all operating points of an envelope, empty and loaded together. The result is judged
+    with tolerances and as it runs, sampled. If you name points, only these are used, in continuous time. Exit status 1
+    if the specification cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """

@@ -32,8 +32,8 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "N*m",
     f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.",
     "Table 4's 70; "
-    "robust: 1.1 times what (40) asks for with Ta and v' known to 10 %; layered: 1.05 times what its bound and a "
-    "holding torque known to 10 % ask for",
+    "robust: 1.1 times the K of equation (40) with 10 % error of Ta and v'; layered: 1.05 times the least K with "
+    "10 % error of the holding torque",
     to="gain",
     ge=0,
 )
@@ -48,7 +48,7 @@ LAWS: tuple[Law, ...] = get_args(Law)
 @number_option(
     "--ki-min",
     "N*m/m",
-    "Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.",
+    "Least integral gain of the layered law, N*m/m; a larger one corrects a wrong holding torque faster.",
     "100 times the inertia scale",
     gt=0,
 )
@@ -70,9 +70,9 @@ def command(
     actuator), 2 for bad input.
 
     The layered law is tuned and verified for any adhesion and vehicle, on the rails named, from 100 km/h; an adhesion
-    file has to give its reference slip, or --slip does. The other laws take --vehicle, but no --adhesion: they have the
-    bristle model in them, and their conditions are decided over its published parameters. The inertia scale, a factor
-    on M, J and B, 0.5 to 10.
+    file has to give its reference slip, or --slip does. The other laws take --vehicle, but no --adhesion: they contain
+    the bristle model, and their conditions are decided over its published parameters. --inertia-scale must be 0.5 to
+    10.
 
     Example: railslip verify --law layered
     """

@@ -1,4 +1,4 @@
-"""Checks of arguments where a call enters: their kinds, from the annotations, and the ranges of numbers.
+"""Checks of the arguments of public functions: types, from the annotations, and ranges of numbers.
 
 Not pydantic's `validate_call`: it knows neither arrays nor NumPy's numbers, and its messages are several lines.
 """

@@ -1,4 +1,4 @@
-"""Folders: those to write into, whole files alone and by one process at a time, and the cache.
+"""Output folders and the cache. Files are written whole, by one process at a time.
 
 Results are cached from report to report beside the compiled kernels, by a hash of this package's source, of the
 versions of what it computes with, and of what a result is for.

@@ -1,4 +1,4 @@
-"""Texts in TOML files, and texts and programs as Jinja templates, in a file or with numbers in one line."""
+"""Texts loaded from TOML files, and Jinja templates filled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers with units: the one place where text becomes SI; and numbers rounded to the side that promises less.
+"""Numbers with units: the one place where text becomes SI; and numbers rounded to the safe side.
 
 A plain number is in the unit that its option or key states; text may carry its own ("65 N*m/(km/h)"). Text without one
 is taken on the command line, and refused in records and files. Pint is imported only for text with a unit.

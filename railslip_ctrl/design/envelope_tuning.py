@@ -1,4 +1,4 @@
-"""One controller tuned over a whole envelope, and judged over it before it is handed out."""
+"""One controller tuned over a whole envelope, and judged over it before it is returned."""
 
 from __future__ import annotations
 

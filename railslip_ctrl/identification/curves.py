@@ -1,7 +1,7 @@
 """From a log to its adhesion curve, and all that is to be said of the log before anything is fitted.
 
-Of the samples are kept sums by cell of slip and speed, bins of the curve, and sums of stretches of time: of bounded
-size, and all that least squares over every sample needs. With n, the mean and the scatter of mu in a cell, and the
+Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time: memory
+is bounded, and least squares over every sample needs no more. With n, the mean and the scatter of mu in a cell, and the
 moments of the slips that it is the mean over, the model's mean there is a two-point Gauss rule, exact for a cubic;
 cells are 1/800 of the range wide or less. The noise of neighbouring samples is correlated: by the observer's filter, by
 the rig, by the run. So its long-run variance, that of means over long times, is taken from stretches of time, their

@@ -1,9 +1,9 @@
 """Reading a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
 A header cell is a name with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "brake_torque_kNm"; case,
-spaces, underscores and hyphens do not count. `NAMES` has the names. n is what its unit says, and a wheel load without
-one; a wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of the wheel's
-two speeds must be there; other columns are not read.
+spaces, underscores and hyphens do not count. `NAMES` lists the names. The unit decides what `n` means; without one it
+is the wheel load. A wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of
+the wheel's two speeds must be there; other columns are not read.
 
 The header is the first line that is neither empty nor a comment (#). Where that line has numbers already, it is the
 last comment above it that names the columns, as NumPy writes it. A line of units may follow it.

@@ -59,8 +59,8 @@ _AXES = {
     "lag_s": "lag, s",
 }
 _RANKED = (
-    f"use from the lowest speed, within {LEVEL_KMH:g} km/h (robust; slip below 0.5, brake as given), then no "
-    "oscillation, then the mean stop"
+    f"first by the lowest speed of use (robust, and slip below 0.5 with the brake as given; {LEVEL_KMH:g} km/h count "
+    "as equal), then no oscillation, then the shortest mean stop"
 )
 _PAPER = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
@@ -73,24 +73,24 @@ _MOST_TOLD = 8  # of points left out and knife edges
 
 def first_page(report: DesignReport) -> FirstPage:
     """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
-    headline, why, after = _headline(report), _why(report), tuple(_not_judged(report))
-    told = " ".join([headline, why, *(" ".join(line) for line in after)])
-    risk, to_do = (
-        " ".join(steps) for steps in _within(_MOST_WORDS - len(told.split()), _risks(report), _steps(report))
-    )
+    headline, subject = _headline(report), _design_words(report)
+    after = tuple(_not_judged(report))
+    told = " ".join([headline, subject, *(text for _, text in after)])
+    texts = _within(_MOST_WORDS - len(told.split()), _why(report), _risks(report), _steps(report))
+    why, risk, to_do = map(" ".join, texts)
     return FirstPage(
         title=f"Wheel-slip control design: {report.vehicle.name}",
         headline=headline,
-        subject=_design_words(report),
+        subject=subject,
         file=RECOMMENDED if report.control is not None else "",
         lines=(
             ("Why", why),
             *after,
             *([("Risk", risk)] if risk else []),
-            ("To do", to_do or "Load the file, and confirm it on the rig."),
+            ("To do", to_do or f"Load {RECOMMENDED} and confirm it on the rig."),
             *_yours(report),
         ),
-        head=("", "", "where: adhesion law, rail, load"),
+        head=("", "", "case: adhesion law, rail, load"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
     )
@@ -123,59 +123,62 @@ def _design_words(report: DesignReport) -> str:
         return "any PI or PI-lead"
     if isinstance(report.control, SeekingControl):
         found = report.control.gains
-        return f"seeking: looks for the slip of most adhesion, {short(found.least_slip)} to {short(found.largest_slip)}"
+        return f"seeking: finds the adhesion peak, slip {short(found.least_slip)} to {short(found.largest_slip)}"
     design, held = report.control.design, report.control.reference
     slips = {"dry": held.dry, "wet": held.wet}
     slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
     gains = f"{design.structure}: kp {short(design.gains.kp)} N·m/(m/s), ki {short(design.gains.ki)} N·m/m"
-    lead = f", lead {short(design.lead)} s / {short(design.lead_filter)} s" if design.lead > 0 else ""
-    return f"{gains}{lead}; holds slip {slip}"
+    lead = f", lead {short(design.lead)}/{short(design.lead_filter)} s" if design.lead > 0 else ""
+    return f"{gains}{lead}; slip {slip}"
 
 
-def _why(report: DesignReport) -> str:
+def _why(report: DesignReport) -> Iterator[str]:
+    """What decides, first."""
     if report.in_use is None or report.best is None:
-        told = "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
-        return told if report.seeking is None else f"{told} {_shortest(report.seeking).capitalize()}."
+        yield "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
+        if report.seeking is not None:
+            yield f"{_shortest(report.seeking).capitalize()}."
+        return
     judged = report.in_use
     operating = int(judged.points.operating.sum())
     robust = None if report.judgement is None else report.judgement.robust_from_kmh
     if report.above_kmh is None and robust is not None:
-        return "The best design is robust by its margins, but in a stop the wheel slides: slip over 0.5."
+        yield "The best design is robust by its margins, but in a stop the wheel slides: slip over 0.5."
+        return
     if report.above_kmh is None:
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
         told = f"No design found keeps {asked} at any speed. The best"
-        if judged.verdict == "unstable":
-            return f"{told} has unstable loops."
         lowest = min(judged.envelope.speeds)
         begins = f"from {lowest:g} km/h up" if lowest > min(report.envelope.speeds) else "at every operating point"
-        return f"{told} is stable {begins}, Ms {worst_cells(judged.worst)[1]} at worst."
+        stable = f"is stable {begins}, Ms {worst_cells(judged.worst)[1]} at worst"
+        yield f"{told} {'has unstable loops' if judged.verdict == 'unstable' else stable}."
+        return
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
-        axes = {"slip": "slip", "dead_time": "dead time", "lag": "lag", "radius": "wheel radius"}
-        wide = [name for axis, name in axes.items() if len(getattr(judged.envelope, axis)) > 1]
-        told += f", stable at all {len(judged.points)} with tolerances" + (f" ({', '.join(wide)})" if wide else "")
-    told += "."
+        axes = {"slip": "slip", "dead_time": "brake", "lag": "brake", "radius": "wheel"}
+        wide = dict.fromkeys(name for axis, name in axes.items() if len(getattr(judged.envelope, axis)) > 1)
+        told += f", stable at all {len(judged.points)} with tolerances" + (f" of {listed(wide)}" if wide else "")
+    yield f"{told}."
     if robust != report.above_kmh:
-        told += f" Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
+        yield f"Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
     factor = report.best.reference_factor
     if factor < 1.0 and all(stop.reached for stop in report.stops):
         more = [choice.tier for choice in report.selection.choices if choice.reference_factor > factor]
         less_robust = min(more, default=report.best.tier) > report.best.tier
-        told += f" It holds {100 * factor:g} % of the reference slip; designs that hold more "
-        told += "are less robust." if less_robust else "do no better."
-    swinging = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
-    return told + (f" With {' and '.join(swinging)} the wheel oscillates." if swinging else "")
+        others = "are less robust" if less_robust else "do no better"
+        yield f"It holds {100 * factor:g} % of the reference slip; designs that hold more {others}."
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
     """The first sentence of each text, and more as far as so many words go."""
-    found: list[list[str]] = []
-    for text in texts:
-        found.append([])
-        for step in text:
-            if len(step.split()) <= most or not found[-1]:
-                found[-1].append(step)
-                most -= len(step.split())
+    sentences = [list(text) for text in texts]
+    found = [text[:1] for text in sentences]
+    most -= sum(len(one.split()) for text in found for one in text)
+    for kept, text in zip(found, sentences, strict=True):
+        for one in text[1:]:
+            if len(one.split()) <= most:
+                kept.append(one)
+                most -= len(one.split())
     return found
 
 
@@ -187,8 +190,8 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
     if report.hands_over and report.control is not None:
         over, used = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
         if used > float(over):
-            yield f"{over} to {used:g} km/h", f"it controls slip, {_between(report, float(over), used)}."
-        yield f"Below {over} km/h", f"it brakes without slip control: {_handed_over(report.control)}."
+            yield f"{over} to {used:g} km/h", f"slip controlled, but {_between(report, float(over), used)}."
+        yield f"Below {over} km/h", f"no slip control; holds {_handed_over(report.control)}."
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
@@ -198,10 +201,10 @@ def _between(report: DesignReport, over: float, used: float) -> str:
     below_use = speeds < used * (1 - 1e-9)  # from m/s
     judged = (speeds > over * (1 - 1e-9)) & below_use
     if not judged.any():
-        return "but was not judged"
+        return "not judged"
     unstable = np.unique(speeds[judged & np.isinf(ms)]).tolist()
     told = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
-    return f"and is {told if unstable else 'not robust'}"
+    return told if unstable else "not robust"
 
 
 def _risks(report: DesignReport) -> Iterator[str]:
@@ -211,10 +214,13 @@ def _risks(report: DesignReport) -> Iterator[str]:
         worst = ", ".join((locking[0].law, locking[0].rail, locking[0].load, locking[0].brake))
         of = f"{len(locking)} of {len(report.tolerance_stops)} stops with the actuator's tolerances"
         yield f"A wheel locks in {of} ({minus(worst)})."
+    if swinging := dict.fromkeys(stop.law for stop in report.stops if stop.swings):
+        yield f"With {' and '.join(swinging)} the wheel oscillates."
     if not report.usable or report.in_use is None or report.nominal:
         return
     if not locking and (slid := max((stop.max_slip for stop in report.tolerance_stops), default=0.0)) > SLIDING:
-        yield f"Slip reaches {above(slid)} with the actuator's tolerances."
+        longest = max(stop.distance for stop in report.tolerance_stops if stop.max_slip == slid)
+        yield f"Slip reaches {above(slid)} with the actuator's tolerances, in a stop of {short(longest)} m."
     worst_case = report.in_use.worst_with_tolerances
     if max(worst_case.ms, worst_case.as_run is not None and worst_case.run_ms) > _NEARLY_UNSTABLE:
         yield f"With tolerances a loop is nearly unstable, Ms {worst_cells(worst_case)[1]}."
@@ -232,22 +238,21 @@ def _steps(report: DesignReport) -> Iterator[str]:
         reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
     over_kmh = 0.0 if report.control is None else report.control.cut_out_speed / KMH
     if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # from m/s
-        yield f"Below {report.above_kmh:g} km/h use another slide protection."
+        yield "Below, use another slide protection."
     if report.usable and any(stop.slides for stop in report.tolerance_stops):
-        yield "Measure dead time and lag before use."
+        yield "Measure dead time and lag, and report again."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)}){reach}."
-    if brake and not robust:
+    if brake and not robust and not seeks:
         yield f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}."
     elif brake and not report.usable:
-        yield f"With {brake} no wheel slides in the stops tried."
+        yield f"With {brake} it is robust, and no wheel slides in the stops tried."
     elif not report.usable:
         yield "Judge from a higher speed, or change the brake."
         least = min(choice.reference_factor for choice in report.selection.choices)
         tried = [] if least == 1 else [f"holding {100 * least:g} % of the reference slip"]
-        tried += [] if seeks else [f"a brake with {100 * FASTER[-1]:g} % of this dead time and lag"]
-        if tried:
-            yield f"Tried, and not enough: {'; '.join(tried)}."
+        tried.append(f"a brake with {100 * FASTER[-1]:g} % of this dead time and lag")
+        yield f"Tried, and not enough: {'; '.join(tried)}."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
 
@@ -255,8 +260,8 @@ def _steps(report: DesignReport) -> Iterator[str]:
 def _handed_over(control: Any) -> str:
     """The torque below the speed at which slip control ends."""
     if isinstance(control, SeekingControl):
-        shares = [f"{100 * share:g}" for share in (control.gains.hand_over_share, control.gains.last_share)]
-        return f"{' % falling with speed to '.join(shares)} % of the mean torque before"
+        first, last = (f"{100 * share:g} %" for share in (control.gains.hand_over_share, control.gains.last_share))
+        return f"{first} of its mean torque, falling to {last} at {control.gains.last_speed / KMH:.3g} km/h"
     return f"{short(control.cut_out_torque)} N·m"
 
 
@@ -287,7 +292,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         where = "; ".join(f"{one.law}, {one.load}" for one in report.stops if one.rail is stop.rail and one.locks)
         locks = f"locks ({where})" if where else "no lock"
         yield (
-            f"Stop, {stop.rail}, from {report.envelope.initial_speed:g} km/h",
+            f"Stop, {stop.rail}, {report.envelope.initial_speed:g} to 5 km/h",
             _distance(stop),
             f"{_stop_words(stop)}; {locks}",
         )
@@ -295,13 +300,12 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         slipped = max((*report.stops, *report.tolerance_stops), key=lambda stop: stop.max_slip)
         locked = sum(stop.locks for stop in report.tolerance_stops)
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, slipped.brake)))
-        of = f"; in {len(report.tolerance_stops)} stops with the actuator's tolerances "
+        of = f"; in {len(report.tolerance_stops)} stops with the actuator's tolerances, one noise seed each, "
         locks = of + (counted(locked, "lock") if locked else "no lock") if report.tolerance_stops else ""
         yield "Highest slip", above(slipped.max_slip), f"{where}{locks}"
     if report.usable:
         seeds = len(report.stops[0].runs)
-        tried = f"first of {len(report.selection.choices)} designs by {_RANKED}"
-        told = f"all laws, loads and rails, {seeds} runs each; {tried}"
+        told = f"all laws, loads and rails, {seeds} runs each; ranked first of {len(report.selection.choices)} designs"
         yield "Mean stop", f"{short(report.trials[0].distance())} m", told
     shortest = min(report.trials, key=Trial.distance)
     if shortest is not report.trials[0]:
@@ -341,9 +345,9 @@ def _over(stop: Stop) -> str:
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
-        return f"{100 * stop.over_bound:.0f} % over the bound, {short(stop.bound.braking_distance)} m; "
+        return f"{100 * stop.over_bound:.0f} % over the bound of {short(stop.bound.braking_distance)} m; "
     had = stop.attainable.braking_distance
-    return f"{100 * (stop.distance / had - 1):.0f} % over what can be had, {short(had)} m; "
+    return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m; "
 
 
 def _held(stop: Stop) -> str:
@@ -363,7 +367,8 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load, as run where that is more; the darker, the larger.",
+        "Worst Ms over speed and load, of the sampled loop where that is larger; black from 8 up. Slip control ends "
+        "below a dashed line.",
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
@@ -433,11 +438,15 @@ def _envelope(report: DesignReport) -> Section:
         lowest = f"{min(used.envelope.speeds):g} km/h"
         blocks += [
             Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
-            Table(worst_head, rows, caption=f"Worst cases from {lowest} up, and their margins, in continuous time."),
+            Table(
+                worst_head,
+                rows,
+                caption=f"Points of worst Ms from {lowest} up, with the margins there, in continuous time.",
+            ),
             Table(
                 head,
                 axes,
-                caption="What costs margin over the whole envelope, in continuous time; axes that cost none left out.",
+                caption="What costs margin over the whole envelope; continuous time, axes without effect omitted.",
             ),
         ]
     told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
@@ -462,17 +471,17 @@ def _candidates(report: DesignReport) -> Section:
         told = (short(gains.kp), short(gains.ki)) if isinstance(gains, PIGains) else (NONE, NONE)
         cells = (*told, _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
         ran = (NONE, NONE) if trial is None else (_speed(_used_from(trial)), short(trial.distance(), 3))
-        needs = f"{short(choice.reach_s, 2)} s, and a stop has {short(choice.stop_s, 2)} s"
+        needs = f"{short(choice.reach_s, 2)} s of a {short(choice.stop_s, 2)} s stop"
         seeks = choice.structure == SEEKING
-        reaches = "finds its own" if seeks else "yes" if choice.reaches else f"no: it needs {needs}"
+        reaches = "finds its own" if seeks else "yes" if choice.reaches else f"no: needs {needs}"
         rows.append((kind, NONE if seeks else slip, *cells, worst_cells(judged.worst)[1], *ran, reaches))
     head = (
         "Structure", "Slip, % of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
-        "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Builds up to its slip",
+        "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Reaches its slip",
     )  # fmt: skip
     text = (
-        f"The designs most robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance, from the lowest speed up) brake in "
-        f"the stops below, and so does the seeking controller. The order is by {_RANKED}."
+        f"The designs most robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance, from the lowest speed up) and the "
+        f"seeking controller ran in the same stops. The order: {_RANKED}."
     )
     shown = Table(head, rows, caption="What was tried.", wide=True)
     return Section("candidates", "Candidates", (Paragraph(text), shown))
@@ -545,7 +554,8 @@ def _elsewhere(report: DesignReport) -> str:
     for one in report.held_elsewhere:
         slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
         told += (
-            f"On {one.law}, {one.rail}, the slip held, {slips}, was not judged: Ms there is at most {ms_text(one.ms)}. "
+            f"On {one.law}, {one.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
+            f"{ms_text(one.ms)}. "
         )
     return told
 
@@ -659,16 +669,21 @@ def _sliding(report: DesignReport) -> Section:
     if found is None:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
     conditions = found.conditions
-    rows = [(typeset(one.name), _HELD.get(one.how or "", "not decided")) for one in conditions if one.holds]
+    met = sum(bool(one.holds) for one in conditions)
     use = "may take the PI's place where the rail's holding torque is known"
-    if len(rows) < len(conditions):
+    if met < len(conditions):
         use = "is not to be used instead"
     text = (
-        f"A sliding-mode law with a lead {use}: {len(rows)} of the {len(conditions)} conditions of its use are met, on "
-        "the published bristle model. railslip verify --law layered has the evidence."
+        f"A sliding-mode law with a lead {use}: it meets {met} of the {len(conditions)} conditions of its use, on the "
+        "published bristle model. railslip verify --law layered has the evidence."
     )
-    shown = [Table(("Condition", "How"), rows, caption="Conditions met.")] if rows else []
-    return Section("sliding", "Sliding mode", (Paragraph(text), *shown))
+    rows = [
+        (typeset(one.name), "not decided" if one.holds is None else _HELD[one.how or ""] if one.holds else "not met")
+        for one in conditions
+    ]
+    return Section(
+        "sliding", "Sliding mode", (Paragraph(text), Table(("Condition", "Verdict"), rows, caption="Its conditions."))
+    )
 
 
 def _speed(speed: float | None) -> str:

@@ -8,7 +8,7 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from enum import Enum
 from importlib.metadata import version
 from operator import attrgetter
@@ -300,14 +300,6 @@ def write_files(directory: Path, files: Mapping[str, FileContent], *, option: st
 
 
 # --- where a report comes from --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """The command line, and its options with their values (names of input files among them)."""
-
-    command: str
-    options: tuple[tuple[str, str], ...]
 
 
 def software() -> dict[str, str]:

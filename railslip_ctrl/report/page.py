@@ -13,7 +13,7 @@ from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.core.templates import environment
 
 from .document import FirstPage, Section
-from .export import Provenance, software
+from .export import software
 
 if TYPE_CHECKING:  # an extra
     from markupsafe import Markup
@@ -25,11 +25,11 @@ def page(
     first: FirstPage,
     sections: Sequence[Section],
     pictures: Mapping[str, bytes],
-    provenance: Provenance,
+    command: str,
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """One HTML document that loads nothing: style within, pictures as data; `seconds` is what it took, s.
+    """One HTML document that loads nothing: style within, pictures as data; `command` made it, in `seconds`, s.
 
     `pictures` are SVG by the names that `first` and `sections` use.
     """
@@ -42,7 +42,7 @@ def page(
         sections=sections,
         software=software(),
         pictures={name: f"data:image/svg+xml;base64,{one}" for name, one in embedded.items()},
-        **{"provenance": provenance, "version": __version__, "date": date.isoformat(), "seconds": seconds},
+        **{"command": command, "version": __version__, "date": date.isoformat(), "seconds": seconds},
     )
     cited = {key: _linked(source) for key, source in SOURCES.items() if f"[{key}]" in text}
     sources = filling.get_template("sources.html").render(sources=cited) if cited else ""

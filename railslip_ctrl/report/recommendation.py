@@ -341,6 +341,15 @@ def design_report(
     InputError: an envelope without points, or what is no controller.
     """
     started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
+    rivals: dict[str, Rival] = {}
+
+    def run_beside(one: str, controller: Any) -> None:
+        progress(f"{one}, judged and run beside")
+        rivals[one] = _rival(one, controller, envelope, nominal)
+
+    for name, controller in (given or {}).items():
+        if no_margins(controller):  # its step may break down: told before the long work
+            run_beside(name, controller)
     with _beside() as submit:
         # the class of a law of the user's own is unknown in the other process
         sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
@@ -358,12 +367,12 @@ def design_report(
             found += lead((best.reference_factor,), _QUICK_FILTER).choices
         selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
         report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
-        rivals = []
         for name, controller in (given or {}).items():
-            progress(f"{name}, judged and run beside")
-            rivals.append(_rival(name, controller, envelope, nominal, report))
+            if name not in rivals:
+                run_beside(name, controller)
         progress("conditions of the layered sliding-mode law")
-        return replace(report, rivals=tuple(rivals), sliding=conditions(), seconds=time.perf_counter() - started)
+        shown = tuple(rivals[name] for name in given or {})
+        return replace(report, rivals=shown, sliding=conditions(), seconds=time.perf_counter() - started)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -431,7 +440,7 @@ def _designed(
     assert best.design.judgement is not None
     plain, judgement = getattr(control, "design", None), best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = plain is None or (robust and best.reaches and trials[0].above_kmh is not None)
+    enough = trials[0].above_kmh is not None and (plain is None or (robust and best.reaches))
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, max(trials[0].lowest_kmh, judgement.hand_over_kmh))
     had = submit(attainable_stops, _braked(trials))
@@ -515,7 +524,7 @@ def no_margins(controller: Any) -> str:
     return "known by its step alone" if has_step(thing) else "not linear"
 
 
-def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
+def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
     if reason := no_margins(controller):
         blank = _unjudged(envelope)
         held = envelope.reference or blank.points.plants[0].point.law.reference
@@ -605,11 +614,16 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
 
 def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
     """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
-    to it in its stops; None if none tried is."""
+    to it in its stops; with which the seeking controller may be used; None if none tried is."""
     for factor in FASTER:
         old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
+        if structure == SEEKING:
+            trial = _seeking_trial(faster, nominal=False)
+            if trial is not None and trial.above_kmh is not None:
+                return FasterBrake(factor, actuator.dead_time, actuator.lag, True)
+            continue
         ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
         found = select(ends, (structure,), (1.0,)).choices[0]
         design = found.design

@@ -16,7 +16,7 @@ from railslip_ctrl.design.assessment import Assessment, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import SeekingDesign
-from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
+from railslip_ctrl.design.judging import SAMPLING_COUNTED, Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
@@ -246,7 +246,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
             numbers = f"Ms {ms_up(m.ms)}, phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
         parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
     if isinstance(assessment.controller, SeekingGains):
-        parts.append(f"Sampled: {UNSAMPLED}")
+        parts.append(f"Sampled: {SAMPLING_COUNTED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
@@ -406,7 +406,7 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         yield f"Worst {name.replace('Ms', 'Ms with tolerances')}", value, where
     if judged.worst.margins is None:
         return
-    kind = _kind_of(judged.worst)
+    kind = f"operating points{_kind_of(judged.worst)}"
     (phase, phase_at), (delay, delay_at) = judged.least("phase_deg"), judged.least("delay_s")
     (low, low_at), (high, high_at) = judged.least("gain_decrease", largest=True), judged.least("gain_increase")
     where = low_at.words if low_at == high_at else f"low: {low_at.words}; high: {high_at.words}"
@@ -418,12 +418,13 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
     """The larger Ms, of the loop or of the sampled one that runs: which of them, its value, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return f"Ms, {_kind_of(worst)}", ms_text(worst.ms), worst.case.words
+        return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.words
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
-    return "sampled" if isinstance(worst.loop, SampledLoop) else "continuous"
+    """Which loop a margin is of, where there are two, or the sampled one alone."""
+    return ", sampled" if isinstance(worst.loop, SampledLoop) else "" if worst.as_run is None else ", continuous"
 
 
 def _map_table(judgement: Judgement) -> RenderableType:

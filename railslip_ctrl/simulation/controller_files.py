@@ -1,4 +1,4 @@
-"""Controllers' files: TOML, read and written, and Python files, which are run and name theirs `CONTROLLER`.
+"""Controllers' files: TOML, read and written, and Python files, which are run and assign to `CONTROLLER`.
 
 kind = "pi"                       # one of `KINDS`
 kp = "336 N*m/(km/h)"             # the keys of its kind, see the classes below; plain numbers are SI

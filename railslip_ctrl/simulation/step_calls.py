@@ -1,4 +1,4 @@
-"""A call from a kernel to a function at an address: a user's controller, which no kernel is compiled anew for."""
+"""A call from a kernel to a user's controller by its address, so that no kernel is compiled for it."""
 
 from __future__ import annotations
 

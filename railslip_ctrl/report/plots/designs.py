@@ -468,15 +468,16 @@ def response_figure(
 
 
 def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
-    """Cut a command off that begins far above all that follows, and say how high it goes."""
+    """Cut a command off that begins far from all that follows, and say how far it goes."""
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
-    top = max(float(response.control.max()) for response in responses)
-    low, span = float(later.min()), float(np.ptp(later))
-    if top > low + 2 * span > low:
-        ax.set_ylim(low - 0.1 * span, low + 1.5 * span)
-        words = f"cut off: begins with up to {short(top, 3)} N·m"
+    control = np.concatenate([response.control for response in responses])
+    low, high, span = float(later.min()), float(later.max()), float(np.ptp(later))
+    if max(control.max() - low, high - control.min()) > 2 * span > 0:
+        ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
+        rounded = np.round(control, 9 - int(np.log10(np.abs(control).max())))  # an exact 0 may read 5e-15
+        words = f"cut off: {short(float(rounded.min()), 3)} to {short(float(rounded.max()), 3)} N·m"
         ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
@@ -491,19 +492,22 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
     return style.magnitudes_figure(gangs, fields, title, 4.5)
 
 
-def ms_map_figure(maps: Mapping[str, MsMap], *, title: str) -> Figure:
-    """Worst Ms on a grid of speed and load, at the operating points and with tolerances, for named controllers."""
+def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float = 0.0) -> Figure:
+    """Worst Ms on a grid of speed and load, at the operating points and with tolerances, for named controllers; dashed
+    where slip control ends."""
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
     for row, (name, found) in enumerate(maps.items()):
         shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
             _grid(ax, found.speeds_kmh, found.loads, worst)
+            if below := np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9)):  # from m/s
+                ax.axhline(below - 0.5, color="black", linestyle="--", linewidth=1.6)
             ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
             ax.grid(visible=False)
         axes[row, 0].set_ylabel("speed (km/h)")
     for ax in axes[-1]:
-        ax.set_xlabel("load; black: Ms over 8, or unstable")
+        ax.set_xlabel("load")
     return figure
 
 
@@ -531,9 +535,9 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     """What draws each figure; what has nothing to show is left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
-        found, name = report.judgement.map, report.best.design.structure
+        judged, name = report.judgement, report.best.design.structure
         title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, continuous time"
-        drawings["map"] = lambda: ms_map_figure({"": found}, title=title)
+        drawings["map"] = lambda: ms_map_figure({"": judged.map}, title=title, hand_over_kmh=judged.hand_over_kmh)
         where = f"{report.vehicle.name}, {name}: loops at the worst points; continuous time"
         drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
         if report.stops:

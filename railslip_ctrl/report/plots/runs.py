@@ -130,7 +130,7 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
 def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
     """Axes of a row from 0 up to what is enough, if there is more."""
     row[0].set(
-        ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} cut off" if highest > top else label
+        ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} clipped" if highest > top else label
     )
     style.legend_beside(row[-1])
 

@@ -1,7 +1,7 @@
 """Runs a campaign, in processes of this machine or on a Dask cluster, and repeats one of its runs with its signals.
 
 Its folder has a manifest and a Parquet file for each finished part, always whole. The parts are fixed when a campaign
-begins; which of them are there is all that resuming needs.
+begins; resuming runs those that are missing.
 """
 
 from __future__ import annotations
