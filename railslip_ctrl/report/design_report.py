@@ -219,8 +219,7 @@ def _risks(report: DesignReport) -> Iterator[str]:
     if not report.usable or report.in_use is None or report.nominal:
         return
     if not locking and (slid := max((stop.max_slip for stop in report.tolerance_stops), default=0.0)) > SLIDING:
-        longest = max(stop.distance for stop in report.tolerance_stops if stop.max_slip == slid)
-        yield f"Slip reaches {above(slid)} with the actuator's tolerances, in a stop of {short(longest)} m."
+        yield f"Slip reaches {above(slid)} with the actuator's tolerances."
     worst_case = report.in_use.worst_with_tolerances
     if max(worst_case.ms, worst_case.as_run is not None and worst_case.run_ms) > _NEARLY_UNSTABLE:
         yield f"With tolerances a loop is nearly unstable, Ms {worst_cells(worst_case)[1]}."
@@ -302,7 +301,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, slipped.brake)))
         of = f"; in {len(report.tolerance_stops)} stops with the actuator's tolerances, one noise seed each, "
         locks = of + (counted(locked, "lock") if locked else "no lock") if report.tolerance_stops else ""
-        yield "Highest slip", above(slipped.max_slip), f"{where}{locks}"
+        yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}{locks}"
     if report.usable:
         seeds = len(report.stops[0].runs)
         told = f"all laws, loads and rails, {seeds} runs each; ranked first of {len(report.selection.choices)} designs"
