@@ -1,4 +1,4 @@
-"""From samples to models: moments, cells, fits against known parameters and closed forms, intervals that cover."""
+"""From rows to samples to models: what is observed, cells, fits against known parameters and closed forms, intervals that cover."""
 
 import functools
 import math
@@ -15,8 +15,9 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import fits, models, results
 from railslip_ctrl.identification.curves import Accumulator, peak_slip
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, clustered_covariance
+from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import Setting, check_options
-from railslip_ctrl.identification.observed import Observed
+from railslip_ctrl.identification.observed import AdhesionStream, Observed, Observer, Recorder
 from railslip_ctrl.identification.results import compare, over_initial_speed, peak_of_fit, peak_of_law
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_class, load_law, published_law
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
@@ -37,6 +38,86 @@ LAWS: dict[str, AdhesionLaw] = {
     "table": law_class("table")(slip=(0.02, 0.06, 0.12, 0.25, 0.5), mu=(0.13, 0.24, 0.28, 0.25, 0.21)),
 }
 SLIPS = np.linspace(0.006, 0.48, 4000)
+
+
+def ramp_rows() -> Rows:
+    """Slip rising from 0 at 0.02 1/s at constant speed, and the torque that goes with mu = 2 slip."""
+    time = np.cumsum(0.005 * np.random.default_rng(0).uniform(0.5, 1.5, 2000))
+    slip, wheel = 0.02 * time, PARK2008.wheel
+    omega = V100 * (1 - slip) / wheel.radius
+    torque = 2 * slip * LOAD * wheel.radius + 0.02 * V100 / wheel.radius * wheel.inertia - wheel.viscous_friction * omega
+    columns = {"time": time, "train_speed": np.full(2000, V100), "wheel_angular_speed": omega, "brake_torque": torque}
+    return Rows(np.arange(2000) + 2, columns)
+
+
+@pytest.mark.parametrize(("observer", "lag"), [(Observer.CORRECTED, 1.0), (Observer.KALMAN, math.sqrt(2.0))])
+@pytest.mark.parametrize("block", [2000, 77])
+def test_observed_mu_stands_over_the_slip_it_belongs_to(observer, lag, block):
+    """The lag of the observer is in mu and in slip alike: a straight line stays the line it is.
+
+    1/(tau s + 1) is tau late; 1/(tau^2 s^2 + sqrt(2) tau s + 1) is sqrt(2) tau late.
+    """
+    rows, stream = ramp_rows(), AdhesionStream(PARK2008, observer=observer)
+    parts = [stream.add(rows.part(start, start + block)) for start in range(0, 2000, block)]
+    time, slip, slip2, mu = (np.concatenate([getattr(part, n) for part in parts]) for n in ("time", "slip", "slip2", "mu"))
+    # the start is not known to the observer: exp(-20) of it is left after 20 time constants, and rounding
+    late, tau = time > time[0] + 20 * stream.time_constant, stream.time_constant
+    assert (late.sum() > 1500, stream.survey.runs) == (True, 1)
+    assert mu[late] == pytest.approx(2 * slip[late], rel=1e-6)
+    exact = observer is Observer.CORRECTED  # the gain of the Kalman filter is for one interval, and these are not
+    found, behind = (0.02 * time - slip)[late], np.full(late.sum(), 0.02 * lag * tau)
+    assert found == pytest.approx(behind, rel=1e-5 if exact else 0.25)
+    assert found.mean() == pytest.approx(behind[0], rel=0.05)
+    if exact:  # the variance of an exponential window, (rate tau)^2, but for (interval/tau)^2 between samples
+        assert (slip2 - slip**2)[late] == pytest.approx(behind**2, rel=1e-2)
+
+
+def test_a_gap_restarts_the_observer_and_is_told():
+    """Also from a rim speed and from twice the wheel load, on which mu is half as high."""
+    rows, kept = ramp_rows(), np.ones(2000, dtype=bool)
+    rows.columns["wheel_speed"] = rows.columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
+    rows.columns["wheel_load"] = np.full(2000, 2 * LOAD)
+    kept[800:1000] = False
+    stream, time = AdhesionStream(PARK2008), rows.columns["time"]
+    observed = stream.add(rows.where(kept))
+    assert (stream.survey.gap_count, stream.survey.runs) == (1, 2)
+    assert stream.survey.gaps == [(1002, pytest.approx(time[1000] - time[799]))]
+    assert stream.survey.wheel_load == pytest.approx(2 * LOAD)
+    after = observed.time[observed.time > time[999]]
+    assert after[0] >= time[1000] + 5 * stream.time_constant  # what the observer does not know yet is not used
+    assert observed.mu == pytest.approx(observed.slip, rel=0.01)
+
+
+def test_impossible_rows_are_left_out_when_few_and_refused_when_many():
+    few, many = ramp_rows(), ramp_rows()
+    few.columns["wheel_angular_speed"][[500, 501]] = 5000.0
+    many.columns["wheel_angular_speed"] *= 1.8
+    taken, refused = AdhesionStream(PARK2008), AdhesionStream(PARK2008)
+    taken.add(few)
+    taken.check("log")
+    assert taken.survey.implausible == 2
+    assert taken.survey.first_implausible.startswith("line 502: wheel speed 7740 km/h is beyond any train")
+    refused.add(many)
+    with pytest.raises(InputError, match=r"log: line \d+: wheel speed .* far above the train's.*check columns"):
+        refused.check("log")
+
+
+def test_a_record_is_whole_runs_however_its_rows_come():
+    used = np.repeat(np.random.default_rng(5).uniform(size=60) < 0.6, 50)
+    rows, apart = np.vstack([np.arange(used.size, dtype=float), np.ones((4, used.size))]), np.arange(used.size) == 1234
+    whole, parts = Recorder(700), Recorder(700)
+    whole.add(rows, used, apart)
+    for at in (slice(start, start + 77) for start in range(0, used.size, 77)):
+        parts.add(rows[:, at], used[at], apart[at])
+    record = whole.record()
+    assert 0 < len(record) <= 700
+    assert np.array_equal(record.time, parts.record().time)
+    follows = used[1:] & used[:-1] & ~apart[1:]  # of row 1 on, whether it goes on with the run of the row before
+    for run in np.unique(record.run):
+        kept = record.time[record.run == run].astype(int)
+        assert follows[kept[:-1]].all()
+        assert np.array_equal(kept, np.arange(kept[0], kept[-1] + 1))
+        assert not follows[[kept[0] - 1, kept[-1]]].any()
 
 
 def samples(slip, speed, mu, *, interval=0.01) -> Observed:
