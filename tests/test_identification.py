@@ -45,7 +45,9 @@ def ramp_rows() -> Rows:
     time = np.cumsum(0.005 * np.random.default_rng(0).uniform(0.5, 1.5, 2000))
     slip, wheel = 0.02 * time, PARK2008.wheel
     omega = V100 * (1 - slip) / wheel.radius
-    torque = 2 * slip * LOAD * wheel.radius + 0.02 * V100 / wheel.radius * wheel.inertia - wheel.viscous_friction * omega
+    torque = (
+        2 * slip * LOAD * wheel.radius + 0.02 * V100 / wheel.radius * wheel.inertia - wheel.viscous_friction * omega
+    )
     columns = {"time": time, "train_speed": np.full(2000, V100), "wheel_angular_speed": omega, "brake_torque": torque}
     return Rows(np.arange(2000) + 2, columns)
 
@@ -59,7 +61,9 @@ def test_observed_mu_stands_over_the_slip_it_belongs_to(observer, lag, block):
     """
     rows, stream = ramp_rows(), AdhesionStream(PARK2008, observer=observer)
     parts = [stream.add(rows.part(start, start + block)) for start in range(0, 2000, block)]
-    time, slip, slip2, mu = (np.concatenate([getattr(part, n) for part in parts]) for n in ("time", "slip", "slip2", "mu"))
+    time, slip, slip2, mu = (
+        np.concatenate([getattr(part, n) for part in parts]) for n in ("time", "slip", "slip2", "mu")
+    )
     # the start is not known to the observer: exp(-20) of it is left after 20 time constants, and rounding
     late, tau = time > time[0] + 20 * stream.time_constant, stream.time_constant
     assert (late.sum() > 1500, stream.survey.runs) == (True, 1)

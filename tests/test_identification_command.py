@@ -256,7 +256,12 @@ def test_what_is_not_from_the_log_is_marked(file):
     dry = found_in("beam")
     found = identification_json(dry)
     own, other = found["peaks"][4], found["peaks"][0]
-    assert (own["from"], own["extrapolated"], other["extrapolated"], own["slip_stderr"] > 0) == ("log", False, True, True)
+    assert (own["from"], own["extrapolated"], other["extrapolated"], own["slip_stderr"] > 0) == (
+        "log",
+        False,
+        True,
+        True,
+    )
     wet = [each for each in found["peaks"] if each["rail"] == "wet"]
     assert {(each["from"], each["slip_stderr"], each["mu_stderr"]) for each in wet} == {("rule", None, None)}
     assert all(each["reference_slip"] is not None for each in wet)

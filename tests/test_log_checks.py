@@ -5,7 +5,6 @@ import dataclasses
 import itertools
 import re
 from string import Formatter
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -61,8 +60,8 @@ def test_the_step_of_values_is_found_where_there_is_one():
     for values in (generator.standard_normal(4096), 4000.0 * np.maximum(time - 1.0, 0.0), np.sin(time), np.zeros(4096)):
         assert step_of(values) == 0.0
     assert step_of(np.round(50.0 + generator.standard_normal(4096), 1)) == pytest.approx(0.1)
-    resolution = Resolution()
-    for values in (np.round(10.0 * np.sin(time)), 3.0 * np.round(10.0 * np.sin(time)), np.zeros(9)):
+    coarse, resolution = np.round(10.0 * np.sin(time)), Resolution()
+    for values in (coarse, 3.0 * coarse, np.zeros(9)):
         resolution.add("train_speed", values)
     assert (resolution["train_speed"], resolution["brake_torque"]) == (pytest.approx(1.0), 0.0)
 
@@ -106,43 +105,35 @@ def test_a_zero_that_is_wrong_is_told(three, offset, zeros, words):
 @pytest.mark.parametrize("factor", [0.5, 0.9, 1.003, 2.0, 3.6])
 def test_a_wrong_radius_or_unit_is_told_as_one(three, factor):
     try:
-        texts = told(scaled(three, wheel_angular_speed=factor))
+        text = " ".join(told(scaled(three, wheel_angular_speed=factor)))
     except InputError as error:
-        texts = [str(error)]
+        text = str(error)
     if 0.8 < factor < 1.2:
-        (text,) = (each for each in texts if "free rolling" in each)
         radius = float(text.split("the wheel radius may be ")[1].split(" m")[0])
         # four digits are told; the slip without brake is known to 3 of 10 000 here, and some 1e-4 more from friction
         assert radius == pytest.approx(RADIUS / factor, rel=6e-4)
     else:
-        text = " ".join(texts)
         assert f"the wheel's speed is {factor:.3g} times the train's: check the units of wheel_angular_speed" in text
         assert ("(km/h and m/s are 3.6 apart)" in text) == (factor == 3.6)
 
 
-def rolling_rows(slip: np.ndarray, torque: float = 0.0, deceleration: float = 0.0) -> np.ndarray:
-    """Rows as `FreeRolling` takes them, from 100 km/h, a hundred a second."""
-    time = 0.01 * np.arange(len(slip))
+def rolled(slip: np.ndarray, torque: float = 0.0, deceleration: float = 0.0):
+    """What `FreeRolling` finds in rows from 100 km/h on, a hundred a second."""
+    time, rolling = 0.01 * np.arange(len(slip)), FreeRolling(PARK2008)
     speed = 100.0 * KMH - deceleration * time
-    return np.stack([time, speed, (1.0 - slip) * speed / RADIUS, np.full_like(time, torque), np.full_like(time, LOAD)])
-
-
-def rolled(*parts: np.ndarray):
-    rolling = FreeRolling(PARK2008)
-    for part in parts:
-        rolling.add(part)
+    rolling.add(np.stack([time, speed, (1.0 - slip) * speed / RADIUS, 0.0 * time + torque, 0.0 * time + LOAD]))
     return rolling.found()
 
 
 def test_a_wheel_recovering_is_not_rolling_freely_nor_one_braked_so_that_the_train_slows():
-    found = rolled(rolling_rows(np.random.default_rng(0).normal(-0.013, 0.002, 5000)))
+    found = rolled(np.random.default_rng(0).normal(-0.013, 0.002, 5000))
     assert (found.slip, found.torque) == (pytest.approx(-0.013, abs=5 * found.slip_error), 0.0)
     # of a median of means: 1.25 sigma over root n, and windows that lie half over each other
     assert found.slip_error == pytest.approx(1.25 * 0.002 / np.sqrt(5000), rel=0.3)
-    assert rolled(rolling_rows(np.linspace(0.5, 0.0, 200))) is rolled() is None
+    assert rolled(np.linspace(0.5, 0.0, 200)) is rolled(np.empty(0)) is None
     # 3000 N*m on the rig's flywheels are 2 m/s^2; the same reading on a train that only coasts is a torque's zero
-    assert rolled(rolling_rows(np.full(300, 0.01), 3000.0, 3000.0 / (RADIUS * PARK2008.mass))) is None
-    assert rolled(rolling_rows(np.full(300, 0.01), 3000.0, 0.14)).torque == pytest.approx(3000.0)
+    assert rolled(np.full(300, 0.01), 3000.0, 3000.0 / (RADIUS * PARK2008.mass)) is None
+    assert rolled(np.full(300, 0.01), 3000.0, 0.14).torque == pytest.approx(3000.0)
 
 
 @pytest.mark.parametrize(("late", "log", "known"), [
@@ -177,17 +168,13 @@ def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
 def test_an_encoder_s_speed_is_half_an_interval_late_and_corrected():
     """Without a word it would cost a quarter of the falling branch. An encoder of 1024 lines; its speed is a mean."""
     test = dataclasses.replace(published_tests("beam")[2], encoder=Encoder(4096))
-    rows, half = run_tests(test, tests=6, seed=3), test.interval / 2  # of 40 seeds, 39 intervals hold mu_max and a
-    delays = ({}, {"wheel_angular_speed": half})
+    rows, delays = run_tests(test, tests=6, seed=3), ({}, {"wheel_angular_speed": 0.005})  # of 40 seeds, 39 hold it
     late, right = (identified(rows, initial_speed=test.initial_speed, delays=each) for each in delays)
-    (text,) = (text for text in late.warnings if "seems to be late by" in text)
     # the mean over an interval is not quite a delay of half of it: a fifth of it off at most
-    assert float(text.split("late by ")[1].split(" s")[0]) == pytest.approx(half, abs=0.2 * test.interval)
-    assert "half an interval, as a difference of counts is: `delays` wheel_angular_speed=0.005 undoes it" in text
+    words = "late by 0.00[3-7].* half an interval, as a difference of counts is: `delays` wheel_angular_speed=0.005 und"
+    assert [re.search(words, text) is not None for text in late.warnings if "seems to be" in text] == [True]
     assert not any("seems to be" in text for text in right.warnings)
-    off, (mu_max, *_) = late.chosen.fit.parameters[1], right.chosen.fit.parameters
-    assert abs(off.value / test.law.a - 1.0) > 0.15
-    assert mu_max.value == pytest.approx(test.law.mu_max, rel=0.01)
+    assert abs(late.chosen.fit.parameters[1].value / test.law.a - 1.0) > 0.15
     for p in right.chosen.fit.parameters:
         assert p.interval[0] <= getattr(test.law, p.name) <= p.interval[1]
 
@@ -211,10 +198,8 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
 
 
 @pytest.mark.parametrize(("option", "value", "text"), [
-    ("--delay", "wheel=0.1", "--delay: 'wheel' is no quantity of a log; "),
-    ("--delay", "time=0.1", "choose one of train_speed, "),
+    ("--delay", "time=0.1", "--delay: 'time' is no quantity of a log; choose one of train_speed, "),
     ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give at most 2 s"),
-    ("--zero", "brake_torque=1 kg", "--zero brake_torque"),
     ("--zero", "wheel_load=10", "log.csv: no column wheel_load to correct; it has time, "),
 ])  # fmt: skip
 def test_corrections_that_cannot_be_are_refused(tmp_path, railslip, option, value, text):
@@ -250,14 +235,10 @@ def test_wheel_loads_that_differ_are_told(three):
     loads = {"wheel_load": factor * three.columns["wheel_load"], "brake_torque": factor * three.columns["brake_torque"]}
     (text,) = told(changed(three, **loads), "wheel load")
     assert "lies between 3.45e+04 and 4.14e+04 N from run to run" in text
-    logs = [
-        SimpleNamespace(curve=SimpleNamespace(name=name), setting=SimpleNamespace(wheel_load=load))
-        for name, load in (("a.csv", 3.0e4), ("b.csv", 3.1e4), ("c.csv", 4.0e4))
-    ]
-    (text,) = job._different_loads(logs)
+    (text,) = job.different_loads([("a.csv", 3.0e4), ("b.csv", 3.1e4), ("c.csv", 4.0e4)])
     assert "between 3e+04 N (a.csv) and 4e+04 N (c.csv)" in text
     assert "their mean, 3.367e+04 N" in text
-    assert job._different_loads(logs[:2]) == ()
+    assert job.different_loads([("a.csv", 3.0e4), ("b.csv", 3.1e4)]) == ()
 
 
 def test_adhesion_that_steel_does_not_have_is_told(rows):
@@ -272,10 +253,8 @@ def test_one_log_of_several_speeds_says_which_v0_it_is_taken_at():
     fast, slow = (rig_rows(BEAM, runs=1, seed=k, initial_speed=v * KMH) for k, v in ((0, 100.0), (1, 50.0)))
     slow.columns["time"] = slow.columns["time"] + 30.0
     (text,) = told(fast.then(slow), "braking begins between")
-    begin, end = (float(x) for x in text.split("between ")[1].split(" km/h")[0].split(" and "))
-    assert 45.0 < begin < 51.0  # the train has lost a little when the slip comes to 0.005
-    assert 95.0 < end < 101.0
-    assert "is taken as 100 km/h" in text
+    # the train has lost a little when the slip comes to 0.005
+    assert re.search(r"between (4[5-9]|50)[.\d]* and (9[5-9]|100)[.\d]* km/h: v0.* is taken as 100 km/h", text)
     assert not told(fast, "braking begins")
 
 
@@ -285,8 +264,7 @@ def test_what_gaps_cost_is_told():
     rows = rig_rows(BEAM, runs=2, interval=0.0025, seed=5)  # irregular sampling has short intervals too
     time = rows.columns["time"]
     survey = curve_of(rows.where(time % 0.8 > 0.06), PARK2008, Options()).survey
-    # some ten stretches under brake, two of them cut
-    assert survey.lost_share == pytest.approx(0.25 / 0.74, abs=0.05)
+    assert survey.lost_share == pytest.approx(0.25 / 0.74, abs=0.05)  # some ten stretches under brake, two of them cut
     assert told(rows.where(time % 0.8 > 0.06), f"{100 * survey.lost_share:.2g} % of the braking data")
     with pytest.raises(InputError, match="rows under brake can be used: after the start and each of "):
         told(rows.where(time % 0.3 > 0.06))
