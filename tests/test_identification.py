@@ -1,4 +1,4 @@
-"""From rows to samples to models: what is observed, cells, fits against known parameters and closed forms, intervals that cover."""
+"""From rows to samples to models: what is observed, fits against known parameters and closed forms, intervals."""
 
 import functools
 import math
