@@ -229,8 +229,7 @@ def test_bounds_hold_and_an_active_one_is_said():
     clean = gathered(samples(SLIPS, V100, law_coefficient("beam", SLIPS, V100)))
     found = fitted("beam", clean, bounds={"mu_max": (0.0, 0.25)})
     mu_max, _, Kx = found.parameters
-    assert mu_max.value == pytest.approx(0.25, rel=1e-5)
-    assert mu_max.value <= 0.25
+    assert 0.25 * (1 - 1e-5) < mu_max.value <= 0.25
     assert (mu_max.status, math.isnan(mu_max.stderr), math.isfinite(Kx.stderr)) == ("at upper bound", True, True)
     # a beam that falls short of the data fits the worse the lower it is, so that little below the bound is left
     assert 0.24 < mu_max.interval[0] < mu_max.interval[1] <= 0.25 * (1 + 1e-9)
@@ -252,31 +251,25 @@ def test_profiles_along_a_bend_are_fieller_s(noise, bounded):
     The interval of both is known in closed form: the inverse of the slope's, and Fieller's for a ratio. Where the
     slope may be nought, neither has an upper end.
     """
-    s = np.linspace(0.2, 4.0, 400)
+    s, q = np.linspace(0.2, 4.0, 400), NORMAL_QUANTILE
     force = falling_force(np.array([5e-3, 60.0]), s) + noise * np.random.default_rng(12).standard_normal(s.size)
     matrix = np.stack([np.ones(s.size), -s], axis=1)
     (level, fall), *_ = np.linalg.lstsq(matrix, force)
-    covariance = noise**2 * np.linalg.inv(matrix.T @ matrix)
-    best, q = np.array([1.0 / fall, level / fall]), NORMAL_QUANTILE
-
-    def interval(index: int) -> tuple[float, float]:
-        slope = (best[0] ** 2, best[0] * math.hypot(best[1], 1.0))[index]  # of some size; a first guess only
-        known = {"stderr": slope * math.sqrt(covariance[1, 1]), "rise": q**2}
-        return fits.profile_interval(lambda x: (falling_force(x, s) - force) / noise, FALLING, best, index, **known)
-
-    half = q * math.sqrt(covariance[1, 1])
+    C = noise**2 * np.linalg.inv(matrix.T @ matrix)
+    best, half = np.array([1.0 / fall, level / fall]), q * math.sqrt(C[1, 1])
     assert (half < fall) == bounded
-    # ends of the slope's interval are found to a fiftieth of a standard error, half/2.6
-    lower_end, upper_end = ({"rel": 0.01 * half / (fall + side * half)} for side in (1.0, -1.0))
-    low, high = interval(0)
-    assert low == pytest.approx(1.0 / (fall + half), **lower_end)
-    assert high == (pytest.approx(1.0 / (fall - half), **upper_end) if bounded else math.inf)
     # Fieller: (level - gamma fall)^2 <= q^2 (C00 - 2 gamma C01 + gamma^2 C11); opens downwards where unbounded
-    squares = [fall**2 - q**2 * covariance[1, 1], -2.0 * (level * fall - q**2 * covariance[0, 1])]
-    ends = np.sort(np.roots([*squares, level**2 - q**2 * covariance[0, 0]]))
-    low, high = interval(1)
-    assert low == pytest.approx(ends[0] if bounded else ends[1], **lower_end)
-    assert high == (pytest.approx(ends[1], **upper_end) if bounded else math.inf)
+    squares = [fall**2 - half**2, -2.0 * (level * fall - q**2 * C[0, 1]), level**2 - q**2 * C[0, 0]]
+    of_beta, of_gamma = [1.0 / (fall + half), 1.0 / (fall - half)], sorted(np.roots(squares))
+    for index, ends in enumerate((of_beta, of_gamma if bounded else of_gamma[::-1])):
+        size = (best[0] ** 2, best[0] * math.hypot(best[1], 1.0))[index]  # some size of the slope; a first guess only
+        known = {"stderr": size * half / q, "rise": q**2}
+        low, high = fits.profile_interval(
+            lambda x: (falling_force(x, s) - force) / noise, FALLING, best, index, **known
+        )
+        # ends of the slope's interval are found to a fiftieth of a standard error, half/2.6
+        assert low == pytest.approx(ends[0], rel=0.01 * half / (fall + half))
+        assert high == (pytest.approx(ends[1], rel=0.01 * half / (fall - half)) if bounded else math.inf)
 
 
 def flat(name: str = "beam", **setting: object) -> Fit:
@@ -324,10 +317,9 @@ def test_mean_absolute_errors_are_those_of_the_bins():
     errors = np.array([abs(deviation[place == i].mean()) for i in range(place.max() + 1)])
     # a cell across the edge of two bins counts in one: some 4 % of a bin, where the errors differ by up to 0.03
     assert score.mean_abs_error == pytest.approx(errors.mean(), abs=6e-4)
-    adhesion, sliding = results.Regimes(0.12, "given").errors(score)
-    assert adhesion == pytest.approx(errors[:6].mean(), abs=1.2e-3)  # bins with a mean slip below 0.12
-    assert sliding == pytest.approx(errors[6:].mean(), abs=1.2e-3)
-    assert adhesion > 1.2 * score.mean_abs_error
+    regimes = results.Regimes(0.12, "given").errors(score)  # adhesion: bins with a mean slip below 0.12
+    assert regimes == pytest.approx((errors[:6].mean(), errors[6:].mean()), abs=1.2e-3)
+    assert regimes[0] > 1.2 * score.mean_abs_error
 
 
 @functools.cache
@@ -355,10 +347,9 @@ def test_peak_its_error_and_its_reference_in_closed_form():
     peak = peak_of_fit(vague, V100, LOAD, Rail.DRY)
     assert NORMAL_QUANTILE * peak.slip_stderr > peak.slip > peak.reference
     assert peak.reference_coefficient == pytest.approx((1 - results.LARGEST_LOSS) * peak.coefficient, rel=1e-9)
-    law = LAWS["bristle_rest"]  # which has none
-    peak = peak_of_law(law, V100, LOAD)
-    assert np.isnan([peak.slip, peak.reference]).all()
-    assert peak.coefficient == pytest.approx(law.gamma / law.beta / LOAD, rel=1e-4)
+    none = peak_of_law(LAWS["bristle_rest"], V100, LOAD)
+    assert np.isnan([none.slip, none.reference]).all()
+    assert none.coefficient == pytest.approx(LAWS["bristle_rest"].gamma / LAWS["bristle_rest"].beta / LOAD, rel=1e-4)
 
 
 def test_polynomials_of_v0_are_the_published_ones():
@@ -394,7 +385,6 @@ def test_a_weighted_polynomial_is_numpys_and_says_where_it_misses_the_logs(kink,
     residual = (values - np.polyval(expected, speeds)) / stderrs
     # of two degrees of freedom chi-squared has the tail exp(-x/2)
     assert c1.misfit_probability == pytest.approx(math.exp(-float(residual @ residual) / 2.0), rel=1e-6)
-    assert 0.0 < over_initial_speed(speeds[:4] * KMH, fits[:4])[0].misfit_probability < 1.0  # of one degree
     assert math.isnan(over_initial_speed([10.0, 20.0], [burckhardt_fit()] * 2)[0].misfit_probability)  # through both
 
 
@@ -421,20 +411,20 @@ def test_pieces_of_a_test_are_one():
 @pytest.mark.long
 def test_scatter_from_test_to_test_widens_what_it_shifts():
     """Six tests scattered by 3 % by their wheel loads: of mu_max that is an error, five times that of the noise."""
-    law, widths = LAWS["beam"], {}
+    law, widths = LAWS["beam"], []
     factor = np.exp(0.03 * np.random.default_rng(8).standard_normal(6))
-    for name, loads in (("scattered", factor), ("alike", np.ones(6))):
+    for loads in (factor, np.ones(6)):
         rows = rig_rows(law, seed=4, loads=tuple(loads))
         rows.columns.pop("wheel_load", None)  # nobody knows it
         rows.columns["time"] = rows.columns["time"] + 30.0 * (np.arange(len(rows)) // (len(rows) // 6))
         found = identified(rows, initial_speed=V100).chosen.fit.parameters
         assert all(p.interval[0] <= getattr(law, p.name) <= p.interval[1] for p in found)
-        widths[name] = {p.name: (p.interval[1] - p.interval[0]) / getattr(law, p.name) for p in found}
+        widths.append([np.ptp(p.interval) / getattr(law, p.name) for p in found])
+    scattered, alike = widths  # of mu_max, a and Kx
     # of a mean of six, with 5 degrees of freedom; the noise within the tests is a quarter of that
     expected = 2.0 * student.ppf(0.995, 5) * np.std(factor, ddof=1) / math.sqrt(6)
-    assert widths["scattered"]["mu_max"] == pytest.approx(expected, rel=0.3)
-    assert widths["scattered"]["mu_max"] > 3.0 * widths["alike"]["mu_max"]
-    assert widths["scattered"]["a"] < 3.0 * widths["alike"]["a"]
+    assert scattered[0] == pytest.approx(expected, rel=0.3)
+    assert (scattered[0] > 3.0 * alike[0], scattered[1] < 3.0 * alike[1]) == (True, True)
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)

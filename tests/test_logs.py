@@ -19,7 +19,6 @@ from railslip_ctrl.identification import curves, log_checks, observed
 from railslip_ctrl.identification.cleaning import BESIDE, OutlierFilter, StampFilter
 from railslip_ctrl.identification.curves import Options, read_curve
 from railslip_ctrl.identification.logs import LONGEST_LINE, NAMES, UNITS, Log, Rows, find_columns
-from railslip_ctrl.identification.observed import Recorder
 
 HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
 ROWS = 120  # lines 2 to 121
@@ -80,7 +79,6 @@ def lost(rows: Rows, count: int) -> list[int]:
 
 DIALECTS = {
     "gzip": gzip.compress(PLAIN.encode()),
-    "gzip of two parts": gzip.compress(PLAIN[:700].encode()) + gzip.compress(PLAIN[700:].encode()),
     "mark before a comment": b"\xef\xbb\xbf" + rows_below("# " + HEADER).encode(),
     "a separator at the end of every line": "".join(line + ",\n" for line in PLAIN.splitlines()),
     "blanks, decimal comma": rows_below(
@@ -97,17 +95,14 @@ DIALECTS = {
 }
 
 
-HEADERS = [
+DIALECTS |= {header: rows_below(header) for header in (
     "# " + HEADER,
     "# " + HEADER + "\n#\n# site, A, of, four",
     "# 1, 2, 3, 4\n# " + HEADER.replace(",", ", ") + "\n# halt\n",
     "time,train speed,wheel speed,brake torque\ns,km/h,km/h,kN*m",
     "time,train speed,wheel speed,brake torque\n[s],[km/h],(km/h),kNm",
     "time,train speed [km/h],wheel speed,brake torque [kN*m]\ns,-,km/h,",
-]
-
-
-DIALECTS |= {header: rows_below(header) for header in HEADERS}
+)}  # fmt: skip
 
 
 @at_any_block
@@ -122,14 +117,12 @@ def test_dialects_are_read_as_the_plain_log_in_si(tmp_path, name, block_bytes):
 @pytest.mark.parametrize(("text", "message"), [
     ("\n\n", "empty"),
     (HEADER, "nothing after line 1"),
-    (HEADER + "\n", "no rows after the header"),
     (HEADER + "\nx\n", "no rows after the header; line 2: 1 cells"),
     ("t\0i\0m\0e\0\n1\n", "not a text file"),
     ("time,v,vw,pressure\n1,2,3,4\n", "no column for brake_torque"),
     ("# a\n# b\n1,2,3,4\n", "line 3: no header, but numbers; name the columns in a line above"),
     ("# time,v,vw,pressure\n# rig\n1,2,3,4\n", r"header: no column for brake_torque.*has 'time', 'v', 'vw', 'pr"),
     ("# time,v,vw,Tb\n1,2,3,4,5\n", "line 2: no header, but numbers"),
-    ("# time,v,vw,Tb\n1,2,3,4", "nothing after line 2"),
     (PLAIN.replace("\n0.", "\n2026-01-01T00:00:0."), "is a date or a time of day, not a num.*give the time in s"),
     (b"PK\x03\x04" + bytes(100), "is a ZIP archive or an Excel workbook; give a CSV file, gzipped or not"),
     (bz2.compress(PLAIN.encode()), "is packed with bzip2"),
@@ -214,11 +207,15 @@ def test_options_win_over_the_header():
     found = find_columns(["a", "v [km/h]", "vw", "Tb"], {"time": "a"}, {"train_speed": "m/s", "wheel_speed": "rpm"})
     assert (found["time"].index, found["time"].unit_given, found["train_speed"].factor) == (0, False, 1.0)
     assert ("wheel_speed" in found, found["wheel_angular_speed"].factor) == (False, RPM)
-    for header, chosen in (
-        (["time", "v", "Tb", "axle 1 [rpm]"], {"wheel_speed": "axle 1"}),
-        (["time", "v", "Tb", "vw [rad/s]", "w [rpm]"], {"wheel_angular_speed": "w"}),
+    for cells, quantity, chosen in (
+        (["axle 1 [rpm]"], "wheel_speed", "axle 1"),
+        (["vw [rad/s]", "w [rpm]"], "wheel_angular_speed", "w"),
+        (["omega", "omega [rpm]"], "wheel_angular_speed", "5"),  # by its place
     ):
-        assert find_columns(header, chosen)["wheel_angular_speed"].factor == RPM
+        assert find_columns(["time", "v", "Tb", *cells], {quantity: chosen})["wheel_angular_speed"].factor == RPM
+
+
+TWO = ["time", "v", "omega", "omega", "Tb"]
 
 
 @pytest.mark.parametrize(("header", "columns", "units", "message"), [
@@ -231,24 +228,13 @@ def test_options_win_over_the_header():
     (list(WHOLE.values()), {}, {"time": "kg"}, "`units` time: 'kg' is not a unit of time"),
     (["time", "v [kN]", "vw", "Tb"], {}, {}, r"column 'v \[kN\]': 'kN' is not a unit of train_speed"),
     (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
+    (TWO, {}, {}, "say which with `columns` wheel_angular_speed=HEADER, or by its place: 3 or 4"),
+    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
+    (TWO, {"wheel_angular_speed": "6"}, {}, "no column is called '6'"),
 ])  # fmt: skip
 def test_columns_that_cannot_be_told(header, columns, units, message):
     with pytest.raises(InputError, match=message):
         find_columns(header, columns, units)
-
-
-def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
-    lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
-    path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
-    for columns, message in (
-        ({}, "say which with `columns` wheel_angular_speed=HEADER, or by its place: 3 or 4"),
-        ({"wheel_angular_speed": "omega"}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
-        ({"wheel_angular_speed": "6"}, "no column is called '6'"),
-    ):
-        with pytest.raises(InputError, match=message):
-            read(path, columns=columns)
-    for place, value in (("3", 20.0), ("4", 21.0)):
-        assert set(read(path, columns={"wheel_angular_speed": place})[0].columns["wheel_angular_speed"]) == {value}
 
 
 @pytest.mark.parametrize("block_bytes", [4000, 4 << 20])
@@ -363,23 +349,21 @@ def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
 
     All are bounded by less than usually; without bounds the sums take a twentieth more, the rows a third.
     """
-    monkeypatch.setattr(curves, "_MOST_ENTRIES", 256)
-    monkeypatch.setattr(observed, "Recorder", functools.partial(Recorder, 2000))
-    monkeypatch.setattr(OutlierFilter, "piece", 512)  # rows wait for a piece, which is to be short beside either log
-    monkeypatch.setattr(log_checks, "_MOST_WINDOWS", 256)
-    rows, path = two_runs(), tmp_path / "long.csv"
+    recorder = functools.partial(observed.Recorder, 2000)
+    lower = ((curves, "_MOST_ENTRIES", 256), (log_checks, "_MOST_WINDOWS", 256), (observed, "Recorder", recorder))
+    for where, name, bound in (*lower, (OutlierFilter, "piece", 512)):  # rows wait for a piece
+        monkeypatch.setattr(where, name, bound)
+    path = tmp_path / "long.csv"
 
     def peak(times):
-        columns = {name: np.tile(values, times) for name, values in rows.columns.items()}
-        columns["time"] = 0.01 * np.arange(times * len(rows))
-        write_log(path, Rows(np.arange(times * len(rows)) + 2, columns))
+        columns = {name: np.tile(values, times) for name, values in two_runs().columns.items()}
+        count = columns["time"].size
+        write_log(path, Rows(np.arange(count), {**columns, "time": 0.01 * np.arange(count)}))
         tracemalloc.start()
         curve = read_curve(path, PARK2008, Options(block_bytes=1 << 16))
         found = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert curve.survey.rows == times * len(rows)
-        assert curve.stretches.count.size <= 256
-        assert len(curve.record) <= 2000
+        assert (curve.survey.rows, curve.stretches.count.size <= 256, len(curve.record) <= 2000) == (count, True, True)
         return found
 
     peak(1)  # what is imported on the way

@@ -17,17 +17,13 @@ from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification import actuator_effects as effects
 from railslip_ctrl.verification import layered as layers
 from railslip_ctrl.verification.fixed_step import holding_torque, simulate_fine
-from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+from railslip_ctrl.verification.joint_verification import verify_with_actuator
 from railslip_ctrl.verification.layered_conditions import bounds_kept, hold_known, layered_stability, stop, tolerated
-from railslip_ctrl.verification.verdict import Verification
 
 SLIDING, _, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
-    "sliding exists behind the actuator",
-    "the relay's own cycle spares the wheel",
-    "the law behind the actuator spares the wheel",
-    "the adaptive loop is stable behind the actuator",
+    *("sliding exists behind the actuator", "the relay's own cycle spares the wheel"),
+    *("the law behind the actuator spares the wheel", "the adaptive loop is stable behind the actuator"),
 ]
-
 BEHIND = ["the layer is stable behind the actuator", "the relay slides behind the actuator"]
 UNCERTAIN = "published uncertainties"
 LAYERED = [
@@ -56,30 +52,19 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     assert dry.cycles[0].linear.period == pytest.approx(4.12, abs=5.1e-3)
     assert (dry.cycles[0].linear_holds, wet.cycles[0].linear_holds) == (False, True)
     told = findings_text(findings)
-    for effect in (dry, wet):
-        left = effect.survivors
+    for left in (dry.survivors, wet.survivors):
         assert f"K <= {left.K:.1f} N*m" in told
         assert f"{left.layer:.3f} m/s at K = 70 N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g}" in told
-
-
-def test_what_the_conclusion_advises_is_stable_at_every_point(published):
-    """The numbers are read out of the sentence, as an engineer would."""
-    told = findings_text(published[1])
-    advice = told[told.index("So, over 28 points") :]
-    gain = float(re.search(r"K/layer = ([\d.]+) N", advice)[1])
-    k = float(re.search(r"with it k <= ([\d.e-]+),", advice)[1])
-    loops = effects.stop_loops(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
-    assert len(loops) == 4 * len(effects.SPEEDS_KMH) == 28
-    for loop in loops.values():
-        assert loop.is_stable(relay_gain=gain)
-        assert loop.is_stable(relay_gain=gain, adaptation=k)
+    # what is advised is bounded over the stop: test_limit_cycles
+    advice, least = told[told.index("So, over 28 points") :], findings.advice
+    numbers = re.search(r"K/layer = ([\d.]+) N.*with it k <= ([\d.e-]+),", advice, re.DOTALL).groups()
+    assert [float(x) for x in numbers] == pytest.approx([least.relay_gain, least.k], rel=0.05)
+    assert all(float(x) <= most for x, most in zip(numbers, (least.relay_gain, least.k), strict=True))
     # how near the as-published adaptation is to unstable, by the exact root count on either side
-    assert set(published[1].as_published) == {f"{law} {rail}" for law in ("bristle", "curve") for rail in Rail}
-    for name, ratio in published[1].as_published.items():
-        adhesion, rail = name.split()
-        loop = effects.published_loop(Rail(rail), inertia_scale=3.6, adhesion=adhesion)
+    assert set(findings.as_published) == {f"{law} {rail}" for law in ("bristle", "curve") for rail in Rail}
+    for name, ratio in findings.as_published.items():
+        loop = effects.published_loop(Rail(name.split()[1]), inertia_scale=3.6, adhesion=name.split()[0])
         assert f"{name} {ratio:.2f}" in told
-        assert ratio == pytest.approx(effects.largest_adaptation(loop) / 2.1e-8)
         assert loop.is_stable(adaptation=0.99 * ratio * 2.1e-8)
         assert not loop.is_stable(adaptation=1.01 * ratio * 2.1e-8)
 
@@ -101,14 +86,6 @@ def test_other_gains_and_the_other_reading_are_decided(scale, K, D, holds, monke
     assert ("does not carry the 19.4 N*m" in told) == (K == 0.0)
 
 
-def test_command_prints_what_fails_of_the_published_law(railslip, monkeypatch, published):
-    conditions, findings = published
-    paper = Verification("paper", 1.0, 70.0, 5.5, 2008, tuple(conditions.values()))
-    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: FullVerification(paper, findings))
-    status, out, _ = railslip("verify")
-    assert (status, " ".join(findings_text(findings).split()) in " ".join(out.split())) == (1, True)
-
-
 @pytest.mark.long
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
     full = verify_with_actuator(law="robust")
@@ -117,19 +94,16 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     content = json.loads(railslip("verify", "--law", "robust", "--json")[1])
     assert (set(content), content["all_hold"]) == ({"conditions", "all_hold"}, False)
-    for one in content["conditions"]:
-        assert set(one) == {"name", "statement", "holds", "how", "evidence", "down_to_kmh", "tolerated_errors"}
-    gain = next(one for one in content["conditions"] if one["name"] == "robust gain")
-    assert gain["down_to_kmh"] == 5.0
-    assert gain["tolerated_errors"]["Ta_hat"] > 0.1
+    (gain,) = (one for one in content["conditions"] if one["name"] == "robust gain")
+    assert set(gain) == {"name", "statement", "holds", "how", "evidence", "down_to_kmh", "tolerated_errors"}
+    assert (gain["down_to_kmh"], gain["tolerated_errors"]["Ta_hat"] > 0.1) == (5.0, True)
     status, out, _ = railslip("verify", "--law", "robust")
     assert (status, "Verdict: 3 of 14 conditions do not hold." in out) == (1, True)
+    assert " ".join(findings_text(full.findings).split()) in " ".join(out.split())
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), findings = effects.variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
-    told = findings_text(findings)
-    assert "3.121 N m" in told
-    assert "1517 N m" in told
+    assert all(number in findings_text(findings) for number in ("3.121 N m", "1517 N m"))
 
 
 @pytest.fixture(scope="module")
@@ -211,11 +185,10 @@ def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
 def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_the_others_open(railslip, file):
     wheel = "name = 'light wheel'\nmass = 3517\nwheel_load = 34500\n[wheel]\nradius = 0.43\ninertia = 3.0\n"
     status, out, _ = railslip("verify", "--law", "layered", "--vehicle", file("my_train.toml", wheel), "--json")
-    content = json.loads(out)
-    assert (status, content["all_hold"]) == (1, False)
-    assert [one["name"] for one in content["conditions"]] == [*LAYERED[:-1], "uncertainties"]
-    assert [one["holds"] for one in content["conditions"]] == [False, *[None] * (len(LAYERED) - 1)]
-    assert "no PI behind the compensator stabilises" in content["conditions"][0]["evidence"]
+    content = json.loads(out)["conditions"]
+    assert (status, content[0]["holds"], {one["holds"] for one in content[1:]}) == (1, False, {None})
+    assert [one["name"] for one in content] == [*LAYERED[:-1], "uncertainties"]
+    assert "no PI behind the compensator stabilises" in content[0]["evidence"]
 
 
 def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch):
@@ -224,9 +197,7 @@ def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch
     path, train = file("my_rail.toml", BURCKHARDT + SLIPS), str(ROOT / "designs/vehicles/desiro_classic.toml")
     options = ("--law", "layered", "--adhesion", path, "--vehicle", train, "--loaded", "--slip", "0.1", "--rail", "wet")
     _status, out, _ = railslip("verify", *options, "--ki-min", "600")
-    assert "burckhardt law as given" in out
-    assert "0.1 wet" in out
-    assert "Siemens Desiro Classic" in out
+    assert all(words in out for words in ("burckhardt law as given", "0.1 wet", "Siemens Desiro Classic"))
     assert asked["vehicle"].mass == asked["vehicle"].mass_loaded
     assert (asked["adhesion"].slip, asked["adhesion"].rails, asked["ki_min"]) == (0.1, (Rail.WET,), 600.0)
     _status, out, _ = railslip("verify", "--law", "layered")
