@@ -299,27 +299,21 @@ def noisy_samples(name: str) -> Observed:
     return samples(slip, V100, law_coefficient(name, slip, V100) + 0.01 * generator.standard_normal(slip.size))
 
 
-@pytest.mark.parametrize("name", ["curve", *(pytest.param(x, marks=pytest.mark.long) for x in ("beam", "burckhardt"))])
-def test_the_model_that_made_the_data_comes_first(name):
-    sums = gathered(noisy_samples(name))
-    scores = compare([fitted(each, sums) for each in ("beam", "curve", "burckhardt", "table")], sums.cells())
-    assert scores[0].fit.model.name == name
-    assert [s.bic for s in scores] == sorted(s.bic for s in scores)
-
-
-def test_mean_absolute_errors_are_those_of_the_bins():
-    observed = noisy_samples("curve")
+@pytest.mark.parametrize("name", ["curve", pytest.param("beam", marks=pytest.mark.long)])
+def test_the_model_that_made_the_data_comes_first_and_errors_are_those_of_the_bins(name):
+    observed = noisy_samples(name)
     sums = gathered(observed)
-    found = fitted("beam", sums)
-    (score,) = compare([found], sums.cells())
-    deviation = observed.mu - np.asarray(adhesion_coefficient(found.law, V100, observed.slip, LOAD))
+    scores = compare([fitted(each, sums) for each in ("beam", "curve", "burckhardt", "table")], sums.cells())
+    assert [s.bic for s in scores] == sorted(s.bic for s in scores)
+    assert scores[0].fit.model.name == name
+    (score,) = (each for each in scores if each.fit.model.name == "beam")
+    deviation = observed.mu - np.asarray(adhesion_coefficient(score.fit.law, V100, observed.slip, LOAD))
     place = (observed.slip * 50).astype(int)
     errors = np.array([abs(deviation[place == i].mean()) for i in range(place.max() + 1)])
     # a cell across the edge of two bins counts in one: some 4 % of a bin, where the errors differ by up to 0.03
     assert score.mean_abs_error == pytest.approx(errors.mean(), abs=6e-4)
     regimes = results.Regimes(0.12, "given").errors(score)  # adhesion: bins with a mean slip below 0.12
     assert regimes == pytest.approx((errors[:6].mean(), errors[6:].mean()), abs=1.2e-3)
-    assert regimes[0] > 1.2 * score.mean_abs_error
 
 
 @functools.cache

@@ -56,10 +56,10 @@ def rows() -> Rows:
 
 
 def test_the_step_of_values_is_found_where_there_is_one():
-    generator, time = np.random.default_rng(0), 0.01 * np.arange(4096)
-    for values in (generator.standard_normal(4096), 4000.0 * np.maximum(time - 1.0, 0.0), np.sin(time), np.zeros(4096)):
+    noise, time = np.random.default_rng(0).standard_normal(4096), 0.01 * np.arange(4096)
+    for values in (noise, 4000.0 * np.maximum(time - 1.0, 0.0), np.sin(time), np.zeros(4096)):
         assert step_of(values) == 0.0
-    assert step_of(np.round(50.0 + generator.standard_normal(4096), 1)) == pytest.approx(0.1)
+    assert step_of(np.round(50.0 + noise, 1)) == pytest.approx(0.1)
     coarse, resolution = np.round(10.0 * np.sin(time)), Resolution()
     for values in (coarse, 3.0 * coarse, np.zeros(9)):
         resolution.add("train_speed", values)

@@ -150,11 +150,9 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["interval_coverage.py", "1"])
     module.main()
     assert capsys.readouterr().out.count("km/h") == 24
-    limits = {1.0: (0.0, math.inf), 1.5: (1.0, 2.0)}
-    parameters = [Parameter("a", factor * test.law.a, 0.0, "fitted", ends) for factor, ends in limits.items()]
-    counted = module.coverage(test, "a", parameters)
-    assert (counted.logs, counted.held, counted.endless, counted.width) == (2, 1, 1, math.inf)
-    assert counted.bias == pytest.approx(0.25)
+    ends = ((1.0, (0.0, math.inf)), (1.5, (1.0, 2.0)))
+    counted = module.coverage(test, "a", [Parameter("a", x * test.law.a, 0.0, "fitted", limits) for x, limits in ends])
+    assert (counted.logs, counted.held, counted.endless, counted.bias) == (2, 1, 1, pytest.approx(0.25))
 
 
 @pytest.mark.parametrize("test", published_tests("bristle")[::2], ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
