@@ -70,7 +70,7 @@ def test_the_step_of_values_is_found_where_there_is_one():
 def test_the_rarer_counts_of_an_encoder_are_its_step_and_no_outliers(speed, counts, interval):
     """Hundreds of rows were left out, and the others gave a wheel radius 1.4 to 2.5 % off."""
     rows = rig(speed_kmh=speed, encoder=Encoder(counts), interval=interval)
-    omega, step = rows.columns["wheel_angular_speed"], Encoder(counts).speed_step(interval)
+    omega, step = rows.columns["wheel_angular_speed"], Encoder(counts).angle_step / interval
     assert step_of(omega) == pytest.approx(step, rel=1e-6)  # of time stamps that are rounded
     glitched, spiked = omega.copy(), omega.copy()
     glitched[::97] += 0.3 * step  # four in a hundred of the differences are no steps then

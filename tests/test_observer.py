@@ -177,7 +177,6 @@ def test_sensors():
     time = np.array([0.0, 0.5, 1.0, 2.0])
     angle = 2 * math.pi * np.array([0.0, 0.30, 0.49, 1.0])
     assert Encoder(4).speed(time, angle) == pytest.approx([math.pi, 0.0, 1.5 * math.pi])  # counts 0, 1, 1, 4
-    assert Encoder(4).speed_step(0.5) == pytest.approx(math.pi)
     generator, time = np.random.default_rng(3), np.arange(200_001) * INTERVAL
     angle = np.cumsum(generator.uniform(0.2, 0.4, time.size))  # some 200 counts a sample, no pattern in them
     error = ENCODER.speed(time, angle) - np.diff(angle) / INTERVAL

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sliding_cases import AS_PUBLISHED
 
-from railslip_ctrl import PARK2008, DomainError, derive
+from railslip_ctrl import PARK2008, DomainError, InputError, derive
 from railslip_ctrl.model import plant
 from railslip_ctrl.report.verification import evidence, verification_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
@@ -231,6 +231,9 @@ def test_drift_is_the_predicted_one_and_needs_noise():
     assert abs(found.noiseless) < 1e-3 * abs(found.mean)
 
 
-def test_a_diverging_run_leaves_the_domain():
+def test_gains_are_checked_and_a_diverging_run_leaves_the_domain():
+    for name, value in (("K", -1.0), ("D", 0.0)):
+        with pytest.raises(InputError, match=f"^{name}: "):
+            replace(PUBLISHED_LAW, **{name: value})
     with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
         simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)

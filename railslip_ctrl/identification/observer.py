@@ -35,13 +35,6 @@ from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
-__all__ = [
-    "Encoder", "Estimates", "FilterObserver", "Form", "KalmanObserver", "NoiseGains", "ObserverResponses",
-    "ObserverState", "SampledForm", "TorqueObserver", "TorqueSensor", "adhesion_coefficient", "noise_deviation",
-    "observer_responses",
-]  # fmt: skip
-
-
 # --- sensors -------------------------------------------------------------------------------------------------------
 
 
@@ -69,10 +62,6 @@ class Encoder:
     def angle_variance(self) -> float:
         """Of the rounding of one angle, rad^2: a count squared over 12."""
         return self.angle_step**2 / 12
-
-    def speed_step(self, interval: float) -> float:
-        """The smallest change of speed that is seen at an interval in s, rad/s."""
-        return self.angle_step / interval
 
     def speed_variance(self, interval: float) -> float:
         """Of the speed at an interval in s, (rad/s)^2: two angles a difference. Neighbours are not independent."""
