@@ -388,11 +388,11 @@ def test_the_covariance_is_that_of_refits_without_each_test():
     design = np.stack([np.ones(280), generator.uniform(0.0, 1.0, 280)], axis=1)
     level = 2.0 * generator.standard_normal((7, 2))  # and slope, of each test its own
     y = np.sum(level[test] * design, axis=1) + generator.standard_normal(280)
-    known = clustered_covariance(design, design @ np.linalg.lstsq(design, y)[0] - y, test)
+    covariance, freedom = clustered_covariance(design, design @ np.linalg.lstsq(design, y)[0] - y, test)
     without = np.array([np.linalg.lstsq(design[test != i], y[test != i])[0] for i in range(7)])
     scatter = without - without.mean(axis=0)
-    assert known.covariance == pytest.approx(6.0 / 7.0 * scatter.T @ scatter, rel=1e-9)  # rounding of a linear problem
-    assert known.freedom == 6
+    assert covariance == pytest.approx(6.0 / 7.0 * scatter.T @ scatter, rel=1e-9)  # rounding of a linear problem
+    assert freedom == 6
 
 
 def test_pieces_of_a_test_are_one():

@@ -83,6 +83,11 @@ def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
     assert weak["projection"].holds
 
 
+def test_projection_stops_what_would_leave_the_box():
+    rates = robust.projected(np.array([1.0, 1.0, -1.0]), np.array([2.0, 1.0, 2.0]), np.zeros(3), np.full(3, 2.0))
+    assert rates.tolist() == [0.0, 1.0, -1.0]
+
+
 def test_the_set_of_the_leak_is_invariant():
     """V(0) = s^2/2 + theta1^2/(2 k1) bounds |theta_tilde_i| by sqrt(2 k_i V(0)); on its edge no point has V' > 0."""
     gains = robust.leaking_design(PARK2008)

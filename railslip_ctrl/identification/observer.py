@@ -35,6 +35,12 @@ from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
+__all__ = [
+    "Encoder", "Estimates", "FilterObserver", "Form", "KalmanObserver", "NoiseGains", "ObserverResponses",
+    "ObserverState", "SampledForm", "TorqueObserver", "TorqueSensor", "adhesion_coefficient", "noise_deviation",
+    "observer_responses",
+]  # fmt: skip
+
 # --- sensors -------------------------------------------------------------------------------------------------------
 
 
