@@ -108,7 +108,10 @@ def test_impossible_rows_are_left_out_when_few_and_refused_when_many():
 
 def test_a_record_is_whole_runs_however_its_rows_come():
     used = np.repeat(np.random.default_rng(5).uniform(size=60) < 0.6, 50)
-    rows, apart = np.vstack([np.arange(used.size, dtype=float), np.ones((4, used.size))]), np.arange(used.size) == 1234
+    rows, apart = (
+        np.vstack([np.arange(used.size, dtype=float), np.ones((4, used.size))]),
+        np.arange(used.size) % 170 == 17,
+    )
     whole, parts = Recorder(700), Recorder(700)
     whole.add(rows, used, apart)
     for at in (slice(start, start + 77) for start in range(0, used.size, 77)):
@@ -307,6 +310,7 @@ def test_the_model_that_made_the_data_comes_first_and_errors_are_those_of_the_bi
     assert [s.bic for s in scores] == sorted(s.bic for s in scores)
     assert scores[0].fit.model.name == name
     (score,) = (each for each in scores if each.fit.model.name == "beam")
+    assert score.bic - score.aic == pytest.approx(4.0 * (math.log(score.independent) - 2.0))  # and the noise's variance
     deviation = observed.mu - np.asarray(adhesion_coefficient(score.fit.law, V100, observed.slip, LOAD))
     place = (observed.slip * 50).astype(int)
     errors = np.array([abs(deviation[place == i].mean()) for i in range(place.max() + 1)])

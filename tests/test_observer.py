@@ -1,5 +1,6 @@
 """The adhesion-torque observers: statement, transfers, recursions, the Kalman filter's gains, noise, the truth."""
 
+import functools
 import itertools
 import math
 
@@ -142,6 +143,7 @@ def test_noises_without_a_gain_are_refused(change):
 BRISTLE, BEAM = (published_law(name, Rail.DRY, 140.0) for name in ("bristle", "beam"))
 
 
+@functools.cache
 def trial_of(law=BEAM, speed=SPEED, interval=INTERVAL, **course):
     return brake_trial(law, PARK2008, speed, interval=interval, course=BrakeCourse(**course))
 
@@ -199,13 +201,10 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
         assert gain == pytest.approx(trapezoid(density, omega) * INTERVAL / math.pi, rel=1e-6)
 
 
-@pytest.fixture(scope="module", params=[BEAM, BRISTLE], ids=["beam", "bristle"])
-def trial(request):
-    return trial_of(request.param)
-
-
 @pytest.mark.parametrize("observer", OBSERVERS)
-def test_estimates_are_the_truth_but_for_lag_and_noise(trial, observer):
+@pytest.mark.parametrize("law", [BEAM, BRISTLE], ids=lambda law: law.name)
+def test_estimates_are_the_truth_but_for_lag_and_noise(law, observer):
+    trial = trial_of(law)
     errors = observer_errors(observer, trial, ENCODER, SENSOR, seed=2008)
     # one draw; the errors' deviation over 1000 samples with memory is good to some 5 %
     assert errors.simulated == pytest.approx(errors.total, rel=0.12)
