@@ -253,7 +253,7 @@ DAMAGED = [
     ("rubbish", "1 cells where the header has 4"),
     ("0.18,10x,99,1.5", "'10x' is not a number, column 'train speed [km/h]'"),
     *((f"0.18,100,{cell},1.5", "a value is missing or not finite") for cell in ("", "inf")),
-    *((f"0.18,{cells},1.5", "5 cells where the header has 4") for cells in ("100,99,7", "9,9,98")),
+    ("0.18,100,99,7,1.5", "5 cells where the header has 4"),
     ("0.18,9\r9,98,1.5", "a control character or a carriage return within the line"),
     ("0.18,99,98,1.5\x001", "a control character"),  # read as 1.5 otherwise
     ("\0" * 50, "a control character, 50 null bytes, which may stand for many rows and count as one line"),
@@ -307,12 +307,10 @@ def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_byte
 @at_any_block
 @pytest.mark.parametrize(("stamps", "message"), [
     ({60: "1e9", 61: "1000000001"}, "60: time jumps from 0.57 s to .* line 62 has 0.6"),
-    ({60: "1e9", 61: "1000000001", 62: "1000000002"}, "60: time jumps from 0.57 s to .* line 63 has 0.61"),
     ({60: "1e9", 62: "1e9"}, "60: time jumps"),
     ({60: "1e9", 60 + BESIDE: "1e9"}, f"{60 + BESIDE}: time jumps"),  # the first is alone as far as its window goes
     ({60: "0.57"}, "60: time 0.57 s repeats 0.57 s"),
     ({60: "0.05"}, "60: time 0.05 s goes back from 0.57 s"),
-    ({121: "1.18"}, "121: time 1.18 s repeats"),
     ({121: "1.0"}, "121: time 1 s goes back"),
     ({3: "0.00"}, "3: time 0 s repeats"),
     ({60: "0.59", 61: "0.58"}, "61: time 0.58 s goes back from 0.59 s"),

@@ -118,22 +118,6 @@ COACH = PARK2008.model_copy(update=HEAVY)
 PARK_ADHESION = 4857.6 / (0.43 * 34_500)  # of the bristle model on dry rail, 100 km/h, at no slip
 
 
-def test_least_gain_by_hand():
-    # [Tr (1 + J/(r^2 M)) + J Fr/(r M) + c Ueq]/(1 - c), published numbers, 1 sigma; Ueq (36) at e = 0
-    J, r, M, c, v = 60.35, 0.43, 3517.0, 0.05, 100 / 3.6
-    Tr, Fr, sigma = 0.43 * 431, 0.63 * v**2, 0.132 * v
-    box, still = (reaching.reference_set(PARK2008, sigmas=1.0, with_torque=torque) for torque in (True, False))
-    Ta = box.adhesion_torque[0]
-    v_rate = -(Ta / r + Fr + Tr / r) / M
-    Ueq = J / r * (0.132 * v_rate + (1 / (r * M) + r / J) * Ta) - 0.25 * (v - sigma) / r
-    without = Tr * (1 + J / (r**2 * M)) + J / (r * M) * Fr
-    asked = (without + c * Ueq) / (1 - c)
-    assert reaching.least_gain(PARK2008, still) == pytest.approx(without, rel=1e-12)
-    assert reaching.least_gain(PARK2008, box) == pytest.approx(asked, rel=1e-12)
-    assert reaching.surface_needed(PARK2008, box, K=70.0, D=5.0) == pytest.approx((asked - 70.0) / 5.0)
-    assert reaching.surface_needed(PARK2008, box, K=900.0, D=5.0) == 0.0
-
-
 def rate_by_hand(vehicle, K, *, slip=0.0, Ta, Tr, q, a=0.0):
     """s' of (3), (4) under (45) at s = 0+, 100 km/h, theta_hat = theta, Ta_hat = (1 + a) Ta, v' known; m/s^2."""
     v, M, J, r, B = 100 / 3.6, vehicle.mass, vehicle.wheel.inertia, vehicle.wheel.radius, vehicle.wheel.viscous_friction
@@ -142,6 +126,15 @@ def rate_by_hand(vehicle, K, *, slip=0.0, Ta, Tr, q, a=0.0):
     Tb = J / r * (0.132 * v_rate + (1 / (r * M) + r / J) * (1 + a) * Ta - r * B / J * omega + 1.54 * e) + K
     omega_rate = (Ta + Tr - (1 + q) * Tb - B * omega) / J
     return 0.132 * v_rate - (v_rate - r * omega_rate) + 1.54 * e
+
+
+@pytest.mark.parametrize(("with_torque", "q"), [(True, -0.05), (False, 0.0)])
+def test_the_least_gain_stops_s_at_the_reference(with_torque, q):
+    box = reaching.reference_set(PARK2008, sigmas=1.0, with_torque=with_torque)
+    least, worst = reaching.least_gain(PARK2008, box), {"Ta": box.adhesion_torque[0], "Tr": 0.43 * 431, "q": q}
+    assert rate_by_hand(PARK2008, least, slip=0.132, **worst) == pytest.approx(0.0, abs=1e-9)
+    assert reaching.surface_needed(PARK2008, box, K=70.0, D=5.0) == pytest.approx((least - 70.0) / 5.0)
+    assert reaching.surface_needed(PARK2008, box, K=900.0, D=5.0) == 0.0
 
 
 def test_an_error_of_the_estimated_adhesion_torque_costs_gain():
