@@ -13,13 +13,11 @@ from rig_logs import changed, identified
 from railslip_ctrl import PARK2008, Actuator, InputError, Rail, published_law
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.curves import Options, curve_of, read_curve
-from railslip_ctrl.identification.fits import Fit, Parameter, fit
-from railslip_ctrl.identification.identify import setting_of
+from railslip_ctrl.identification.curves import Options, read_curve
+from railslip_ctrl.identification.fits import Parameter
 from railslip_ctrl.identification.logs import Log, Rows
-from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import BrakedRows
-from railslip_ctrl.identification.prediction import prediction_error_fit, slip_ramp
+from railslip_ctrl.identification.prediction import slip_ramp
 from railslip_ctrl.identification.results import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import (
     COLUMNS,
@@ -36,16 +34,7 @@ BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
 V30, V100 = 30.0 * KMH, 100.0 * KMH
 RADIUS = PARK2008.wheel.radius
 CLEAN = {"random_force": 0.0, "wheel_noise": 0.0}
-
-
-def fit_of(test: RigTest, *, tests: int, seed: int = 0) -> Fit:
-    """The test's own law fitted to a log, as `identified` does, but without the peaks."""
-    options = Options(model=test.law.name, initial_speed=test.initial_speed)
-    curve = curve_of(run_tests(test, tests=tests, seed=seed), test.vehicle, options)
-    setting = setting_of(curve, test.vehicle, options)
-    model = fit_model(test.law.name, curve.cells, shape_of(curve.cells, curve.peak_slip), setting)
-    known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
-    return prediction_error_fit(fit(model, *known, profiles=False), curve.record, test.vehicle, curve.cells, setting)
+pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 
 def test_the_procedure_ramps_up_and_once_released_stays_so():
@@ -107,8 +96,9 @@ def test_impossible_conditions_are_refused_in_one_line(changes, message):
 @pytest.mark.parametrize("law", [BEAM, CURVE], ids=lambda law: law.name)
 def test_intervals_hold_the_truth_in_95_of_100_logs(law):
     """The rig's random force, 431 N, a noisy pickup and a noisy torque sensor."""
-    fits = [fit_of(RigTest(PARK2008, law, V100, torque_noise=50.0), tests=4, seed=seed) for seed in range(100)]
-    for found in zip(*(each.parameters for each in fits), strict=True):
+    logs = (run_tests(RigTest(PARK2008, law, V100, torque_noise=50.0), tests=4, seed=seed) for seed in range(100))
+    fits = [identified(log, law.name, initial_speed=V100).chosen.fit.parameters for log in logs]
+    for found in zip(*fits, strict=True):
         truth = getattr(law, found[0].name)
         assert sum(p.interval[0] <= truth <= p.interval[1] for p in found) >= 95, found[0].name
         assert np.median([p.stderr for p in found]) < 0.15 * truth  # not wide enough to hold anything
@@ -158,7 +148,8 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
 @pytest.mark.parametrize("test", published_tests("bristle")[::2], ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
 def test_a_clean_log_of_bristles_has_the_truth_well_inside(test):
     """What is left of the error is that of rows 0.01 s apart: the released brake's torque bends between them."""
-    found = fit_of(dataclasses.replace(test, **CLEAN), tests=3)
+    log = run_tests(dataclasses.replace(test, **CLEAN), tests=3)
+    found = identified(log, "bristle", initial_speed=test.initial_speed).chosen.fit
     for p in found.parameters:
         truth, (low, high) = getattr(test.law, p.name), p.interval
         # in the inner half: the parabola between rows leaves a quarter of the straight line's error at most
