@@ -630,9 +630,16 @@ def test_what_gaps_cost_is_told():
 BACKWARD = "train speed is negative in 1800 rows, and positive in 0; reverse its sign"
 
 
+@pytest.mark.parametrize(("unit", "second"), [("s", "ms"), ("h", "s"), ("ms", "s"), ("us", "ms")])
+def test_a_time_in_another_unit_than_it_is_read_in_is_told(rows, tmp_path, unit, second):
+    """A log whose seconds stand in one unit, read in another."""
+    path = write_log(tmp_path / "log.csv", changed(rows, time=rows.columns["time"] * {"s": 1.0, "ms": 1e3}[second]))
+    with pytest.raises(InputError, match=f"the time seems to be in {second}, and is read as {unit}; .*time={second}"):
+        read_curve(path, PARK2008, Options(units={"time": unit}))
+
+
 @pytest.mark.parametrize(("factors", "options", "message"), [
     ({"time": 1e3}, {}, "the time seems to be in ms, .* give `units` time=ms$"),
-    ({"time": 1e-3}, {}, "the time seems to be in s, .* give `units` time=s$"),
     ({"train_speed": 3.6}, {}, r"times the train's: .* \(km/h and m/s are 3.6 apart\), and that no .* swapped$"),
     ({"train_speed": -1.0}, {}, BACKWARD),
     ({"train_speed": -1.0, "wheel_angular_speed": -1.0}, {}, BACKWARD),
