@@ -98,7 +98,6 @@ ROOMS = {
     "verification/joint_verification": "sliding_verification verification",
     "verification/layered": "sliding_verification",
     "verification/limit_cycles": "sliding_verification",
-    "verification/lyapunov_runs": "lyapunov_runs",
     "verification/relay_loop": "sliding_verification",
     "simulation/": "scenarios simulation_controllers",
     "simulation/campaign/": "campaign",
