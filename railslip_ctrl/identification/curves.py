@@ -408,7 +408,8 @@ class _Gathered:
 
     def _check(self) -> None:
         survey = self._stream.survey
-        clock = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull)
+        read = self._factors.get("time", 1.0)
+        clock = log_checks.time_fault(self._record, self._vehicle, survey.highest_pull, read)
         if clock is not None:
             raise InputError(f"{self._name}: {clock}")
         try:

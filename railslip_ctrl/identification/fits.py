@@ -116,14 +116,6 @@ _ONE_TEST = 0.5  # of the longest run: runs nearer to each other than that are p
 _SEEN = 1e-8  # of the largest singular value: a direction that a test shows at all
 
 
-@dataclass(frozen=True)
-class ClusteredCovariance:
-    """The `covariance` (p, p) of the estimates, and its `freedom`, the degrees of freedom."""
-
-    covariance: Floats
-    freedom: int
-
-
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
     """The test that each interval belongs to, 0 on; its end at `time`, s, its length `step`, s, and its `run`.
 
@@ -138,11 +130,11 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
     return np.repeat(test, np.diff(np.append(first, len(time))))
 
 
-def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> ClusteredCovariance | None:
-    """What the tests say of the estimates by differing; None where they agree, or are too few.
+def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> tuple[Floats, int] | None:
+    """What the tests say of the estimates by differing: covariance (p, p) and degrees of freedom.
 
-    `residuals` of least squares, of variance 1 each, `slopes` their derivatives (residuals, parameters) at the least,
-    of full rank, and the `test` of each, 0 on.
+    None where they agree, or are too few. `residuals` of least squares, of variance 1 each, `slopes` their derivatives
+    (residuals, parameters) at the least, of full rank, and the `test` of each, 0 on.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
@@ -155,7 +147,7 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> C
     # the estimates without a test, by one step of Gauss and Newton
     without = -np.linalg.solve(np.eye(size) - known, pull[:, :, None])[:, :, 0]
     without = np.linalg.solve(triangle, (without - without.mean(axis=0)).T)
-    return ClusteredCovariance((tests - 1) / tests * (without @ without.T), tests - 1)
+    return (tests - 1) / tests * (without @ without.T), tests - 1
 
 
 def _disagree(known: Floats, pull: Floats) -> bool:
@@ -404,7 +396,7 @@ def estimate(
     if tests is not None and not limits:
         found = clustered_covariance(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
     if found is not None:
-        own[np.ix_(~dead, ~dead)] = found.covariance * _wider(found.freedom) ** 2
+        own[np.ix_(~dead, ~dead)] = found[0] * _wider(found[1]) ** 2
         limits = _profiles(problem, x, alive, unit, own, beside) if profiles else {}
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:

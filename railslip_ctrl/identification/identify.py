@@ -595,17 +595,16 @@ def identify_several(
     return LogSeries(
         logs=tuple(done),
         polynomials=results.over_initial_speed([each.setting.initial_speed for each in done], fits),
-        warnings=_different_loads(done),
+        warnings=different_loads([(each.curve.name, each.setting.wheel_load) for each in done]),
     )
 
 
-def _different_loads(done: Sequence[Identification]) -> tuple[str, ...]:
-    """A sentence where the logs' mean wheel loads are not one."""
-    loads = {each.curve.name: each.setting.wheel_load for each in done}
-    least, most = min(loads, key=lambda name: loads[name]), max(loads, key=lambda name: loads[name])
-    if loads[least] * LOADS_DIFFER >= loads[most]:
+def different_loads(loads: Sequence[tuple[str, float]]) -> tuple[str, ...]:
+    """A sentence where the mean wheel loads of logs, by name, N, are not one."""
+    (least, low), (most, high) = (pick(loads, key=lambda each: each[1]) for pick in (min, max))
+    if low * LOADS_DIFFER >= high:
         return ()
-    low, high, mean = loads[least], loads[most], sum(each.setting.wheel_load for each in done) / len(done)
+    mean = sum(load for _, load in loads) / len(loads)
     return (told("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
 
 

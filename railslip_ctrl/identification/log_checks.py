@@ -340,6 +340,7 @@ def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Findi
 _OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
 _SLOWED_DOWN = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
 _OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_CLOCKS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
 _PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
 
 
@@ -371,8 +372,8 @@ def deceleration_differs(ratio: float) -> bool:
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
-def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str | None:
-    """A sentence where the train slows down as if its time had another unit than it is read in; else None.
+def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, read: float) -> str | None:
+    """A sentence where the train slows down as if its time had another unit than it is `read` in, s; else None.
 
     The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
     own. `highest_pull` as of `Survey`.
@@ -383,9 +384,9 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str
     ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
     if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
         return None
-    if ratio < 1.0:
-        return told("other clock", ratio=1.0 / ratio, less="less", likely="ms", read="s")
-    return told("other clock", ratio=ratio, less="more", likely="s", read="ms")
+    likely, now = (min(_CLOCKS, key=lambda unit: abs(math.log(_CLOCKS[unit] / x))) for x in (read * ratio, read))
+    less, times = ("less", 1.0 / ratio) if ratio < 1.0 else ("more", ratio)
+    return told("other clock", ratio=times, less=less, likely=likely, read=now)
 
 
 # --- loads, two wheel speeds, steps --------------------------------------------------------------------------------

@@ -41,7 +41,6 @@ __all__ = [
     "observer_responses",
 ]  # fmt: skip
 
-
 # --- sensors -------------------------------------------------------------------------------------------------------
 
 
@@ -69,10 +68,6 @@ class Encoder:
     def angle_variance(self) -> float:
         """Of the rounding of one angle, rad^2: a count squared over 12."""
         return self.angle_step**2 / 12
-
-    def speed_step(self, interval: float) -> float:
-        """The smallest change of speed that is seen at an interval in s, rad/s."""
-        return self.angle_step / interval
 
     def speed_variance(self, interval: float) -> float:
         """Of the speed at an interval in s, (rad/s)^2: two angles a difference. Neighbours are not independent."""

@@ -132,11 +132,6 @@ class Intervals:
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
-def enough(record: BrakedRows) -> bool:
-    """Whether a record has intervals enough."""
-    return int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
-
-
 class PredictionErrors:
     """The whitened errors of a model along a record."""
 
@@ -380,8 +375,8 @@ _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this facto
 
 
 def is_followed(model: FitModel, record: BrakedRows) -> bool:
-    """Whether a model has a prediction-error fit: not every one has, and none to a short record."""
-    return model.name in (*STATIC, *DYNAMIC) and enough(record)
+    """Whether a model has a prediction-error fit: not every one has, and none to a record of few intervals."""
+    return model.name in (*STATIC, *DYNAMIC) and int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
 
 def prediction_error_fit(

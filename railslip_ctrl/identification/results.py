@@ -93,21 +93,14 @@ def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
     if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
         stretches = least.degrees_of_freedom + len(least.parameters)  # whose sums are taken as independent
         independent = max(samples * noise / least.long_run_variance, float(stretches))
-    scores = [_score(each, cells, samples, independent) for each in fits]
+    scores = []
+    for fit in fits:
+        parameters = len(fit.parameters) + 1  # and the variance of the noise
+        # data without noise leave rounding alone, which is not 0
+        deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
+        aic, bic = (deviance + each * parameters for each in (2.0, math.log(independent)))
+        scores.append(Score(fit, *_bin_errors(fit, cells), aic, bic, independent))
     return tuple(sorted(scores, key=lambda score: score.bic))
-
-
-def _score(fit: Fit, cells: Cells, samples: float, independent: float) -> Score:
-    parameters = len(fit.parameters) + 1  # and the variance of the noise
-    # data without noise leave rounding alone, which is not 0
-    deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
-    return Score(
-        fit,
-        *_bin_errors(fit, cells),
-        deviance + 2.0 * parameters,
-        deviance + math.log(independent) * parameters,
-        independent,
-    )
 
 
 def too_few(scores: Sequence[Score]) -> str:

@@ -176,26 +176,24 @@ _IDENTITY_TOLERANCE = 1e-10  # a hundred times the rounding of sums of ten terms
 
 
 def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """All of them, for a vehicle and gains where numbers are given."""
-    made = derive()
+    """All of them, for a vehicle and gains where numbers are given: from every machine check of the derivation on."""
+    made, errors, (k1_unit, k2_unit) = derive(), identity_errors(vehicle, seed=seed), gain_units()
+    failed = [one.name for one in made.steps if not one.checked]
+    identity = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
+    compared = {**errors, "seed": seed, "tolerance": _IDENTITY_TOLERANCE}
+    falls, units = bool((-made.V_rate_final).is_nonnegative), {"k1_unit": k1_unit, "k2_unit": k2_unit}
     return (
-        derivation_checked(made),
+        Condition("derivation", not failed, "symbolic", {"steps": len(made.steps), "failed": failed}),
         positive_definite(made),
         cross_term_vanishes(made),
-        _identity(vehicle, seed),
-        negative_semidefinite(made),
+        Condition("closed loop identity", identity, "sampled", compared),
+        Condition("V' <= 0, ideal", falls, "symbolic", {"minus_V_rate": -made.V_rate_final}, claimed=True),  # (48)
         with_disturbances(made, vehicle, gains),
         barbalat(made),
         invariant_set(made),
         estimates_converge(made),
-        one_unit(),
+        Condition("scalar gain k", k1_unit == k2_unit, "symbolic", units, claimed=True),  # k of (46), (49)
     )
-
-
-def derivation_checked(made: Derivation) -> Condition:
-    """Every machine check of the derivation."""
-    failed = [one.name for one in made.steps if not one.checked]
-    return Condition("derivation", not failed, "symbolic", {"steps": len(made.steps), "failed": failed})
 
 
 def positive_definite(made: Derivation) -> Condition:
@@ -218,19 +216,6 @@ def cross_term_vanishes(made: Derivation) -> Condition:
     holds = not left.has(*TILDE) and identical(left, expected)
     numbers = {"adaptation": made.adaptation, "V_rate": made.V_rate_final}
     return Condition("V' identity", bool(holds), "symbolic", numbers, claimed=True)
-
-
-def _identity(vehicle: Vehicle, seed: int) -> Condition:
-    errors = identity_errors(vehicle, seed=seed)
-    holds = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
-    numbers = {**errors, "seed": seed, "tolerance": _IDENTITY_TOLERANCE}
-    return Condition("closed loop identity", holds, "sampled", numbers)
-
-
-def negative_semidefinite(made: Derivation) -> Condition:
-    """(48)."""
-    holds = bool((-made.V_rate_final).is_nonnegative)
-    return Condition("V' <= 0, ideal", holds, "symbolic", {"minus_V_rate": -made.V_rate_final}, claimed=True)
 
 
 def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Condition:
@@ -283,12 +268,6 @@ def estimates_converge(made: Derivation) -> Condition:
     turns = sp.factor(sum(rest[a] * rates[b] for a, b in zip(TILDE, made.phi, strict=True)))
     stays = still and made.V_rate_final.subs(rest) == 0 and level != 0
     return Condition("theta_hat converges", not stays, "symbolic", {"level": level, "turns": turns}, claimed=True)
-
-
-def one_unit() -> Condition:
-    """k of (46), (49)."""
-    first, second = gain_units()
-    return Condition("scalar gain k", first == second, "symbolic", {"k1_unit": first, "k2_unit": second}, claimed=True)
 
 
 # --- reaching, the boundary layer, theta as it is ---------------------------------------------------------------------

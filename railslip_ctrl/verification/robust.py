@@ -238,34 +238,33 @@ _BOUND_TOLERANCE = 0.01
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
     """All of them; K of the design unless given (N m), D in N m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
-    largest = effective_torque(vehicle)
-    seeds = tuple(range(seed, seed + RUNS))
+    largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
+    seeds, layer = tuple(range(seed, seed + RUNS)), _layer_numbers(gains, largest)
+    (proved, rate), (first, second) = matrix_gain(), gain_units()
+    units, boxed = {"k1_unit": first, "k2_unit": second, "V_rate": rate}, {**layer, "boxed": gains.box is not None}
+    layered = boundary_layer_proved() and layer["met"]
+    adapted = dead_zone_proved() and projection_proved() and boxed["boxed"] and layer["met"]  # projection beside it
+    leak = {"least_share": 1 - reaching.TORQUE_FRACTION, "K": leaking.K, "bound": bound, "leak": leaking.leak}
     return (
-        _matrix_gain(),
+        Condition("matrix gain", proved and first != second, "symbolic", units),
         gain(vehicle, gains, largest),
         _gain_search(vehicle, gains, largest, seed),
         rail_mistaken(vehicle, gains),
-        boundary_layer_bound(gains, largest),
+        _down_to_5_kmh("boundary layer, bound", layered, "symbolic", layer),
         boundary_layer_runs(vehicle, gains, largest, seeds),
-        _dead_zone(gains, largest),
+        _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", boxed),
         Condition("projection", projection_proved(), "symbolic"),
         _projection_samples(vehicle, gains, seed),
         _dead_zone_runs(vehicle, gains, largest, seeds),
-        _leak(vehicle, leaking),
-        _leak_runs(vehicle, leaking, seeds),
+        # over the set of theta_hat that the bound makes invariant itself
+        _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound.gain < leaking.K, "symbolic", leak),
+        _leak_runs(vehicle, leaking, bound, seeds),
     )
 
 
 def _down_to_5_kmh(name: str, holds: bool, how: How, numbers: dict[str, Any], **more: Any) -> Condition:
     """A condition over the published run, to its end where it holds."""
     return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
-
-
-def _matrix_gain() -> Condition:
-    proved, rate = matrix_gain()
-    first, second = gain_units()
-    numbers = {"k1_unit": first, "k2_unit": second, "V_rate": rate}
-    return Condition("matrix gain", proved and first != second, "symbolic", numbers)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
@@ -314,12 +313,6 @@ def _layer_numbers(gains: LawGains, largest: float) -> dict[str, Any]:
     return {"met": met, "bound": bound, "K": K, "D": D, "layer": layer, "largest": largest}
 
 
-def boundary_layer_bound(gains: LawGains, largest: float) -> Condition:
-    """Its closed-form bound, for (J/r)|d| <= largest (N m)."""
-    numbers = _layer_numbers(gains, largest)
-    return _down_to_5_kmh("boundary layer, bound", boundary_layer_proved() and numbers["met"], "symbolic", numbers)
-
-
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
     """Disturbed ideal stops against that bound, theta known."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
@@ -350,13 +343,6 @@ def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, floa
     first = np.argmax(inside, axis=0)
     after = np.arange(len(run.time))[:, None] >= first
     return float(run.time[np.max(first)]), float(np.nanmax(np.where(after, size, np.nan)))
-
-
-def _dead_zone(gains: LawGains, largest: float) -> Condition:
-    """V' with the dead zone, the projection beside it, for (J/r)|d| <= largest (N m)."""
-    numbers = {**_layer_numbers(gains, largest), "boxed": gains.box is not None}
-    holds = dead_zone_proved() and projection_proved() and numbers["boxed"] and numbers["met"]
-    return _down_to_5_kmh("dead zone in the adaptation", holds, "symbolic", numbers)
 
 
 def _projection_samples(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
@@ -446,16 +432,8 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
     return LeakBound(c, level, math.sqrt(2.0 * level), start, asked)
 
 
-def _leak(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """The bound, over the set of theta_hat that it makes invariant itself."""
-    bound = leak_bound(vehicle, gains)
-    numbers = {"least_share": 1 - reaching.TORQUE_FRACTION, "K": gains.K, "bound": bound, "leak": gains.leak}
-    return _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound.gain < gains.K, "symbolic", numbers)
-
-
-def _leak_runs(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
+def _leak_runs(vehicle: Vehicle, gains: LawGains, bound: LeakBound, seeds: tuple[int, ...]) -> Condition:
     run = _unknown_load_run(vehicle, gains, seeds)
-    bound = leak_bound(vehicle, gains)
     decay = np.exp(-bound.rate * run.time)[:, None]
     share = float(np.nanmax(run.V / (run.V[0] * decay + bound.level * (1.0 - decay))))
     met = bound.gain < gains.K
