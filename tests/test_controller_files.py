@@ -16,7 +16,6 @@ from railslip_ctrl.design import PIController, StateSpaceController, actuated_pl
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
-from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import published_reference
 from railslip_ctrl.sliding.law import LawGains
 
@@ -209,17 +208,3 @@ def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_
     many = rs.campaign(wet, [best, rs.load_controller(file)], runs=3).controllers
     tuned_runs, file_runs = (many[name].measures["braking_distance_m"].moments for name in ("pi-lead", "best"))
     assert tuned_runs == file_runs
-
-
-@pytest.mark.long
-def test_a_campaign_takes_the_same_words(railslip, tmp_path):
-    CONTROLS["transfer function"].save(tmp_path / "mine.toml")
-    (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")
-    campaign = tmp_path / "campaign.toml"
-    spread = '[[quantity]]\npath = "vehicle.mass"\ndistribution = "uniform"\nrelative = true\nlow = 0.8\nhigh = 1.2\n'
-    campaign.write_text(f'scenario = "park2008"\nruns = 6\n\n[[controller]]\ncontroller = "own.py"\n\n{spread}')
-    words = ("--controller", tmp_path / "mine.toml", "--controller", tmp_path / "own.py", "--controller", "pi")
-    status, out, err = railslip("campaign", campaign, "--out", tmp_path / "out", "--workers", "1", *words, "--json")
-    assert status == 0, err
-    assert list(json.loads(out)["controllers"]) == ["mine", "own", "pi"]
-    assert load_campaign(campaign).controller_names == ("own",)
