@@ -150,9 +150,9 @@ def mass(distribution, relative=False, *paths):
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
-    (lambda: Normal(0.0, 0.0), "std 0 is not allowed"),
+    (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
     (lambda: Normal(0.0, 1.0, 9.0, 10.0), "nothing of the distribution"),
-    (lambda: LogNormal(-1.0, 0.1), "median -1"),
+    (lambda: LogNormal(-1.0, 0.1), "median: -1"),
     (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
     (lambda: Choice(()), "choice: .* at least one"),
     (lambda: Choice((1.0,), (0.0,)), "weights"),
@@ -184,12 +184,17 @@ def test_the_hash_is_of_everything_that_matters():
 
 
 def test_a_file_gives_the_campaign(tmp_path):
-    found = drawn.load_campaign(write_campaign(tmp_path, 24))
+    path = write_campaign(tmp_path, 24)
+    found = drawn.load_campaign(path)
     assert found.quantities == (MASS,)
     assert (found.runs, found.seed, found.controller_names) == (24, 3, ("pi", "soft"))
     assert found.controllers[1].design.gains.ki == pytest.approx(3.6 * 27)
     assert found.controllers[0].reference == ReferenceSlip(dry=0.132, wet=0.092)
     assert found.scenario.initial_speed == pytest.approx(30 / 3.6)
+    (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")
+    IDLE.save(tmp_path / "idle.toml")
+    others = drawn.load_campaign(path, controllers=("pi-lead", str(tmp_path / "idle.toml"), str(tmp_path / "own.py")))
+    assert others.controller_names == ("pi-lead", "idle", "own")
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
@@ -444,6 +449,7 @@ def test_the_command(tmp_path, railslip):
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),
         (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
+        (("--controller", "pi-lad"), "--controller: 'pi-lad' is not one"),
     ):
         assert refused(railslip("campaign", path, "--out", out, *wrong)).startswith(f"railslip: error: {words}")
 
