@@ -396,8 +396,7 @@ class SlideProtection:
                 "0 < fill_slip < dump_slip < 1"
             )
         for name in ("dump_deceleration", "fill_rate", "dump_rate", "torque_high", "filter_time"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(f"slide protection: {name} {getattr(self, name):g} is not allowed; give a value > 0")
+            number(f"slide protection: {name}", getattr(self, name), gt=0)
 
     def source(self) -> str:
         return step_text("slide_protection")
