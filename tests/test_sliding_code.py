@@ -227,7 +227,8 @@ class Both:
     def __init__(self, made, row, v) -> None:
         self.code, self.module, self.compiled = made
         self.p, self.c = self.module.Parameters(*row), self.compiled.Parameters(*row)
-        self.state, self.memory = begun(self.module, v, self.p), self.compiled.begun(v, self.c)
+        self.state, self.memory = begun(self.module, v, self.p), self.compiled.State()
+        assert self.compiled.init(self.memory, v, self.c) == 0
 
     def step(self, *measured) -> float:
         torque, self.s, self.state = self.module.step(self.state, *measured, self.p)
