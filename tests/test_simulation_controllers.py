@@ -209,6 +209,13 @@ def test_every_named_controller_has_its_reference_and_period(name):
     (lambda: sim.SlideProtection(REFERENCE, fill_slip=0.0), "0 < fill_slip"),
     (lambda: sim.SlideProtection(REFERENCE, dump_slip=1.0), "dump_slip < 1"),
     (lambda: sim.TorqueProfile((), (), REFERENCE), "as many"),
+    (lambda: replace(catalogue.recommended_schedule(), period=0.01, tracking_time=0.0), "tracking time: 0 s"),
+    (lambda: sim.Simulator(SCENARIO, replace(catalogue.recommended_schedule(), torque_low=1e9)), "torque limits: low"),
+    (lambda: replace(catalogue.published_controller("asmc"), torque_low=1.0, torque_high=1.0), "torque limits: low 1"),
+    (lambda: replace(catalogue.published_controller("asmc"), filter_time=0.0), "filter time: 0 s"),
+    (lambda: replace(catalogue.published_controller("asmc"), nominal_mass=-1.0), "nominal mass: -1 kg"),
+    (lambda: replace(catalogue.published_controller("asmc"), nominal_viscous_friction=-1.0), "friction: -1 N"),
+    (lambda: replace(catalogue.published_controller("asmc"), gains=3), "gains: 3 is not allowed"),
     (lambda: sim.TorqueProfile((0.0,), (math.inf,), REFERENCE), "finite"),
 ])  # fmt: skip
 def test_controllers_that_do_not_exist_are_refused(call, words):
