@@ -395,6 +395,7 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     assert found.measures["braking_time_s"].moments.mean == pytest.approx(stopped.braking_time_s.mean())
     assert found.not_stopped.value == pytest.approx(1 - len(stopped) / 60)
     assert found.failed[Outcome.OUT_OF_TIME] == late.run.tolist()[: statistics.LISTED]
+    assert set(found.failed) == {Outcome.OUT_OF_TIME, REFUSED}
     assert late[["braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"]].isna().all(axis=None)
     assert late.ended_at_s.to_list() == pytest.approx([3.2] * len(late))  # the longest time
     assert late.ended_at_m.between(3.2 * 27 / 3.6, 3.2 * 30 / 3.6).all()  # between the speeds' distances

@@ -130,7 +130,9 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
 
 
 NO_LAG = "[vehicle]\nmass = 3e3\nmass_loaded = 4e3\nactuator = {dead_time = 0.1, lag = 0.0}\n"
-BOTH_KINDS = '[[events]]\ntime = 20.0\nadhesion_factor = 0.5\n[[events]]\ndistance = 100.0\nrail = "wet"\n'
+BOTH_KINDS = (
+    '[[events]]\ntime = 20.0\nrail = "dry"\nadhesion_factor = 1.0\n[[events]]\ndistance = 100.0\nrail = "wet"\n'
+)
 
 
 @pytest.mark.parametrize(("text", "words"), [
