@@ -49,12 +49,12 @@ if TYPE_CHECKING:
 
 Kind = Literal["pi", "asmc"]
 Column = Literal["beam", "bristle"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 COLUMNS: tuple[Column, ...] = get_args(Column)
 
 FILTER_TIME = 0.1  #: s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none
 
 
+@checked
 def published_controller(
     kind: Kind,
     column: Column = "bristle",
@@ -79,10 +79,6 @@ def published_controller(
 
     InputError: another kind or column, or an option of the ASMC with the PI.
     """
-    if kind not in KINDS:
-        raise InputError(f"controller: {kind!r} is not in [Park2008] Table 4; choose {' or '.join(KINDS)}")
-    if column not in COLUMNS:
-        raise InputError(f"gains: {column!r} is not a column of [Park2008] Table 4; choose {' or '.join(COLUMNS)}")
     held = published_reference(column) if reference is None else reference
     if kind == "pi":
         if adaptive or not knows_rail:
