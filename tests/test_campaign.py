@@ -361,16 +361,15 @@ def test_a_histogram_for_a_picture_has_at_most_the_bins_of_rice_s_rule():
 
 def test_statistics_are_numpys(finished):
     summary, frame = summarise(finished, worst_by="max_slip"), rows_of(finished)
-    for name in ("pi", "soft"):
-        own = frame[frame.controller == name]
-        for measure in MEASURES:
-            found, values = summary.controllers[name].measures[measure.name], own[measure.name].to_numpy()
-            assert found.moments.mean == pytest.approx(values.mean(), rel=1e-12)
-            assert found.moments.std == pytest.approx(values.std(ddof=1), rel=1e-9, abs=1e-15)
-            for level, estimate in found.quantiles.items():
-                assert estimate.value == np.quantile(values, level, method="inverted_cdf")
+    for name, own in frame.groupby("controller"):
+        for measure, found in summary.controllers[name].measures.items():
+            values, moments = own[measure].to_numpy(), (found.moments.mean, found.moments.std)
+            assert moments == pytest.approx((values.mean(), values.std(ddof=1)), rel=1e-9, abs=1e-15)
+            expected = {p: np.quantile(values, p, method="inverted_cdf") for p in statistics.LEVELS}
+            assert {level: estimate.value for level, estimate in found.quantiles.items()} == expected
         worst = own.sort_values("max_slip", ascending=False)["run"].tolist()[:WORST]
         assert [row["run"] for row in summary.controllers[name].worst] == worst
+    assert list(summary.controllers["pi"].measures) == [measure.name for measure in MEASURES]
     wide = frame.pivot(index="run", columns="controller", values="braking_time_s")
     pair = next(p for p in summary.paired if p.measure == "braking_time_s")
     assert pair.difference.value == pytest.approx((wide.soft - wide.pi).mean(), rel=1e-9)
