@@ -54,26 +54,17 @@ class Compiled:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
         library = ctypes.CDLL(str(target))
-        law = self.law = code.law
+        law = code.law
         self.Parameters = _structure(law.parameters)
         self.State = _structure((*law.states, *KEPT))
-        output = _structure(("torque", "s", "theta1_hat_rate", "theta2_hat_rate"))
         pointer = ctypes.POINTER
         self.init = library.railslip_asmc_init
         self.init.argtypes = [pointer(self.State), ctypes.c_double, pointer(self.Parameters)]
-        self.control = library.railslip_asmc_control
-        self.control.argtypes = [ctypes.c_double] * len(law.control_arguments) + [pointer(self.Parameters)]
         self.step = library.railslip_asmc_step
         self.step.argtypes = [pointer(self.State)] + [ctypes.c_double] * len(law.measured) + [pointer(self.Parameters)]
-        self.control.restype = self.step.restype = output
+        self.step.restype = _structure(("torque", "s", "theta1_hat_rate", "theta2_hat_rate"))
         self.valid = library.railslip_asmc_valid
         self.valid.argtypes = [ctypes.c_double] * len(law.measured)
-
-    def begun(self, v, p):
-        """The state when the brake is applied at speed v."""
-        state = self.State()
-        assert self.init(state, v, p) == 0
-        return state
 
 
 def _structure(fields):

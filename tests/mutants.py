@@ -108,7 +108,7 @@ ROOMS = {
     "simulation/seeking": "seeking",
     "simulation/seeking_step": "seeking simulation_controllers",
     "simulation/step_objects": "step_objects",
-    "simulation/steps": "simulation_controllers scenarios",
+    "simulation/steps": "simulation_controllers scenarios simulation_engine",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 

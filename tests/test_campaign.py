@@ -15,7 +15,7 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from project import refused, script
+from project import refused
 from scipy import stats
 
 from railslip_ctrl import InputError, PIController, PIGains, ReferenceSlip
@@ -130,16 +130,6 @@ def test_designs_fill_the_cube_evenly(sampling, even):
     assert (longer.values(5) == campaign.values(5)) is (sampling != "latin-hypercube")  # which alone is laid out anew
 
 
-def test_grids_are_combined_and_the_rest_is_drawn_anew():
-    mass, factor = Grid((3000.0, 3300.0)), Grid((0.5, 1.0, 1.5))
-    quantities = (Quantity(("vehicle.mass",), mass), DEAD_TIME, Quantity(("adhesion_factor",), factor))
-    campaign = short(12, quantities)
-    found = [tuple(campaign.values(i).values()) for i in range(12)]
-    assert [(m, f) for m, _, f in found] == 2 * [(m, f) for f in factor.values for m in mass.values]
-    assert len({t for _, t, _ in found}) == 12
-    assert campaign.grid_values(3) == {"vehicle.mass": 3300.0, "adhesion_factor": 1.0}
-
-
 def test_every_controller_gets_the_same_vehicle_and_noise():
     gain = Quantity(("soft.design.gains.kp",), Uniform(1000.0, 2000.0))
     lag = Quantity(("vehicle.actuator.lag",), Uniform(0.5, 0.7), relative=True)
@@ -160,14 +150,13 @@ def mass(distribution, relative=False, *paths):
 @pytest.mark.parametrize(("make", "words"), [
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
-    (lambda: Normal(0.0, 0.0), "std 0 is not allowed"),
+    (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
     (lambda: Normal(0.0, 1.0, 9.0, 10.0), "nothing of the distribution"),
-    (lambda: LogNormal(-1.0, 0.1), "median -1"),
+    (lambda: LogNormal(-1.0, 0.1), "median: -1"),
     (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
     (lambda: Choice(()), "choice: .* at least one"),
     (lambda: Choice((1.0,), (0.0,)), "weights"),
     (lambda: Grid((math.nan,)), "grid: .* finite"),
-    (lambda: mass(Uniform(1.0, 2.0), False, "vehicle.maas"), r"did you mean 'vehicle.mass'\?"),
     (lambda: mass(Uniform(-1.0, 4000.0)), r"vehicle: mass: -1 is not allowed; give a value > 0 \(kg\)"),
     (lambda: mass(Uniform(3000.0, 9000.0)), "mass_loaded: 5276 is not allowed"),
     (lambda: mass(Uniform(0.9, 1.1), True, "limits.torque_max"), "no number for a factor"),
@@ -195,12 +184,17 @@ def test_the_hash_is_of_everything_that_matters():
 
 
 def test_a_file_gives_the_campaign(tmp_path):
-    found = drawn.load_campaign(write_campaign(tmp_path, 24))
+    path = write_campaign(tmp_path, 24)
+    found = drawn.load_campaign(path)
     assert found.quantities == (MASS,)
     assert (found.runs, found.seed, found.controller_names) == (24, 3, ("pi", "soft"))
     assert found.controllers[1].design.gains.ki == pytest.approx(3.6 * 27)
     assert found.controllers[0].reference == ReferenceSlip(dry=0.132, wet=0.092)
     assert found.scenario.initial_speed == pytest.approx(30 / 3.6)
+    (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")
+    IDLE.save(tmp_path / "idle.toml")
+    others = drawn.load_campaign(path, controllers=("pi-lead", str(tmp_path / "idle.toml"), str(tmp_path / "own.py")))
+    assert others.controller_names == ("pi-lead", "idle", "own")
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
@@ -277,34 +271,8 @@ def test_a_killed_campaign_loses_and_repeats_nothing(tmp_path):
     assert json.loads(resumed.stdout) == campaign_json(summarise(unkilled))
 
 
-def test_a_folder_of_something_else_is_refused(finished, tmp_path):
-    with pytest.raises(InputError, match="holds another campaign"):
-        execute(replace(finished.campaign, seed=4), finished.folder)
-    (tmp_path / "out").mkdir()
-    manifest, content = tmp_path / "out" / MANIFEST, (finished.folder / MANIFEST).read_text()
-    version = json.loads(content)["version"]
-    for text, words in ((content.replace(version, "0.0.1"), r"begun with version 0\.0\.1"), ("{}", "no campaign's")):
-        manifest.write_text(text)
-        with pytest.raises(InputError, match=words):
-            execute(finished.campaign, tmp_path / "out")
-    for place in (tmp_path, manifest):
-        with pytest.raises(InputError, match="holds something else"):
-            execute(finished.campaign, place)
-    assert os.listdir(tmp_path) == ["out"]
-
-
-def test_a_damaged_part_is_named(finished, tmp_path):
-    store = execute(finished.campaign, tmp_path / "out", workers=1, part_runs=12)
-    first = store.path(next(store.parts()))
-    first.write_bytes(first.read_bytes()[:100])
-    with pytest.raises(InputError, match="delete it and resume"):
-        summarise(store)
-    pq.write_table(finished.read(Part(0, 5)).slice(0, 3), first)
-    with pytest.raises(InputError, match="3 rows in place of 24"):
-        summarise(store)
-
-
-def test_impossible_executions_are_refused(tmp_path):
+def test_what_cannot_be_executed_or_summed_up_is_refused(finished, tmp_path):
+    out = tmp_path / "out"
     for options, words in (
         ({"workers": 0}, "workers: 0"),
         ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave them out with a scheduler"),
@@ -312,19 +280,39 @@ def test_impossible_executions_are_refused(tmp_path):
         ({"scheduler": "nonsense://here"}, "cannot be reached"),
     ):
         with pytest.raises(InputError, match=words):
-            execute(short(), tmp_path / "out", **options)
-        assert not (tmp_path / "out").exists()
+            execute(short(), out, **options)
+        assert not out.exists()
     with pytest.raises(InputError, match="a worker has version"):
         run_part(short(), Part(0, 1), "0.0.0")
     with pytest.raises(InputError, match="no finished part yet"):
-        summarise(Store.open(short(), tmp_path / "out"))
+        summarise(Store.open(short(), out))
+    with pytest.raises(InputError, match="holds another campaign"):
+        execute(replace(finished.campaign, seed=4), finished.folder)
+    out.mkdir()
+    manifest, content = out / MANIFEST, (finished.folder / MANIFEST).read_text()
+    version = json.loads(content)["version"]
+    for text, words in ((content.replace(version, "0.0.1"), r"begun with version 0\.0\.1"), ("{}", "no campaign's")):
+        manifest.write_text(text)
+        with pytest.raises(InputError, match=words):
+            execute(finished.campaign, out)
+    for place in (tmp_path, manifest):
+        with pytest.raises(InputError, match="holds something else"):
+            execute(finished.campaign, place)
+    assert os.listdir(tmp_path) == ["out"]
 
 
-def test_two_do_not_write_into_one_folder(tmp_path):
-    store = Store.open(short(4), tmp_path / "out")
+def test_two_do_not_write_into_one_folder_and_a_damaged_part_is_named(finished, tmp_path):
+    store = Store.open(finished.campaign, tmp_path / "out", part_runs=12)
     with store.claimed(), pytest.raises(InputError, match="being written to by another process"):
-        execute(short(4), tmp_path / "out", workers=1)
-    assert execute(short(4), tmp_path / "out", workers=1).complete
+        execute(finished.campaign, tmp_path / "out", workers=1)
+    execute(finished.campaign, tmp_path / "out", workers=1, part_runs=12)
+    first = store.path(next(store.parts()))
+    first.write_bytes(first.read_bytes()[:100])
+    with pytest.raises(InputError, match="delete it and resume"):
+        summarise(store)
+    pq.write_table(finished.read(Part(0, 5)).slice(0, 3), first)
+    with pytest.raises(InputError, match="3 rows in place of 24"):
+        summarise(store)
 
 
 def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):
@@ -373,16 +361,15 @@ def test_a_histogram_for_a_picture_has_at_most_the_bins_of_rice_s_rule():
 
 def test_statistics_are_numpys(finished):
     summary, frame = summarise(finished, worst_by="max_slip"), rows_of(finished)
-    for name in ("pi", "soft"):
-        own = frame[frame.controller == name]
-        for measure in MEASURES:
-            found, values = summary.controllers[name].measures[measure.name], own[measure.name].to_numpy()
-            assert found.moments.mean == pytest.approx(values.mean(), rel=1e-12)
-            assert found.moments.std == pytest.approx(values.std(ddof=1), rel=1e-9, abs=1e-15)
-            for level, estimate in found.quantiles.items():
-                assert estimate.value == np.quantile(values, level, method="inverted_cdf")
+    for name, own in frame.groupby("controller"):
+        for measure, found in summary.controllers[name].measures.items():
+            values, moments = own[measure].to_numpy(), (found.moments.mean, found.moments.std)
+            assert moments == pytest.approx((values.mean(), values.std(ddof=1)), rel=1e-9, abs=1e-15)
+            expected = {p: np.quantile(values, p, method="inverted_cdf") for p in statistics.LEVELS}
+            assert {level: estimate.value for level, estimate in found.quantiles.items()} == expected
         worst = own.sort_values("max_slip", ascending=False)["run"].tolist()[:WORST]
         assert [row["run"] for row in summary.controllers[name].worst] == worst
+    assert list(summary.controllers["pi"].measures) == [measure.name for measure in MEASURES]
     wide = frame.pivot(index="run", columns="controller", values="braking_time_s")
     pair = next(p for p in summary.paired if p.measure == "braking_time_s")
     assert pair.difference.value == pytest.approx((wide.soft - wide.pi).mean(), rel=1e-9)
@@ -393,12 +380,13 @@ def test_statistics_are_numpys(finished):
 
 
 def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
-    """Some are too slow to stop in the time given, some have values that contradict each other."""
+    """Some are too slow to stop in the time given, some have values that contradict each other; without torque there is
+    no stop at all, whose numbers are "-", and which is in the pictures by name."""
     hurried = SHORT.with_changes(longest_time=3.2, vehicle=SHORT.vehicle.model_copy(update={"mass_loaded": 4500.0}))
     loaded = Quantity(("vehicle.mass_loaded",), Uniform(3700.0, 5000.0))
-    store = execute(Campaign(hurried, (PI,), 60, (MASS, loaded), 5), tmp_path / "out", workers=1)
+    store = execute(Campaign(hurried, (PI, IDLE), 60, (MASS, loaded), 5), tmp_path / "out", workers=1)
     summary, frame = summarise(store), rows_of(store)
-    found = summary.controllers["pi"]
+    found, frame = summary.controllers["pi"], frame[frame.controller == "pi"]
     assert found.outcomes == frame.outcome.value_counts().to_dict()
     assert set(found.outcomes) == {Outcome.STOPPED, Outcome.OUT_OF_TIME, REFUSED}
     assert (frame["vehicle.mass"] > frame["vehicle.mass_loaded"]).sum() == found.outcomes[REFUSED]
@@ -406,27 +394,21 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     assert found.measures["braking_time_s"].moments.mean == pytest.approx(stopped.braking_time_s.mean())
     assert found.not_stopped.value == pytest.approx(1 - len(stopped) / 60)
     assert found.failed[Outcome.OUT_OF_TIME] == late.run.tolist()[: statistics.LISTED]
-    text = campaign_text(summary)
-    assert text.count(f"pi, {Outcome.OUT_OF_TIME}: runs {late.run.iloc[0]}, ") == 2  # of the outcomes, and of the worst
+    assert set(found.failed) == {Outcome.OUT_OF_TIME, REFUSED}
     assert late[["braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"]].isna().all(axis=None)
     assert late.ended_at_s.to_list() == pytest.approx([3.2] * len(late))  # the longest time
     assert late.ended_at_m.between(3.2 * 27 / 3.6, 3.2 * 30 / 3.6).all()  # between the speeds' distances
-
-
-def test_a_controller_that_never_stops_beside_one_that_does_and_alone(tmp_path):
-    """Without torque there is no stop in the time given: its numbers are "-", and it is in the pictures by name."""
-    store = execute(Campaign(SHORT, (PI, IDLE), 4, (MASS,)), tmp_path / "out", workers=1)
-    summary = summarise(store)
-    lines = [line.split() for line in campaign_text(summary).splitlines() if "braking time" in line]
-    idle = [line[3:] for line in lines if line[3] == "idle"]
-    assert idle == [["idle", "0", *"----"], ["idle", *"---"], ["idle", "-", "pi", "0", *"--"]]
-    figure = distributions_figure(summary)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["pi (4)", "idle (none)"]
-    again = replay(store.campaign, 1, store.folder)
-    assert again.stored
+    text = campaign_text(summary)
+    assert text.count(f"pi, {Outcome.OUT_OF_TIME}: runs {late.run.iloc[0]}, ") == 2  # of the outcomes, and of the worst
+    lines = [line.split()[3:] for line in text.splitlines() if "braking time" in line]
+    told = [line for line in lines if line[0] == "idle"]
+    assert told == [["idle", "0", *"----"], ["idle", *"---"], ["idle", "-", "pi", "0", *"--"]]
+    legend = distributions_figure(summary).legends[0].get_texts()
+    assert [entry.get_text() for entry in legend] == [f"pi ({len(stopped)})", "idle (none)"]
+    again = replay(store.campaign, int(late.run.iloc[0]), store.folder)
     content = replay_json(again)["controllers"]["idle"]
     assert (content["braking_time_s"], content["ended_at_s"]) == (None, again.runs["idle"].braking_time)
-    assert "did not stop after 20 s" in replay_text(again)
+    assert "did not stop after 3.2 s" in replay_text(again)
     alone = summarise(execute(Campaign(SHORT, (IDLE,), 4), tmp_path / "alone", workers=1))
     found = campaign_json(alone)["controllers"]["idle"]
     assert (found["measures"]["max_slip"]["mean"]["value"], found["share_not_stopped"]["value"]) == (None, 1.0)
@@ -434,14 +416,20 @@ def test_a_controller_that_never_stops_beside_one_that_does_and_alone(tmp_path):
     assert distributions_figure(alone) is scatter_figure(alone) is None
 
 
-def test_a_sweep_is_told_point_by_point(tmp_path):
-    sweep = (Quantity(("vehicle.mass",), Grid((3000.0, 4000.0))), DEAD_TIME)
+def test_grids_are_combined_the_rest_is_drawn_anew_and_told_point_by_point(tmp_path):
+    masses, factors = (3000.0, 4000.0), (0.9, 1.0, 1.1)
+    sweep = (Quantity(("vehicle.mass",), Grid(masses)), DEAD_TIME, Quantity(("adhesion_factor",), Grid(factors)))
     store = execute(short(12, sweep), tmp_path / "out", workers=1, part_runs=5)
     summary, frame = summarise(store), rows_of(store)
-    for point, mass in zip(summary.points, (3000.0, 4000.0), strict=True):
-        own = frame[(frame["vehicle.mass"] == mass) & (frame.controller == "soft")]
-        assert (point.values, len(own), point.not_stopped["soft"].value) == ({"vehicle.mass": mass}, 6, 0.0)
-        assert point.means["soft", "braking_time_s"].value == pytest.approx(own.braking_time_s.mean(), rel=1e-12)
+    own = frame[frame.controller == "soft"]
+    points = [(mass, factor) for factor in factors for mass in masses]
+    assert list(zip(own["vehicle.mass"], own["adhesion_factor"], strict=True)) == 2 * points
+    assert own["vehicle.actuator.dead_time"].nunique() == 12
+    for point, (mass, factor) in zip(summary.points, points, strict=True):
+        there = own[(own["vehicle.mass"] == mass) & (own["adhesion_factor"] == factor)]
+        assert (point.values, len(there)) == ({"vehicle.mass": mass, "adhesion_factor": factor}, 2)
+        assert point.means["soft", "braking_time_s"].value == pytest.approx(there.braking_time_s.mean(), rel=1e-12)
+        assert point.not_stopped["soft"].value == 0.0
     assert "Grid" in campaign_text(summary)
 
 
@@ -460,28 +448,23 @@ def test_the_command(tmp_path, railslip):
     assert float(log[-1].split(",")[1]) == content["controllers"]["soft"]["braking_distance_m"]
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),
-        (("--replay", "-1"), "--replay: -1"),
         (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
+        (("--controller", "pi-lad"), "--controller: 'pi-lad' is not one"),
     ):
         assert refused(railslip("campaign", path, "--out", out, *wrong)).startswith(f"railslip: error: {words}")
 
 
 @pytest.mark.long
-def test_the_monte_carlo_script(tmp_path, capsys, monkeypatch):
+def test_the_monte_carlo_script(tmp_path, ran):
     """24 of its vehicles; what is said of each vehicle is asserted of each, the rest of the means."""
-    monte_carlo = script("analysis/monte_carlo.py")
-    result = monte_carlo.run(tmp_path, runs=24, workers=1)
+    result, out, pictures = ran("analysis/monte_carlo.py", folder=tmp_path / "runs", runs=24, workers=1)
     shorter = {(p.first, p.second): p for p in result.paired if p.measure == "braking_distance_m"}
     assert shorter["pi", "pi-lead"].second_smaller.value == shorter["asmc", "pi-lead"].second_smaller.value == 1.0
     assert shorter["pi", "asmc"].difference.high < 0.0  # beyond its interval
-    pi, asmc, lead = (result.controllers[name] for name in monte_carlo.CONTROLLERS)
-    slip = "mean_abs_slip_error"
-    assert lead.measures[slip].quantiles[0.5].value < 0.7 * pi.measures[slip].quantiles[0.5].value
-    assert asmc.measures[slip].moments.mean > pi.measures[slip].moments.mean
-    assert pi.locked.value == 0.0 < lead.locked.value
-    locks = pd.concat(pd.read_parquet(part) for part in (tmp_path / "parts").iterdir())["first_lock_s"].dropna()
+    pi, asmc, lead = (result.controllers[name].measures["mean_abs_slip_error"] for name in ("pi", "asmc", "pi-lead"))
+    assert lead.quantiles[0.5].value < 0.7 * pi.quantiles[0.5].value
+    assert asmc.moments.mean > pi.moments.mean
+    assert result.controllers["pi"].locked.value == 0.0 < result.controllers["pi-lead"].locked.value
+    locks = pd.concat(pd.read_parquet(part) for part in tmp_path.rglob("*.parquet"))["first_lock_s"].dropna()
     assert locks.between(25.0, 27.0).all()  # the rail turns wet at 25 s
-    monkeypatch.setattr(sys, "argv", ["monte_carlo.py", str(tmp_path), "24"])
-    monte_carlo.main()
-    assert "pi-lead - pi" in capsys.readouterr().out
-    assert len(list(tmp_path.glob("*.png"))) == 2
+    assert ("pi-lead - pi" in out, len(pictures)) == (True, 2)

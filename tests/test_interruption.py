@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -45,17 +44,29 @@ def at_work(wait):
     return command
 
 
+def reporting(folder):
+    """A report, begun."""
+    command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=folder)
+    assert "the best design" in command.stderr.readline()
+    return command
+
+
 posix_alone = pytest.mark.skipif(os.name != "posix", reason="signals to groups of processes")
 
 
 @posix_alone
-@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["kill", "terminal"])
-@pytest.mark.parametrize("wait", [False, True], ids=["starting", "at work"])
-def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, int], None], wait: bool) -> None:
-    command = at_work(wait)
-    send(command.pid, signal.SIGINT)
+@pytest.mark.parametrize(("begin", "send", "number"), [
+    *((lambda _, wait=wait: at_work(wait), send, signal.SIGINT) for wait in (0, 1) for send in (os.kill, os.killpg)),
+    (reporting, os.killpg, signal.SIGINT), pytest.param(reporting, os.kill, signal.SIGTERM, marks=pytest.mark.long),
+])  # fmt: skip
+def test_an_interruption_is_one_line_and_leaves_nothing(tmp_path: Path, begin, send, number: int) -> None:
+    """As its processes start and as they work, of the command alone and of all that the terminal has."""
+    command = begin(tmp_path)
+    send(command.pid, number)
     out, err = command.communicate(timeout=ENDED)  # to the end of what every process of it might write
-    assert (command.returncode, out, err) == (130, "", "railslip: interrupted\n")
+    lines = [line for line in err.splitlines() if " s  " not in line]  # progress
+    assert (command.returncode, out, lines) == (130, "", ["railslip: interrupted"])
+    assert not list(tmp_path.iterdir())
 
 
 @posix_alone
@@ -63,20 +74,6 @@ def test_processes_end_with_the_one_that_started_them() -> None:
     command = at_work(True)
     command.kill()
     command.communicate(timeout=ENDED)
-
-
-@posix_alone
-@pytest.mark.parametrize(("send", "number"), [
-    (os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.long),
-])  # fmt: skip
-def test_a_report_that_is_interrupted_or_terminated_leaves_nothing(tmp_path: Path, send, number: int) -> None:
-    command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
-    assert "the best design" in command.stderr.readline()
-    send(command.pid, number)
-    out, err = command.communicate(timeout=ENDED)
-    lines = [line for line in err.splitlines() if " s  " not in line]  # progress
-    assert (command.returncode, out, lines) == (130, "", ["railslip: interrupted"])
-    assert not list(tmp_path.iterdir())
 
 
 LATE = """\

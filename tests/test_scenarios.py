@@ -1,6 +1,7 @@
 """Scenarios and controllers from files: what they read, and what they refuse in one line."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,12 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     assert own.for_vehicle(PARK2008).adhesion == own.adhesion
 
 
+NO_LAG = "[vehicle]\nmass = 3e3\nmass_loaded = 4e3\nactuator = {dead_time = 0.1, lag = 0.0}\n"
+BOTH_KINDS = (
+    '[[events]]\ntime = 20.0\nrail = "dry"\nadhesion_factor = 1.0\n[[events]]\ndistance = 100.0\nrail = "wet"\n'
+)
+
+
 @pytest.mark.parametrize(("text", "words"), [
     ("final_sped = 1.0", "final_sped: unknown key; did you mean 'final_speed'"),
     ('final_speed = "1 kg"', "final_speed: '1 kg' has the wrong dimension"),
@@ -148,6 +155,9 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     ('vehicle = "park2008"\nadhesion = "curve"', "needs initial_speed"),
     ('vehicle = "park2008"\ninitial_speed = 20.0', "adhesion: missing"),
     ('adhesion = "curve"\ninitial_speed = 20.0', "vehicle: missing"),
+    (f"{NO_LAG}[limits]\nrate = 100.0", "give lag > 0"),
+    (f"{NO_LAG}[limits]\ndump_lag = 0.2", "give lag > 0"),
+    (BOTH_KINDS, "give rail and adhesion_factor in each"),
 ])  # fmt: skip
 def test_scenario_files_are_refused_in_one_line(file, text, words):
     alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
@@ -157,18 +167,22 @@ def test_scenario_files_are_refused_in_one_line(file, text, words):
     assert "none.toml" in str(caught.value) or "mine.toml" in str(caught.value)
 
 
-def test_the_designs_and_table_4_as_files(file):
+def test_controllers_as_files(file):
+    """The designs, [Park2008] Table 4 as printed, a schedule and a profile."""
     assert load_controller(CONTROLLERS / "pi_lead.toml") == catalogue.recommended_pi_lead()
     assert load_controller(CONTROLLERS / "slide_protection.toml") == catalogue.slide_protection()
     pi = load_controller(file('kind = "pi"\nkp = "650 N*m/(km/h)"\nki = "27 N*m/(km/h)/s"\nanti_windup = false\n'))
-    assert pi.tracking_time == math.inf
-    assert (pi.design.gains.kp, pi.design.gains.ki) == pytest.approx((2340.0, 97.2))
+    assert (pi.design.gains.kp, pi.design.gains.ki, pi.tracking_time) == pytest.approx((2340.0, 97.2, math.inf))
     keys = 'K = 70\nD = "1.53 N*m/(km/h)"\nrho = 1.54\nnominal_mass = 3517\nknows_rail = false\n'
-    asmc = load_controller(file(f'kind = "asmc"\n{keys}'))
-    published = catalogue.published_controller("asmc", "bristle", knows_rail=False)
-    assert isinstance(asmc, sim.SlidingControl)
+    asmc, published = load_controller(file(f'kind = "asmc"\n{keys}')), catalogue.published_controller("asmc")
     assert math.isclose(asmc.gains.D, published.gains.D, rel_tol=1e-12)  # 1.53 N*m/(km/h) through Pint
-    assert (asmc.nominal_mass, asmc.knows_rail, asmc.filter_time) == (3517.0, False, published.filter_time)
+    assert replace(asmc, gains=published.gains, knows_rail=True) == published
+    schedule = catalogue.recommended_schedule()
+    file(schedule.schedule.to_json(), "schedule.json")
+    text = 'kind = "scheduled"\nschedule = "schedule.json"\ntorque_max = 9000\ntorque_min = 0\ntracking_time = 2\n'
+    assert load_controller(file(text)) == schedule
+    profile = load_controller(file('kind = "torque-profile"\ntimes = [0, 2.5]\ntorques = [0, 4000]\nperiod = 0.01\n'))
+    assert profile == sim.TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
 
 
 OVER_V0 = (
@@ -191,17 +205,6 @@ def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(file):
     assert controller.model_law.mu_max == pytest.approx(0.33, rel=1e-12)
 
 
-def test_a_schedule_and_a_profile_as_files(file):
-    schedule = catalogue.recommended_schedule().schedule
-    file(schedule.to_json(), "schedule.json")
-    scheduled = load_controller(file('kind = "scheduled"\nschedule = "schedule.json"\ntorque_high = 9000\n'))
-    assert isinstance(scheduled, sim.ScheduledControl)
-    assert scheduled.schedule == schedule
-    text = 'kind = "torque-profile"\ntimes = [0, 2.5]\ntorques = [0, 4000]\nperiod = "10 ms"\n'
-    profile = load_controller(file(text))
-    assert profile == sim.TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
-
-
 ANY_SIGN = {"kp", "ki", "torque_low", "torque_high", "initial_torque", "cut_out_torque", "torque_min", "torque_max"}
 
 
@@ -221,17 +224,3 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
             else:
                 with pytest.raises(ValueError, match=name):
                     record(**{**given, name: value})
-
-
-NO_LAG = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"lag": 0.0})})
-BOTH_KINDS = [sim.Event(time=20.0, adhesion_factor=0.5), sim.Event(distance=100.0, rail=Rail.WET)]
-
-
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"events": BOTH_KINDS}, "give rail and adhesion_factor in each"),
-    ({"vehicle": NO_LAG, "limits": {"rate": 100.0}}, "give lag > 0"),
-    ({"vehicle": NO_LAG, "limits": {"dump_lag": 0.2}}, "give lag > 0"),
-])  # fmt: skip
-def test_what_does_not_go_together_is_refused(changes, words):
-    with pytest.raises(InputError, match=words):
-        sim.built_in_scenario("park2008-si").with_changes(**changes)

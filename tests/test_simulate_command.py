@@ -26,84 +26,59 @@ def railslip(railslip, file):
     return partial(railslip, "simulate")
 
 
-@pytest.fixture
-def numbers(railslip):
-    """The JSON of a run that stops."""
-
-    def run(*arguments):
-        status, out, err = railslip(*arguments, "--json")
-        assert status == 0, err
-        return json.loads(out)
-
-    return run
+def energy(mass, speed_kmh):
+    """What a train and its wheel begin with, J."""
+    return pytest.approx(0.5 * (mass + 60.35 / 0.43**2) * (speed_kmh / 3.6) ** 2)
 
 
-def test_json_has_the_contract_s_keys_and_the_run_s_numbers(numbers):
-    found = numbers("--scenario", "park2008", "--controller", "asmc", "--gains", "beam", "--seed", "7")
+SI = "--scenario park2008-si"
+PUBLISHED = {"kp_si": 2340.0, "ki_si": 97.2, "lead_s": 0.0, "lead_filter_s": 0.0}
+GAINS = {"kp_si": 190.0, "ki_si": 5.0, "lead_s": 0.0, "lead_filter_s": 0.0}
+ENDLESS = "--scenario free.toml --controller"
+NONE = dict.fromkeys(("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"))
+CASES = [
+    ("", {"scenario": "park2008", "controller": "pi", "gains": "bristle", "seed": 0, "inertia_scale": 3.6}),
+    (f"{SI} --inertia-scale 3.6", {"braking_time_s": pytest.approx(59.0, abs=1.0), "gain_values": PUBLISHED}),
+    ("--no-noise", {"seed": None, "random_force_j": 0.0}),
+    (f"{SI} --kp 190 --ki 5 --step 2e-3", {"gain_values": GAINS, "gains": None, "step_s": 2e-3, "inertia_scale": 1.0}),
+    (f"{SI} --period 0.01 --slip 0.1", {"period_s": 0.01, "reference_slip": {"dry": 0.1, "wet": 0.1}}),
+    (f"{SI} --controller asmc --speed 80", {"starting_j": energy(3517, 80)}),
+    ("--adhesion beam --controller pi-lead", {"adhesion": "beam", "reference_slip": {"dry": 0.119, "wet": 0.059}}),
+    ("--adhesion bristle --no-noise", {"adhesion": "bristle", "reference_slip": {"dry": 0.132, "wet": 0.092}}),
+    ("--controller asmc", {"max_slip": pytest.approx(0.4, abs=0.2), "first_lock_s": None}),
+    ("--controller asmc --unknown-rail", {"max_slip": 1.0, "first_lock_s": pytest.approx(54.6, abs=1)}),
+    ("--vehicle train.toml --loaded", {"vehicle": "train", "inertia_scale": 1.0, "starting_j": energy(4000, 100)}),
+    (f"{ENDLESS} huge.toml", {**NONE, "stopped": False, "outcome": "not a number"}),
+    pytest.param(f"{ENDLESS} idle.toml", {**NONE, "stopped": False, "ended_at_s": 180.0}, marks=pytest.mark.long),
+]
+
+
+@pytest.mark.parametrize(("words", "expected"), CASES)
+def test_options_reach_the_run(railslip, file, words, expected):
+    file("train.toml", "mass = 3000\nmass_loaded = 4000\n")
+    file("free.toml", 'extends = "park2008"\n[limits]\ntorque_min = -1e308\n')
+    for name, torque in (("idle", 0), ("huge", -1e308)):
+        file(f"{name}.toml", f'kind = "torque-profile"\ntimes = [0, 1]\ntorques = [0, {torque}]\n')
+    status, out, err = railslip(*words.split(), "--json")
+    found = json.loads(out)
+    assert status == (0 if expected.get("stopped", True) else 1), err
+    assert {name: (found | found["energy_balance"])[name] for name in expected} == expected
+    if "train" in words:
+        assert "inertia scale 1, the file's, in place of the scenario's 3.6" in err
+        assert "No travelling resistance is given" in err
+        assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in railslip(*words.split())[1]
+    if not found["stopped"]:
+        assert f"NO STOP: {found['outcome']}, after" in railslip(*words.split())[1]
+
+
+def test_json_has_the_contract_s_keys_and_the_run_s_numbers(railslip):
+    found = json.loads(railslip("--scenario", "park2008", "--gains", "beam", "--seed", "7", "--json")[1])
     assert set(KEYS) <= found.keys()
-    run = simulate(built_in_scenario("park2008"), published_controller("asmc", "beam"), seed=7)
-    assert [found[key] for key in KEYS[:6]] == ["park2008", "asmc", "beam", 3.6, 7, True]
+    run = simulate(built_in_scenario("park2008"), published_controller("pi", "beam"), seed=7)
+    assert [found[key] for key in KEYS[:6]] == ["park2008", "pi", "beam", 3.6, 7, True]
     for name in ("braking_time_s", "braking_distance_m", "mean_abs_slip_error", "mean_abs_slip_error_published"):
         assert found[name] == getattr(run, name.removesuffix("_s").removesuffix("_m"))
     assert found["mean_abs_slip_error_published"] != found["mean_abs_slip_error"]  # 0.119/0.059 is held
-    assert found["reference_slip"] == {"dry": 0.119, "wet": 0.059}
-
-
-def test_the_default_run_is_the_published_pi_with_noise(numbers):
-    found = numbers()
-    assert (found["scenario"], found["controller"], found["gains"], found["seed"]) == ("park2008", "pi", "bristle", 0)
-    assert found["gain_values"]["kp_si"] == pytest.approx(3.6 * 650)
-    quiet = numbers("--no-noise")
-    assert (quiet["seed"], quiet["energy_balance"]["random_force_j"]) == (None, 0.0)
-
-
-def test_options_reach_the_run(numbers):
-    found = numbers("--scenario", "park2008-si", "--kp", 190, "--ki", 5, "--step", "2 ms", "--period", 0.01)
-    assert found["gain_values"] == {"kp_si": 190.0, "ki_si": 5.0, "lead_s": 0.0, "lead_filter_s": 0.0}
-    assert [found[key] for key in ("inertia_scale", "gains", "step_s", "period_s")] == [1.0, None, 0.002, 0.01]
-    scaled = numbers("--scenario", "park2008-si", "--inertia-scale", 3.6)
-    assert scaled["braking_time_s"] == pytest.approx(numbers()["braking_time_s"])
-    slower = numbers("--scenario", "park2008-si", "--controller", "asmc", "--speed", 80, "--slip", 0.1)
-    assert slower["energy_balance"]["starting_j"] == pytest.approx(0.5 * (3517 + 60.35 / 0.43**2) * (80 / 3.6) ** 2)
-    assert slower["reference_slip"] == {"dry": 0.1, "wet": 0.1}
-
-
-def test_other_adhesion_and_an_unknown_rail(numbers):
-    for law, slip in (("beam", 0.119), ("bristle", 0.132)):
-        found = numbers("--adhesion", law, "--controller", "pi-lead", "--no-noise")
-        assert (found["adhesion"], found["reference_slip"]["dry"]) == (law, slip)
-    known, unknown = (numbers("--controller", "asmc", *more) for more in ((), ("--unknown-rail",)))
-    assert known["max_slip"] < 1.0 == unknown["max_slip"]
-    assert unknown["first_lock_s"] > 25.0
-
-
-def test_another_vehicle_with_what_was_assumed_of_it(railslip, file):
-    train = file("train.toml", "mass = 3000\nmass_loaded = 4000\n")
-    given = ("--vehicle", train, "--controller", "slide-protection", "--loaded")
-    status, out, err = railslip(*given, "--json")
-    found = json.loads(out)
-    assert (status, found["vehicle"], found["inertia_scale"]) == (0, "train", 1.0)
-    assert "inertia scale 1, the file's, in place of the scenario's 3.6" in err
-    assert "No travelling resistance is given" in err
-    assert f"Begins with            mass 4000 kg, wheel load {4000 * 9.80665:g} N" in railslip(*given)[1]
-    assert found["energy_balance"]["starting_j"] == pytest.approx(0.5 * (4000 + 60.35 / 0.43**2) * (100 / 3.6) ** 2)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("limits", "profile"), [
-    ("", "times = [0]\ntorques = [0]\n"),
-    ("[limits]\ntorque_min = -1e308\n", "times = [0, 1]\ntorques = [0, -1e308]\n"),
-], ids=["no torque", "beyond all bounds"])  # fmt: skip
-def test_a_run_that_does_not_stop_has_no_braking_distance(railslip, file, limits, profile):
-    own, free = f'kind = "torque-profile"\n{profile}', f'extends = "park2008"\n{limits}'
-    run = ("--scenario", file("free.toml", free), "--controller", file("own.toml", own))
-    status, out, _ = railslip(*run, "--json")
-    found = json.loads(out)
-    assert (status, found["stopped"], found["outcome"] == "did not stop") == (1, False, not limits)
-    for key in ("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"):
-        assert found[key] is None
-    assert found["ended_at_s"] == 180.0 or limits
-    assert f"NO STOP: {found['outcome']}, after" in railslip(*run)[1]
 
 
 def test_the_csv_is_the_record(tmp_path):
@@ -148,17 +123,13 @@ def test_events_are_told_in_order_of_happening(railslip, file, log_period):
     assert ["NOT REACHED" in line for line in lines] == [False, False, False, True]
 
 
-def test_a_log_period_between_samples_is_said(railslip):
+def test_a_log_period_between_samples_is_said_and_a_folder_takes_report_series_and_pictures(railslip):
     arguments = ("--csv", "run.csv", "--log-period")
     assert "--log-period: rows are 0.014 s apart, not 0.0137 s" in railslip(*arguments, "0.0137")[2]
     assert np.diff(pd.read_csv("run.csv")["time [s]"])[:-1] == pytest.approx(0.014)  # the last is the stop
     assert "--log-period" not in railslip(*arguments, "0.03")[2]
     assert "--log-period" not in railslip("--log-period", "0.0137")[2]  # nothing is written
-
-
-def test_a_folder_takes_report_series_and_pictures(railslip):
     status, _, err = railslip("--controller", "scheduled", "--out", "run")
     assert (status, "wrote 5 files to run" in err) == (0, True)
-    assert {path.name for path in Path("run").iterdir()} == {
-        f"simulation.{x}" for x in ["txt", "json", "csv", "png", "svg"]
-    }
+    written = {path.name for path in Path("run").iterdir()}
+    assert written == {f"simulation.{form}" for form in ("txt", "json", "csv", "png", "svg")}

@@ -5,7 +5,6 @@ import re
 
 import control as ct
 import numba
-import numpy as np
 import pytest
 import scipy.signal
 from project import refused
@@ -62,23 +61,21 @@ NUMBA_PI = StepControl(pi, REFERENCE, "numba", start_numbers=(0.0,))
 
 @pytest.mark.parametrize("controller", [PI(), NUMBA_PI], ids=["object", "numba"])
 def test_one_law_in_every_form_makes_one_run(controller):
-    expected, found = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller))
+    expected, found, again = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller, controller))
     # sums in another order, over 48 s of a stable loop
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=1e-9)
     assert found.signals.command == pytest.approx(expected.signals.command, rel=1e-9, abs=1e-6)
-    again = simulate(SCENARIO, controller, seed=3)
     assert again.braking_distance == found.braking_distance  # each run begins anew
 
 
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
-    without = LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01)
-    expected = simulate(SCENARIO.with_changes(events=()), without)
+    short, held = SCENARIO.with_changes(events=()), SCENARIO.adhesion.reference
+    expected = simulate(short, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
     assert as_run(PI()).reference == REFERENCE  # its own
     for function in (proportional, proportional.py_func):
         made = as_run(function)
-        assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
-        found = simulate(SCENARIO.with_changes(events=()), function)
-        assert found.braking_distance == pytest.approx(expected.braking_distance, rel=1e-9)
+        assert (made.name, made.period, made.reference) == ("proportional", 0.01, held)
+        assert simulate(short, function).braking_distance == pytest.approx(expected.braking_distance, rel=1e-9)
 
 
 @pytest.mark.parametrize("form", ["tf", "ss", "scipy", "discrete", "PI"])
@@ -87,8 +84,7 @@ def test_a_linear_system_runs_as_it_is_given(form):
     system = 1210.0 + 1220.0 / s
     given = {"tf": system, "ss": ct.tf2ss(system), "scipy": scipy.signal.lti(system.num[0][0], system.den[0][0])}
     given = (given | {"discrete": ct.sample_system(system, 0.01, "tustin"), "PI": BUILT_IN.design})[form]
-    limit = full_brake_torque(SCENARIO.vehicle)
-    reference = SCENARIO.adhesion.reference
+    limit, reference = full_brake_torque(SCENARIO.vehicle), SCENARIO.adhesion.reference
     own = LinearControl(BUILT_IN.design, reference, torque_low=0.0, torque_high=limit, tracking_time=None)
     assert (own.period, own.rule) == (0.01, "tustin")  # what a system used alone has, and what is given has
     assert LinearControl(ct.sample_system(system, 0.02, "tustin"), reference).period == 0.02
@@ -102,15 +98,14 @@ FILE = """
 import numba
 
 class Mine:
-    period, i = 0.01, 0.0
+    i = 0.0
     def step(self, t, v, omega):
-        e = 0.132 * v - (v - 0.43 * omega)
-        self.i += 12.2 * e
-        return 1210.0 * e + self.i
+        self.i += 12.2 * (v - 0.43 * omega)
+        return 1210.0 - self.i
 
 @numba.njit
 def p(t, v, omega):
-    return 1210.0 * (0.132 * v - (v - 0.43 * omega))
+    return 1210.0 * (0.43 * omega - 0.868 * v)
 
 CONTROLLER = {}
 """
@@ -176,64 +171,47 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
     assert "Failed in" not in err  # the reason, not where Numba was
 
 
-def test_an_interruption_in_a_step_interrupts():
-    class Stopped(PI):
-        def step(self, t: float, v: float, omega: float) -> float:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        simulate(SCENARIO, Stopped())
-
-
-def test_what_cannot_be_copied_begins_by_its_reset():
-    class Held(PI):
-        def __deepcopy__(self, memo: object) -> object:
-            raise TypeError("one line\nto the valve")
-
-    first, second = (simulate(SCENARIO, Held(), seed=None).braking_distance for _ in range(2))
-    assert first == second
-
-    class Lasting:
-        reference, step, __deepcopy__ = REFERENCE, PI.step, Held.__deepcopy__
-
-    with pytest.raises(InputError, match=r"has no reset and cannot be copied for a run \(one line to the valve\)"):
-        simulate(SCENARIO, Lasting())
-
-
-def test_a_run_has_its_own_copy():
-    class Lasting:
+def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interrupts():
+    class Counting:
         count = 0
         reference = REFERENCE
 
         def step(self, t: float, v: float, omega: float) -> float:
+            if self.count == 100:
+                raise KeyboardInterrupt
             self.count += 1
             return 10.0 * self.count
 
-    one = Lasting()
-    first, second = (simulate(SCENARIO, one, seed=None).signals.command for _ in range(2))
-    assert one.count == 0
-    assert np.array_equal(first, second)
-    assert math.isclose(first[1], 20.0)
+    one, briefly = Counting(), SCENARIO.with_changes(longest_time=0.5, events=())
+    first, second = (simulate(briefly, one, seed=None).signals.command for _ in range(2))
+    assert (one.count, first[1], first.tolist()) == (0, 20.0, second.tolist())
+    with pytest.raises(KeyboardInterrupt):
+        simulate(SCENARIO, one)
+
+    class Held(PI):
+        def __deepcopy__(self, memo: object) -> object:
+            raise TypeError("one line\nto the valve")
+
+    first, second = (simulate(briefly, Held(), seed=None).signals.torque for _ in range(2))
+    assert first.tolist() == second.tolist()
+    Counting.__deepcopy__ = Held.__deepcopy__
+    with pytest.raises(InputError, match=r"has no reset and cannot be copied for a run \(one line to the valve\)"):
+        simulate(SCENARIO, one)
 
 
-def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, tmp_path):
-    class Mine:
-        period = 0.0
-
-        def step(self, t, v, omega):
-            return 0.0
-
-    with pytest.raises(InputError, match=r"^controller Mine: period: 0 s is not allowed; give a finite value >= 1e-05"):
-        simulate(SCENARIO, Mine())
-    Mine.period = 1e9  # once a run, and no more
-    with pytest.raises(InputError, match=f"^controller Mine: period: .* <= {SCENARIO.longest_time:g}$"):
-        simulate(SCENARIO, Mine())
+@pytest.mark.parametrize(
+    ("period", "told"), [(0, r"0 s is not allowed; give a finite value >= 1e-05"), (1e9, "<= 180$")]
+)
+def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, tmp_path, period, told):
     path = tmp_path / "mine.py"
-    path.write_text(KINDS.replace("{}", "Timed()").replace("dt = 0.01", "period = 0"))
-    for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "stop", "--out", tmp_path / "out")):
-        told = refused(railslip(*command, "--controller", path))
-        assert told.startswith(f"railslip: error: --controller: {path}: controller mine: period: 0 s is not allowed")
-    assert not (tmp_path / "out").exists()
+    path.write_text(KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
+    with pytest.raises(InputError, match=f"^controller Timed: period: .*{told}"):  # 180 s: once a run, and no more
+        simulate(SCENARIO, load_controller(path))
+    if not period:
+        for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "stop", "--out", tmp_path / "out")):
+            begins = f"railslip: error: --controller: {path}: controller mine: period: 0 s is not allowed"
+            assert refused(railslip(*command, "--controller", path)).startswith(begins)
+        assert not (tmp_path / "out").exists()
 
 
 KINDS = """

@@ -30,7 +30,9 @@ from railslip_ctrl.model.vehicle import (
 )
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, SlidingControl, published_scenario
 from railslip_ctrl.simulation.catalogue import (
+    COLUMNS,
     FILTER_TIME,
+    Column,
     published_controller,
     published_law_gains,
     published_reference,
@@ -130,13 +132,9 @@ def _wet_by(law: type[Curve]) -> Change:
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
-def _plant(adhesion: str, *columns: str) -> Change:
-    """Another law in the plant, and in the ASMC that takes the plant's, in these columns (none named: all)."""
-    return lambda setup: (
-        replace(setup, scenario=published_scenario(adhesion=adhesion))
-        if not columns or setup.case.gains in columns
-        else None
-    )
+def _plant(columns: Sequence[Column] = COLUMNS, **told: Any) -> Change:
+    """The published scenario told otherwise: another law, also in the ASMC that takes the plant's, or another scale."""
+    return lambda setup: replace(setup, scenario=published_scenario(**told)) if setup.case.gains in columns else None
 
 
 def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
@@ -160,14 +158,6 @@ def _asmc_gains(gains: Callable[[tables.Setup], dict[str, Any]]) -> Change:
         return {"gains": replace(controller.gains, **gains(setup))}
 
     return _controller(SlidingControl, changed)
-
-
-def _pi(changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
-    return _controller(LinearControl, changes)
-
-
-def _si(setup: tables.Setup) -> tables.Setup:
-    return replace(setup, scenario=published_scenario(as_published=False))
 
 
 def _one_reference(reference: ReferenceSlip) -> Change:
@@ -199,20 +189,22 @@ def _adaptation(setup: tables.Setup) -> dict[str, Any]:
     return {"k1": gains.k1, "k2": gains.k2}
 
 
+_ANTI_WINDUP = {"torque_low": 0.0, "tracking_time": None}
+
 # --- the alternatives ----------------------------------------------------------------------------------------------
 
 ALTERNATIVES = (
-    Alternative("inertia scale", "SI: M, J and B as they are", _si),
+    Alternative("inertia scale", "SI: M, J and B as they are", _plant(as_published=False)),
     Alternative("energy unit", "energy in joules", lambda setup: replace(setup, energy_in_joules=True)),
-    Alternative("plant law", "beam law in all columns", _plant("beam")),
-    Alternative("plant law", "beam law in the beam columns", _plant("beam", "beam")),
-    Alternative("plant law", "dynamic bristle law", _plant("bristle")),
+    Alternative("plant law", "beam law in all columns", _plant(adhesion="beam")),
+    Alternative("plant law", "beam law in the beam columns", _plant(("beam",), adhesion="beam")),
+    Alternative("plant law", "dynamic bristle law", _plant(adhesion="bristle")),
     Alternative("ramp of the curve", "R 10 % less", _part("adhesion", R=0.9 * SLIP_ACCELERATION)),
     Alternative("ramp of the curve", "R 10 % more", _part("adhesion", R=1.1 * SLIP_ACCELERATION)),
     Alternative("wet rail", "half the force at every slip", _wet_by(_HalvedCurve)),
     Alternative("wheel load", "N follows M at 25 s", _wet_by(_LoadedWetCurve)),
-    Alternative("PI units", "gains in N m per m/s", _pi(_si_gains)),
-    Alternative("PI limits", "anti-windup, Tt = Kp/Ki", _pi(lambda _: {"torque_low": 0.0, "tracking_time": None})),
+    Alternative("PI units", "gains in N m per m/s", _controller(LinearControl, _si_gains)),
+    Alternative("PI limits", "anti-windup, Tt = Kp/Ki", _controller(LinearControl, lambda _: _ANTI_WINDUP)),
     Alternative("references", "bristle reference in all columns", _one_reference(published_reference("bristle"))),
     Alternative("references", "beam reference in all columns", _one_reference(published_reference("beam"))),
     Alternative("ASMC units", "D and K as rates of s, (39), as printed", _asmc_gains(_rates_of_s)),

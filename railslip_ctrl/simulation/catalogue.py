@@ -40,7 +40,7 @@ from .scenario import named_law
 from .seeking import SeekingControl
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from railslip_ctrl.design.judging import Judgement
     from railslip_ctrl.loop.batch import BatchMargins
@@ -49,12 +49,12 @@ if TYPE_CHECKING:
 
 Kind = Literal["pi", "asmc"]
 Column = Literal["beam", "bristle"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 COLUMNS: tuple[Column, ...] = get_args(Column)
 
 FILTER_TIME = 0.1  #: s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none
 
 
+@checked
 def published_controller(
     kind: Kind,
     column: Column = "bristle",
@@ -79,10 +79,6 @@ def published_controller(
 
     InputError: another kind or column, or an option of the ASMC with the PI.
     """
-    if kind not in KINDS:
-        raise InputError(f"controller: {kind!r} is not in [Park2008] Table 4; choose {' or '.join(KINDS)}")
-    if column not in COLUMNS:
-        raise InputError(f"gains: {column!r} is not a column of [Park2008] Table 4; choose {' or '.join(COLUMNS)}")
     held = published_reference(column) if reference is None else reference
     if kind == "pi":
         if adaptive or not knows_rail:
@@ -169,15 +165,11 @@ def recommended_pi_lead(
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
-    if gains is None:
-        try:
-            gains = full_range_gains(car, plants)
-        except InfeasibleDesignError as error:
-            raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give its gains") from None
-    held = reference or published_reference("bristle")
+    if gains is None and not plants and not is_tuned_when_asked("pi-lead", car):
+        gains = _PI_LEAD[car.inertia_scale]
     return LinearControl(
-        PIController(gains, lead, lead_filter),
-        held,
+        PIController(gains or _tuned_gains(car, plants or design_points(car)), lead, lead_filter),
+        reference or published_reference("bristle"),
         name="pi-lead",
         period=period,
         torque_low=0.0,
@@ -363,21 +355,17 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
     return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
 
 
-def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
-    """The gains of `recommended_pi_lead`: stored, or tuned now (`is_tuned_when_asked`).
-
-    InfeasibleDesignError where no gains keep Ms <= `MS_MAX` over the plants, or, where none are given,
-    `design_points`.
-    """
+def _tuned_gains(vehicle: Vehicle, plants: Sequence[LinearPlant]) -> PIGains:
+    """Those of `recommended_pi_lead` for a vehicle of which none are stored."""
     from railslip_ctrl.design.tuning import tune_pi
 
-    if not plants and not is_tuned_when_asked("pi-lead", vehicle):
-        return _PI_LEAD[vehicle.inertia_scale]
     lead, lead_filter = lead_of(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
-    points = plants or design_points(vehicle)
-    systems, names = [actuated_plant(one, vehicle.actuator) for one in points], [one.point.words for one in points]
-    design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
+    systems, names = [actuated_plant(one, vehicle.actuator) for one in plants], [one.point.words for one in plants]
+    try:
+        design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
+    except InfeasibleDesignError as error:
+        raise InfeasibleDesignError(f"controller: no pi-lead for {vehicle.name}: {error}; give its gains") from None
     return PIGains(kp=design.kp, ki=design.ki)
 
 
@@ -463,12 +451,11 @@ def controller_named(
         )
     held = published_reference(column) if reference is None else reference
     vehicle = vehicle.empty()
-    if name == "scheduled":
-        return recommended_schedule(vehicle, reference=held, period=period)
-    if name == "slide-protection":
-        return slide_protection(vehicle, reference=held, period=period)
-    if name == "seeking":
-        return seeking_control(vehicle, reference=held, period=period)
+    without_gains: dict[str, Callable[..., Controller]] = {
+        "scheduled": recommended_schedule, "slide-protection": slide_protection, "seeking": seeking_control
+    }  # fmt: skip
+    if name in without_gains:
+        return without_gains[name](vehicle, reference=held, period=period)
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
     kind: Kind = "asmc" if name == "asmc" else "pi"

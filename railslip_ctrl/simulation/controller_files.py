@@ -59,10 +59,14 @@ class ControllerKeys(Record):
 
     makes: ClassVar[type]
 
+    def of(self, record: type) -> dict[str, Any]:
+        """The keys that are fields of a record."""
+        names = {field.name for field in dataclasses.fields(record)} & type(self).model_fields.keys()
+        return {name: getattr(self, name) for name in names}
+
     def fields(self) -> dict[str, Any]:
         """What the controller's record takes of the keys."""
-        names = {field.name for field in dataclasses.fields(self.makes)} & type(self).model_fields.keys()
-        return {**{name: getattr(self, name) for name in names}, "name": self.name or self.kind}
+        return {**self.of(self.makes), "name": self.name or self.kind}
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
         """The controller; `path` is that of the file, `initial_speed` as of `load_controller`."""
@@ -216,12 +220,8 @@ class SlidingKeys(Limited):
     makes = SlidingControl
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
-        names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "dead_zone")
-        return SlidingControl(
-            LawGains(**{name: getattr(self, name) for name in names}),
-            model_law=None if self.adhesion is None else _model(path.parent / self.adhesion, initial_speed),
-            **self.fields(),
-        )
+        law = None if self.adhesion is None else _model(path.parent / self.adhesion, initial_speed)
+        return SlidingControl(LawGains(**self.of(LawGains)), model_law=law, **self.fields())
 
 
 class ScheduledKeys(Limited):

@@ -198,6 +198,8 @@ class ScheduledControl:
     - reference, name, period, torque_low, torque_high, rule, initial_torque, model_law, knows_rail: as of
       `LinearControl`.
     - tracking_time: as of `LinearControl`, s; None follows the gains, kp/ki.
+
+    InputError: as of `LinearControl`.
     """
 
     schedule: GainSchedule
@@ -217,6 +219,8 @@ class ScheduledControl:
     def __post_init__(self) -> None:
         check_fields(self)
         number("initial torque", self.initial_torque, "N*m")
+        if self.period is not None:
+            self._lead(self.period)
 
     def linear(self, point: OperatingPoint) -> PIController:
         """The PI at an operating point's speed and rail."""
@@ -241,9 +245,10 @@ class ScheduledControl:
         )
 
     def _lead(self, h: float) -> tuple[float, float, float]:
-        """p, q0 and q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
+        """p, q0, q1 of the lead (q0 z + q1)/(z - p), the same at all speeds; InputError as of `SampledController`."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
-        made = SampledController(design, h, rule=self.rule).transfer_function
+        sampled = SampledController(design, h, self.torque_low, self.torque_high, self.rule, self.tracking_time)
+        made = sampled.transfer_function
         return float(np.sum(made.poles).real), made.gain, -made.gain * float(np.sum(made.zeros).real)
 
     def start(self, speed: float) -> tuple[float, ...]:
@@ -265,6 +270,8 @@ class SlidingControl:
     - filter_time: time constant of the filter that estimates v', s.
     - anti_windup: integral and estimates rest while the torque is at a limit.
     - knows_rail, model_law: as above.
+
+    InputError: limits without a torque in between, a filter time or mass that is not positive, a negative friction.
     """
 
     gains: LawGains
@@ -279,6 +286,17 @@ class SlidingControl:
     anti_windup: bool = False
     knows_rail: bool = True
     model_law: AdhesionLaw | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        number("filter time", self.filter_time, "s", gt=0)
+        if self.nominal_mass is not None:
+            number("nominal mass", self.nominal_mass, "kg", gt=0)
+        if self.nominal_viscous_friction is not None:
+            number("nominal viscous friction", self.nominal_viscous_friction, "N*m*s", ge=0)
+        if not self.torque_low < self.torque_high:
+            low, high = self.torque_low, self.torque_high
+            raise InputError(f"torque limits: low {low:g} and high {high:g} N*m are not allowed; give low < high")
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -396,8 +414,7 @@ class SlideProtection:
                 "0 < fill_slip < dump_slip < 1"
             )
         for name in ("dump_deceleration", "fill_rate", "dump_rate", "torque_high", "filter_time"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(f"slide protection: {name} {getattr(self, name):g} is not allowed; give a value > 0")
+            number(f"slide protection: {name}", getattr(self, name), gt=0)
 
     def source(self) -> str:
         return step_text("slide_protection")

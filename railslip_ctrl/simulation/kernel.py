@@ -55,10 +55,9 @@ PLANT, MODEL = 0, 1
     BOOKED,
     STARTING_ENERGY,
     FINAL_ENERGY,
-    SLIDING_TIME,
     SUBSTEPS,
-) = range(14)
-SUMMARY = 14
+) = range(13)
+SUMMARY = 13
 
 # RK4's stability limit on the negative real axis is 2.78; at 0.5 its error per step is below 1e-4 of the fast mode's
 _STIFFNESS_LIMIT = 0.5

@@ -21,7 +21,7 @@ from railslip_ctrl.model.vehicle import Rail
 from . import kernel as layout
 from .controllers import Controller, LinearControl, ScheduledControl, Situation, SlidingControl, reference_slip
 from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
-from .step_objects import ADDRESS, Call, StepControl, as_control
+from .step_objects import ADDRESS, StepControl, as_control
 from .steps import kernel
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
@@ -237,8 +237,10 @@ class Simulator:
         y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
         y[layout.V] = self.scenario.initial_speed
         summary = np.empty(layout.SUMMARY)
-        c, call = plan.c.copy(), self._opened()
-        if call is not None:
+        c, call = plan.c.copy(), None
+        if isinstance(self.controller, StepControl):
+            v = self.scenario.initial_speed
+            call = self.controller.opened(v, v / self.scenario.vehicle.wheel.radius)
             c[ADDRESS] = call.address
         settings = kernel_.Settings(**{**plan.settings, "random_hold": hold})
         events = kernel_.Events(*plan.events)
@@ -251,13 +253,6 @@ class Simulator:
             ended = _OUTCOMES[status] is Outcome.NOT_FINITE
             call.check(float(summary[layout.END_TIME]), float(v), float(omega), x, ended=ended)
         return self._result(seed, status, y, summary, log[:written] if every else None)
-
-    def _opened(self) -> Call | None:
-        """A user's step made ready for a run."""
-        if not isinstance(self.controller, StepControl):
-            return None
-        v = self.scenario.initial_speed
-        return self.controller.opened(v, v / self.scenario.vehicle.wheel.radius)
 
     def _draw(self, seed: int | np.random.SeedSequence | None) -> tuple[Floats, Floats, float]:
         """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""

@@ -147,47 +147,35 @@ class StepControl:
     def start(self, speed: float) -> tuple[float, ...]:
         return self.start_numbers
 
-    def opened(self, v: float, omega: float) -> Call:
+    def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
         """The step made ready for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.step.is_numba else PythonCall(self, v, omega)
 
-
-class Call:
-    """A step made ready for one run: its `address`, and what went wrong in it."""
-
-    address: int
-
-    def __init__(self, control: StepControl) -> None:
-        self.control, self.count = control, len(control.start_numbers)
-
-    def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise what went wrong by time t, s; `ended` says that the run broke off there for want of a number."""
-        raise NotImplementedError
-
-    def _refused(self, torque: Any, t: float) -> InputError:
+    def refused(self, torque: Any, t: float) -> InputError:
+        """Of what is no torque, at time t, s."""
         return InputError(
-            f"controller {self.control.name}: {place_of(self.control.step.function)}step gives {shown(torque)} at "
-            f"t = {t:g} s; give a finite torque (N*m)"
+            f"controller {self.name}: {place_of(self.step.function)}step gives {shown(torque)} at t = {t:g} s; give a "
+            "finite torque (N*m)"
         )
 
-    def _failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        thing = self.control.step
-        function = thing.function if what == "step" else getattr(thing.thing, what)
-        told = call_failure(error, function, what, "t, v, omega" + ", x" * bool(self.count), f" at t = {t:g} s")
-        return InputError(f"controller {self.control.name}: {told}")
+    def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
+        """Of an error in the step, or in another method, at time t, s."""
+        function = self.step.function if what == "step" else getattr(self.step.thing, what)
+        told = call_failure(error, function, what, "t, v, omega" + ", x" * bool(self.start_numbers), f" at t = {t:g} s")
+        return InputError(f"controller {self.name}: {told}")
 
 
-class PythonCall(Call):
-    """Calls back into the interpreter, once a sample."""
+class PythonCall:
+    """A step called back in the interpreter, once a sample, at its `address`."""
 
     def __init__(self, control: StepControl, v: float, omega: float) -> None:
         from .step_calls import STEP, address_of
 
-        super().__init__(control)
+        self._control = control
         self._error: tuple[BaseException, float] | None = None
         self._torque: tuple[Any, float] | None = None
         step = self._reset(v, omega)
-        finite, nan, count = math.isfinite, math.nan, self.count
+        finite, nan, count = math.isfinite, math.nan, len(control.start_numbers)
 
         def called(t: float, v: float, omega: float, x: int) -> float:
             try:
@@ -206,7 +194,7 @@ class PythonCall(Call):
         self.address = address_of(self._kept)
 
     def _reset(self, v: float, omega: float) -> Callable[..., Any]:
-        step = self.control.step
+        step = self._control.step
         if is_function(step.thing):
             return step.function  # type: ignore[no-any-return]
         try:
@@ -215,47 +203,47 @@ class PythonCall(Call):
             if not hasattr(step.thing, "reset"):
                 told = " ".join(str(error).split())
                 raise InputError(
-                    f"controller {self.control.name}: it has no reset and cannot be copied for a run ({told}); give it "
-                    "reset(t, v, omega)"
+                    f"controller {self._control.name}: it has no reset and cannot be copied for a run ({told}); give "
+                    "it reset(t, v, omega)"
                 ) from error
             thing = step.thing
         if hasattr(thing, "reset"):
             try:
                 thing.reset(0.0, v, omega)
             except Exception as error:  # as above
-                raise self._failed(error, 0.0, "reset") from error
+                raise self._control.failed(error, 0.0, "reset") from error
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """As of `Call`."""
+        """Raise what went wrong in it by time t, s."""
         if self._error is not None:
             error, at = self._error
             if not isinstance(error, Exception):  # an interruption
                 raise error
-            raise self._failed(error, at) from error
+            raise self._control.failed(error, at) from error
         if self._torque is not None:
-            raise self._refused(*self._torque)
+            raise self._control.refused(*self._torque)
 
 
-class NumbaCall(Call):
-    """Compiled by Numba, called without the interpreter."""
+class NumbaCall:
+    """A step compiled by Numba, called without the interpreter at its `address`."""
 
     def __init__(self, control: StepControl) -> None:
-        super().__init__(control)
-        self._kept = _compiled(control.step.function, self.count, control.name)
+        self._control, self._count = control, len(control.start_numbers)
+        self._kept = _compiled(control.step.function, self._count, control.name)
         self.address = int(self._kept.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """As of `Call`: why it gave no number says the same function, run in the interpreter where the run ended."""
+        """Raise why the run `ended` at time t, s, for want of a number: says the function, run in the interpreter."""
         if not ended:
             return
-        numbers = (x,) if self.count else ()
+        numbers = (x,) if self._count else ()
         try:
-            torque = self.control.step.function.py_func(t, v, omega, *numbers)
+            torque = self._control.step.function.py_func(t, v, omega, *numbers)
         except Exception as error:  # the user's
-            raise self._failed(error, t) from error
+            raise self._control.failed(error, t) from error
         if not (isinstance(torque, Real) and math.isfinite(torque)):
-            raise self._refused(torque, t)
+            raise self._control.refused(torque, t)
 
 
 _COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from railslip_ctrl.core import units
-from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.vehicle import PIGains, Record
@@ -55,9 +55,8 @@ class Distribution:
 
     def __post_init__(self) -> None:
         for name in self._positive:
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{self.kind}: {name} {value:g} is not allowed; give a finite value > 0")
+            if getattr(self, name) is not None:
+                number(f"{self.kind}: {name}", getattr(self, name), gt=0)
         low, high = self.ends
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"{self.kind}: from {low:g} to {high:g} is not allowed; give finite bounds, low < high")
@@ -565,22 +564,13 @@ class ControllerTable(Record):
 
 
 class QuantityKeys(BaseModel):
-    """Table `[[quantity]]`; which of the numbers belong to a distribution says `KEYS_OF`."""
+    """Table `[[quantity]]`; the other keys are those of its distribution, `KEYS_OF`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="allow")
 
     path: str | list[str] = Field(min_length=1, description="dotted path of a number, or a list of them")
     distribution: str = Field(description=", ".join(KEYS_OF))
     relative: bool = Field(False, strict=True)
-    low: Any = None
-    high: Any = None
-    mean: Any = None
-    std: Any = None
-    median: Any = None
-    spread: Any = None
-    mode: Any = None
-    values: list[Any] | None = None
-    weights: list[Any] | None = None
 
 
 class CampaignKeys(BaseModel):
@@ -623,7 +613,7 @@ def _located(where: str, make: Callable[[], T]) -> T:
     try:
         return make()
     except InputError as error:
-        table = where.rpartition(": ")[2].partition(" ")[0]  # "quantity" of "file: quantity 0"
+        table = where.rpartition(": ")[2].partition(" ")[0].lstrip("-")  # "quantity" of "file: quantity 0"
         raise InputError(f"{where}: {str(error).removeprefix(f'{table}: ')}") from None
 
 
@@ -666,10 +656,11 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
         raise InputError(
             f"distribution: {kind!r} is not known; {close_match(kind, KEYS_OF)}choose one of {', '.join(KEYS_OF)}"
         )
-    given = keys.model_dump(exclude={"path", "distribution", "relative"}, exclude_none=True)
+    given = keys.model_extra or {}
     for name in given:
         if name not in KEYS_OF[kind]:
-            raise InputError(f"{name}: {kind} has no such key; it has {', '.join(KEYS_OF[kind])}")
+            near = close_match(name, KEYS_OF[kind])
+            raise InputError(f"{name}: {kind} has no such key; {near}it has {', '.join(KEYS_OF[kind])}")
     for field in fields(DISTRIBUTIONS[kind]):
         if field.name not in given and field.default is MISSING:
             raise InputError(f"{field.name}: missing; {kind} needs it")
@@ -681,5 +672,7 @@ def _si(value: Any, unit: str, name: str) -> Any:
     """A number, or a tuple of them, in SI; where no unit is known a plain number is asked for."""
     unit = "1" if name in _WITHOUT_UNIT else unit or "1"
     if name in _LISTS:
+        if not isinstance(value, list):
+            raise InputError(f"{name}: {units.shown(value)} is not allowed; give a list")
         return tuple(units.to_unit(member, unit, name=name, text_needs_unit=True) for member in value)
     return units.to_unit(value, unit, name=name, text_needs_unit=True)
