@@ -68,7 +68,7 @@ ROOMS = {
     "design/tuning": "tuning assessment",
     "design/tuning_search": "tuning",
     "model/linearization": "linearization numeric",
-    "loop/": "loop_bounds loop_oracles certificate loop_properties",
+    "loop/": "loop_oracles certificate loop_properties",
     "loop/batch": "loop_batch",
     "loop/certificate": "certificate limits",
     "loop/bounded": "sampled_margins sampled limits",

@@ -1,5 +1,6 @@
 """Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
 
+import math
 from types import SimpleNamespace
 
 import control as ct
@@ -8,10 +9,12 @@ import pytest
 import random_loops
 from loop_checker import poles_right
 from scipy.optimize import brentq
+from scipy.optimize.elementwise import find_root
 from scipy.special import lambertw
 
 from railslip_ctrl import DeadTimeLoop, InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational, stability
+from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
@@ -89,17 +92,6 @@ def test_pade_of_order_2_is_its_closed_form_and_the_limit_the_exact_loop():
             pade(dead_time, order)
 
 
-@pytest.mark.parametrize(("plant", "dead_time", "low", "high", "frequency"), [
-    (1 / ((4 * S - 1) * (0.6 * S + 1)), 0.15, 1.0, 23.3988133859, 2.90231629),
-    (1 / ((S - 1) * (0.5 * S + 1)), 0.2, 1.0, 2.54747483502, None),
-])  # fmt: skip
-def test_stabilising_p_gains_of_unstable_lags(plant, dead_time, low, high, frequency):
-    loop = DeadTimeLoop(1.5 * plant, dead_time=dead_time)
-    assert np.multiply(loop.stabilizing_gain_range, 1.5) == pytest.approx((low, high), rel=1e-11)
-    if frequency is not None:
-        assert loop.margins().gain_increase_frequency == printed(frequency)
-
-
 @pytest.mark.parametrize(("system", "dead_time"), [
     (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),  # a resonance far below unit gain
     (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),  # 6000 turns of dead time before the resonance
@@ -121,21 +113,16 @@ def test_a_real_pole_through_infinity_bounds_the_gain_and_a_positive_gain_there_
     assert (positive.margins().gain_increase, positive.delayed(0.1).is_stable()) == (np.inf, False)
 
 
-@pytest.mark.parametrize("system", [1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])])
-def test_static_loops(system):
-    loop = DeadTimeLoop(system)
-    assert loop.is_stable()
-    assert loop.margins().ms == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("system", [-1.0, (1 - S) / (1 + S)])
-def test_ill_posed_loops_are_named(system):
-    loop = DeadTimeLoop(system)
-    assert not loop.is_well_posed
-    with pytest.raises(UnstableLoopError, match="not well posed"):
-        loop.margins()
-    with pytest.raises(InputError, match="not well posed"):
-        loop.closed_loop_poles()
+def test_static_loops_and_ill_posed_ones():
+    for system in (1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])):
+        assert DeadTimeLoop(system).margins().ms == pytest.approx(0.5)
+    for system in (-1.0, (1 - S) / (1 + S)):
+        loop = DeadTimeLoop(system)
+        assert not loop.is_well_posed
+        with pytest.raises(UnstableLoopError, match="not well posed"):
+            loop.margins()
+        with pytest.raises(InputError, match="not well posed"):
+            loop.closed_loop_poles()
 
 
 @pytest.mark.parametrize(("system", "dead_time", "count"), [
@@ -197,3 +184,50 @@ def test_root_counts_and_gain_ranges_of_random_loops(kind):
             assert poles_right(zeros, poles, gain * factor, dead_time) == 0
         for factor in {low * (1 - 1e-9), high * (1 + 1e-9)} - {0.0, np.inf}:
             assert poles_right(zeros, poles, gain * factor, dead_time) > 0
+
+
+@pytest.mark.parametrize(("zeros", "poles", "gain", "value"), [
+    *(([-1.0], [0.0, -2.0], 3.0, np.inf), ([0.0], [-1.0, -2.0], 3.0, 0.0), ([0.0], [0.0, -2.0], 3.0, np.nan)),
+    *(([-1.0], [-4.0, -2.0], 3.0, 0.375), ([], [0.0], 0.0, np.nan)),
+])  # fmt: skip
+def test_the_gain_at_zero(zeros, poles, gain, value):
+    assert Rational(zeros, poles, gain).dc_gain == pytest.approx(value, nan_ok=True)
+
+
+ROOTS, LOW, HIGH = np.array([1e-3, 0.7, 1.0, 3.0, 999.0]), np.full(5, 5e-4), np.full(5, 2e3)
+
+
+@pytest.mark.parametrize(("shape", "slope", "most"), [  # f of x/root, and the most evaluations of Newton's method
+    (lambda r: r**3 - 1, lambda r: 3 * r**2, 12),
+    (lambda r: np.expm1(np.minimum(40 * (r - 1), 300)), lambda r: 40 * np.exp(40 * (r - 1).clip(max=7)), 19),
+    (lambda r: np.where(r < 1, -1.0, 1.0), np.zeros_like, 57),  # which halving alone finds
+], ids=["cube", "steep", "step"])  # fmt: skip
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_bracketed_roots_to_the_last_bits_in_few_evaluations(shape, slope, most, sign):
+    evaluated = np.zeros(ROOTS.size, dtype=int)
+
+    def function(x, index):
+        evaluated[index] += 1
+        return sign * shape(x / ROOTS[index]), sign * slope(x / ROOTS[index]) / ROOTS[index]
+
+    found = bracketed_roots(lambda x, index: function(x, index)[0], LOW, HIGH)
+    assert found == pytest.approx(ROOTS, rel=5e-16)
+    by_scipy = find_root(lambda x, root: shape(x / root), (LOW, HIGH), args=(ROOTS,))  # the same method
+    assert np.all(evaluated <= by_scipy.nfev + 2)
+    evaluated[:] = 0
+    with np.errstate(over="ignore"):
+        alone = [monotone_root(lambda x, i=i: function(x, i), 1.3, 5e-4, 2e3, -sign) for i in range(5)]
+    assert alone == pytest.approx(ROOTS, rel=5e-16)
+    assert evaluated.max() <= most
+
+
+def test_ends_of_a_bracket_and_open_brackets():
+    # a zero at an end, no change of sign, none at all; values at the ends that are known are not asked for again
+    low, high, asked = np.array([1.0, -2.0, 3.0, 0.5]), np.array([4.0, 1.0, 5.0, 2.0]), []
+    found = bracketed_roots(lambda x, _: asked.extend(x) or x - 1.0, low, high, ends=(low - 1.0, high - 1.0))
+    assert found == pytest.approx([1.0, 1.0, 3.0, 1.0], rel=5e-16)
+    assert 0.5 < min(asked) <= max(asked) < 2.0
+    assert bracketed_roots(lambda x, _: x, np.zeros(0), np.zeros(0)).size == 0
+    for root, start in ((1e-9, 1e3), (2.0, 1.0), (5e7, 1e-2)):  # 0 to infinity, from guesses decades off
+        found = monotone_root(lambda x, root=root: (math.log(x / root), 1.0 / x), start, 0.0, math.inf, -1.0)
+        assert found == pytest.approx(root, rel=5e-16)
