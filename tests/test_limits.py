@@ -101,31 +101,6 @@ def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
     assert fundamental_limits(real([], [3.0, 0.4]), 0.9).crossover_range is None  # no crossover is sensible
 
 
-@st.composite
-def unstable_plants(draw):
-    poles = [draw(rounded(0.05, 1.5))]
-    if draw(st.booleans()):
-        poles.append(draw(rounded(0.05, 0.6)))
-    poles += [-draw(rounded(0.5, 10.0)) for _ in range(draw(st.integers(1, 2)))]
-    zeros = [draw(rounded(3.0, 20.0))] if draw(st.booleans()) else []
-    return real(zeros, poles, draw(st.sampled_from([1.0, -1.0])))
-
-
-@pytest.mark.long
-@settings(max_examples=300, suppress_health_check=[HealthCheck.filter_too_much])
-@given(unstable_plants(), rounded(0.0, 0.5), st.lists(rounded(0.3, 8.0), min_size=9, max_size=9))
-def test_no_observer_based_design_beats_the_bounds(plant, tau, roots):
-    n = plant.poles.size
-    assume(np.min(np.abs(plant.poles[:, None] - plant.poles) + 9 * np.eye(n)) > 0.05)
-    limits = fundamental_limits(plant, tau)
-    fast, slow = [-r for r in roots[: n + 1]], [-r for r in roots[-n:]]
-    design = observer_compensator(plant, tau, feedback_poles=fast, observer_poles=slow)
-    assume(design.is_stable())
-    m = design.margins()
-    assert m.mt >= limits.mt_bound * (1 - 1e-9)
-    assert m.ms >= limits.ms_bound * (1 - 1e-9)
-
-
 @pytest.mark.long
 @settings(max_examples=300, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
@@ -167,39 +142,30 @@ def delayed(loop):
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
-@example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
-@example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
-def test_margins_equal_those_of_the_dead_time_loop(loop):
-    assume(loop.is_stable() and np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles.real != 0))
-    roots = np.concatenate([loop.system.zeros, loop.system.poles])
-    apart = np.abs(roots[:, None] - roots) + 9 * np.eye(roots.size)
-    assume(apart.min() > 1e-2)  # expanded polynomials lose digits at clusters, factors do not
-    m = loop.margins()
-    assume(np.all(np.abs(loop.system.log_slope(m.gain_crossovers).real) > 1e-3))  # a touch is for rounding to decide
-    assume(m.gain_decrease < 0.999 and m.gain_increase > 1.001)
-    other = delayed(loop).margins()
-    # where a flat peak lies is good to the root of the rounding only; its height is compared
-    for name in {f.name for f in dataclasses.fields(m)} - {"ms_frequency", "mt_frequency", "disk_frequency"}:
-        a, b = np.atleast_1d(getattr(m, name)), np.atleast_1d(getattr(other, name))
-        size = min(a.size, b.size) if name.startswith("phase_crossover") else max(a.size, b.size)
-        assert b[:size] == pytest.approx(a[:size], rel=1e-8, abs=1e-8, nan_ok=True), name
-
-
-@settings(max_examples=10, suppress_health_check=[HealthCheck.filter_too_much])
-@given(random_loops())
-@example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.1))
-@example(DeadTimeLoop(Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6), 0.15))
-@example(DeadTimeLoop(Rational(np.array([-0.5, -0.7]), np.array([0.0, 0.0, 0.25, -4]), 20.0), 0.15))
-def test_certificates_by_parts_of_the_axis_meet_those_by_polynomials(loop):
-    """Enclosures of one loop by roots of its polynomials and by parts of the axis: they meet, as wide as promised."""
-    assume(loop.dead_time > 0 and not loop.root_count.marginal and loop.system.gain != 0)
+@example(DeadTimeLoop(Rational([-0.5], [-1e-3, -1.0, -2.0], 3.0), 0.0))
+@example(DeadTimeLoop(Rational([], [-3.0, -4.0, -5.0], 70.0), 1e-3))
+@example(DeadTimeLoop(Rational([-0.5], [-1e-3, -1.0, -2.0], 3.0), 0.1))
+@example(DeadTimeLoop(Rational([-1 / 8], [0.0, 0.25, -1 / 0.6], 1.2 / 0.6), 0.15))
+@example(DeadTimeLoop(Rational([-0.5, -0.7], [0.0, 0.0, 0.25, -4], 20.0), 0.15))
+def test_margins_and_certificates_by_parts_of_the_axis_are_those_by_polynomials(loop):
+    """One loop by roots of its polynomials and by parts of the axis: enclosures meet, as wide as promised."""
+    assume(not loop.root_count.marginal and loop.system.gain != 0)
     assume(np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles[loop.system.poles != 0].real != 0))
     roots = np.concatenate([loop.system.zeros, loop.system.poles[loop.system.poles != 0]])
+    # expanded polynomials lose digits at clusters, factors do not; a touch is for rounding to decide
     assume((np.abs(roots[:, None] - roots) + 9 * np.eye(roots.size)).min(initial=9) > 1e-2)
     assume(np.all(np.abs(loop.system.log_slope(loop.gain_crossovers).real) > 1e-3))
     if loop.is_stable():
         m = loop.margins()
-        assume(m.gain_decrease < 0.999 and 1.001 < m.gain_increase < 1e6)
+        assume(m.gain_decrease < 0.999 and m.gain_increase > 1.001)
+        other = delayed(loop).margins()
+        # where a flat peak lies is good to the root of the rounding only; its height is compared
+        for name in {f.name for f in dataclasses.fields(m)} - {"ms_frequency", "mt_frequency", "disk_frequency"}:
+            a, b = np.atleast_1d(getattr(m, name)), np.atleast_1d(getattr(other, name))
+            size = min(a.size, b.size) if name.startswith("phase_crossover") else max(a.size, b.size)
+            assert b[:size] == pytest.approx(a[:size], rel=1e-8, abs=1e-8, nan_ok=True), name
+        assume(m.gain_increase < 1e6)
+    assume(loop.dead_time > 0)
     one, other = loop.certificate(), delayed(loop).certificate()
     assert (one.stable, one.unstable_poles) == (other.stable, other.unstable_poles)
     pairs = list(zip(one.gain_crossovers, other.gain_crossovers, strict=True))
@@ -267,10 +233,6 @@ def test_classic_smith_predictor_keeps_the_unstable_pole_as_a_hidden_mode(rail):
     assert design.hidden_unstable_poles == pytest.approx([p])
     with pytest.raises(UnstableLoopError, match=rf"cancels the plant's pole at {p:.4g} 1/s"):
         design.margins()
-    # and what is hidden: L itself looks like a stable loop's
-    omega = np.array([0.2, 1.0, 5.0])
-    c, g, q = PI_LEAD(1j * omega), plant(1j * omega), np.exp(-1j * omega * TAU)
-    assert design.loop.response(omega) == pytest.approx(c * g * q / (1 + c * g * (1 - q)), rel=1e-9)
 
 
 def test_smith_predictor_of_a_stable_plant_has_the_delay_free_poles():
@@ -316,12 +278,7 @@ def test_observer_design_has_the_finite_spectrum_asked_for(rail):
     expected = np.poly(FEEDBACK + OBSERVER)
     assert polynomial == pytest.approx(expected, rel=1e-9)
     assert np.abs(delayed).max() < 1e-9 * np.abs(expected).max()  # the dead time has left the closed loop
-    # and the loop is the exact one: the integral is evaluated numerically here, not in closed form
-    m = design.margins()
-    assert 1.1 < m.ms < 1.6
-    for scale in (m.gain_increase, m.gain_decrease):
-        assert design.loop.scaled(1 + (scale - 1) * 0.9999).is_stable()
-        assert not design.loop.scaled(1 + (scale - 1) * 1.0001).is_stable()
+    assert 1.1 < design.margins().ms < 1.6
 
 
 def test_effort_without_dead_time_equals_state_space():

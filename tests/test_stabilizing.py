@@ -1,6 +1,5 @@
 """Stabilising sets: published ends, and cell by cell against decisions made another way."""
 
-import math
 import re
 
 import control as ct
@@ -244,12 +243,6 @@ def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(mar
 
 X = fmpq_poly([0, 1])
 NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])
-
-
-@pytest.mark.parametrize("factor", [(1 + X) ** 3, (1 - X) ** 3, -((1 - X) ** 3), (1 - X) ** 3 * (X**2 + 9)])
-def test_three_equal_lags_turn_by_half_a_turn_at_the_root_of_three(factor):
-    assert real_frequencies(factor, NOTHING, 0.0, math.inf) == pytest.approx([math.sqrt(3)], rel=1e-15)
-    assert real_frequencies(factor * 1000**3, NOTHING, 0.0, 1.7).size == 0
 
 
 @pytest.mark.parametrize(("factor", "other", "dead_time", "highest"), [
