@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import random_loops
 from loop_checker import poles_right
+from scipy import signal
 from scipy.optimize import brentq
 from scipy.optimize.elementwise import find_root
 from scipy.special import lambertw
@@ -18,6 +19,7 @@ from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
+MODES = Rational([0.5, -2 + 3j, -2 - 3j], [0.3, -0.1 + 4j, -0.1 - 4j, 0.2 + 1j, 0.2 - 1j], 3.0)
 
 
 def printed(value: float, *, places: int | None = None):
@@ -126,6 +128,7 @@ def test_static_loops_and_ill_posed_ones():
 
 
 @pytest.mark.parametrize(("system", "dead_time", "count"), [
+    *((MODES, tau, 20) for tau in (0.1, 0.7, 2.0)),
     (2 / ((S + 1) * (S + 2)), 1e-5, 6),
     (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
     (0.4431 / (S - 5.041), 3.195, 6),
@@ -135,9 +138,13 @@ def test_static_loops_and_ill_posed_ones():
 ])  # fmt: skip
 def test_rightmost_poles_over_many_scales(system, dead_time, count):
     loop = DeadTimeLoop(system, dead_time)
-    poles = loop.closed_loop_poles(count)
+    poles, system = loop.closed_loop_poles(count), loop.system
     assert poles.size == count
     assert np.count_nonzero(poles.real > 0) == min(count, loop.unstable_closed_loop_poles)
+    assert np.all(np.diff(poles.real) <= 1e-12 * (1 + np.abs(poles.real[:-1])))
+    for s in poles:  # of D(s) + N(s) exp(-tau s)
+        d, n = np.prod(s - system.poles), system.gain * np.prod(s - system.zeros) * np.exp(-s * dead_time)
+        assert abs(d + n) <= 1e-8 * (abs(d) + abs(n))  # of a pole next to one of L both are small
 
 
 def test_poles_of_neutral_loops_lie_on_their_chain():
@@ -231,3 +238,51 @@ def test_ends_of_a_bracket_and_open_brackets():
     for root, start in ((1e-9, 1e3), (2.0, 1.0), (5e7, 1e-2)):  # 0 to infinity, from guesses decades off
         found = monotone_root(lambda x, root=root: (math.log(x / root), 1.0 / x), start, 0.0, math.inf, -1.0)
         assert found == pytest.approx(root, rel=5e-16)
+
+
+@pytest.mark.parametrize(("system", "count"), [
+    (4 / (S**2 + 1), 2),  # undamped stays undamped
+    (1 / S**2, 2),
+    (-1 / (S + 1), 1),  # a pole at the origin
+    (S / (S * (S + 1)), 1),  # a hidden integrator
+    ((S - 1) / ((S - 1) * (S + 1)), 1),
+    (ct.ss([[-1, 0], [0, 0.5]], [[1], [0]], [[1, 1]], 0), 1),  # 0.5 is not reached by the input
+])  # fmt: skip
+def test_poles_on_the_axis_and_hidden_unstable_ones_are_not_stable(system, count):
+    loop = DeadTimeLoop(system)
+    assert (loop.is_stable(), loop.unstable_closed_loop_poles) == (False, count)
+    with pytest.raises(UnstableLoopError, match=r"on the imaginary axis|unstable with 1"):
+        loop.margins()
+
+
+def test_neutral_loop_is_decided_by_its_chain():
+    stable = DeadTimeLoop(0.5 * (S + 2) / (S + 1), dead_time=1.0)
+    assert stable.is_stable()
+    assert stable.margins().gain_increase <= 2.0  # at 1/|G(inf)| the chain reaches the axis
+    chain = DeadTimeLoop(1.1 * (S + 2) / (S + 1), dead_time=1.0)
+    assert chain.unstable_closed_loop_poles == np.inf
+    assert chain.stabilizing_gain_range[0] == 0.0
+    assert chain.stabilizing_gain_range[1] < 1 / 1.1
+    with pytest.raises(UnstableLoopError, match="infinitely many"):
+        chain.margins()
+    with pytest.raises(InputError, match="chain of poles"):
+        chain.closed_loop_poles()
+    # without dead time a gain > 1 at infinity is fine, but any dead time destroys it
+    assert DeadTimeLoop(3 * (S + 2) / (S + 1)).margins().delay_s == 0.0
+
+
+@pytest.mark.parametrize(("system", "dead_time", "match"), [
+    (1 / S, -0.1, "dead time: -0.1"),
+    (1 / S, float("nan"), "dead time: nan"),
+    (S, 0.0, "not proper"),
+    (ct.tf([1], [1, 0.5], dt=0.1), 0.0, "discrete-time"),
+    (ct.ss(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), 0.0, "not SISO"),
+    ("1/s", 0.0, "str is not a linear system"),
+    (ct.tf([float("nan")], [1, 1]), 0.0, "not finite"),
+    (float("inf"), 0.0, "not finite"),
+    (signal.ZerosPolesGain([], [-1 + 1j], 1), 0.0, "without their conjugates"),
+    (ct.frd([1, 2, 3], [1, 2, 3]), 0.0, "not a linear system"),
+])  # fmt: skip
+def test_unsuitable_systems_are_refused(system, dead_time, match):
+    with pytest.raises(InputError, match=match):
+        DeadTimeLoop(system, dead_time)
