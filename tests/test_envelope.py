@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import control as ct
@@ -14,12 +13,10 @@ from project import refused
 
 from railslip_ctrl import Envelope, LinearControl, judge, load_controller, load_envelope, load_vehicle, seeking_control
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import PIController, envelope_tuning, wheel_slip_loop
+from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.assessment import Verdict, assess
 from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope_tuning import REACH_SHARE, held_slips, operating_plants, select, tune
-from railslip_ctrl.design.specification import Specification
-from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, PIGains, Rail, Resistance, Vehicle, Wheel
@@ -508,26 +505,6 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
     assert 1.99 < max(ms) <= 2.0 * (1 + 1e-6)
     assert found.worst.ms < found.worst.run_ms
     assert found.verdict == "robust"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("bounds", [(Specification(1.8), None), (Specification(), 5.0)])
-def test_what_is_tuned_at_the_ends_is_what_is_tuned_at_all_plants_at_once(bounds):
-    """Also where plants between the ends bind, which the search then takes in: of more slip."""
-    plants = [
-        linearize(operating_point(published_law("bristle", rail), PARK2008, speed / 3.6, slip, rail=rail))
-        for speed, slip in ((20.0, 0.05), (50.0, 0.06), (60.0, 0.09), (90.0, 0.07), (100.0, 0.05))
-        for rail in Rail
-    ]
-    known = {"structure": "pi-lead", "specification": bounds[0], "ki_min": bounds[1]}
-    tuned_at = partial(tune_cases, actuator=PARK2008.actuator, **known)
-    ends = tuned_at([*plants[:2], *plants[-2:]])
-    found = envelope_tuning._for_all(tuned_at, ends, plants, PARK2008.actuator)
-    whole = tuned_at(plants).design
-    assert found.points == tuple(plant.point for plant in plants)
-    assert (found.design.kp, found.design.ki) == pytest.approx((whole.kp, whole.ki), rel=1e-6)  # _KP_TOLERANCE is 1e-8
-    assert found.design.worst.ms == pytest.approx(whole.worst.ms, rel=1e-8)
-    assert ends.design.ki > 1.01 * whole.ki or ends.design.worst.ms < 0.995 * whole.worst.ms
 
 
 @pytest.mark.long

@@ -53,6 +53,9 @@ UNSTABLE_PLANT = {
 def test_margins_of_printed_loops():
     unstable = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
     assert (unstable.is_stable(), unstable.open_loop_unstable_poles) == (True, 1)
+    ends = np.array([UNSTABLE_PLANT["gain_decrease"].expected, UNSTABLE_PLANT["gain_increase"].expected])
+    for factor in (1.0, 0.1, 20.0):  # the gains that stabilise, of what is stable and of what is not
+        assert unstable.scaled(factor).stabilizing_gain_range == pytest.approx(ends / factor, rel=1e-10)
     for loop, expected in ((DeadTimeLoop(25 / (S**3 + 10 * S**2 + 10 * S + 10)), MATLAB), (unstable, UNSTABLE_PLANT)):
         assert {name: getattr(loop.margins(), name) for name in expected} == expected
 
