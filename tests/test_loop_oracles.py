@@ -158,6 +158,12 @@ def test_poles_of_neutral_loops_lie_on_their_chain():
         assert abs(1 + 0.9 * (pole + 0.1) / (pole + 1) * np.exp(-pole)) < 1e-9
 
 
+def test_a_touch_of_unit_gain_is_no_crossing():
+    for dead_time in (0.0, 0.4, 4.0):  # |L| is 1 at 1 rad/s and less elsewhere, and L is not -1
+        loop = DeadTimeLoop(0.25 * S / (S**2 + 0.25 * S + 1), dead_time)
+        assert (loop.root_count.right, loop.gain_crossovers) == (0, pytest.approx([1.0], rel=1e-15))
+
+
 @pytest.mark.parametrize("velocity", [2.0, 1e6, 3e16, 1e18])
 def test_any_velocity_constant(velocity):
     # s + k exp(-s): a pair crosses at each k = pi/2 + 2 pi n
