@@ -16,7 +16,6 @@ from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import (
     PIController,
     StateSpaceController,
-    actuated_plant,
     controller_system,
     linear_controller,
     wheel_slip_loop,
@@ -29,11 +28,9 @@ from railslip_ctrl.design.controllers import (
     sampled_margins,
     suggested_period,
 )
-from railslip_ctrl.design.limits import control_effort
 from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.loop import sampled
 from railslip_ctrl.loop.rational import realise
-from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.report import margins_json, margins_text
@@ -63,7 +60,6 @@ KINDS = {
     "ss": ct.tf2ss(SYSTEM),
     "zpk": ct.zpk(SYSTEM.zeros(), SYSTEM.poles(), NUM[0] / DEN[0]),
     "scipy lti": scipy.signal.lti(NUM, DEN),
-    "scipy ss": scipy.signal.lti(NUM, DEN).to_ss(),
     "scipy zpk": scipy.signal.lti(NUM, DEN).to_zpk(),
     "Rational": LEAD.transfer_function,
     "linear": Described(),
@@ -86,13 +82,9 @@ def test_one_controller_in_every_form_is_one_controller(plant, kind):
     record = linear_controller(KINDS[kind], plant.point)
     assert linear_controller(record) is record
     assert record == linear_controller(KINDS[kind], plant.point)
-    controller, lagged = controller_system(KINDS[kind], plant.point), actuated_plant(plant, PARK2008.actuator)
-    assert control_effort(controller, lagged, 0.15, lag=0.6).high_frequency_gain == pytest.approx(2290.0, rel=1e-9)
+    assert controller_system(KINDS[kind], plant.point)(2j) == pytest.approx(SYSTEM(2j), rel=1e-9)
     swept = sweep_speed({"mine": KINDS[kind], "of the speed": lambda v: KINDS[kind]}, [60.0])
     assert swept.margins["mine"].ms == pytest.approx(swept.margins["of the speed"].ms, rel=1e-12)
-    if kind not in ("linear", "run"):  # these are controllers, not systems
-        found, expected = (step_response(c, lagged, 0.15, final_time=2.0).output[-1] for c in (KINDS[kind], controller))
-        assert found == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("controller", "words"), [
