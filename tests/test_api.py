@@ -15,7 +15,6 @@ import railslip_ctrl
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.identification.observer import TorqueObserver
-from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
@@ -49,9 +48,6 @@ UNIT = re.compile(
     r"|\b(?:[Rr]atios?|share|[Ff]actors?|[Nn]umber of|dimensionless|units?|as printed)\b"
 )
 """A unit, or a word that says that there is none or where it is given."""
-
-BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
-"""Of a record's JSON schema, and how a docstring says them."""
 
 SHAPE = re.compile(r"\d-D|\bshape|of one length|array,? \([\w, ]+\)|\b[a-z] by [a-z0-9]\b")
 
@@ -109,17 +105,6 @@ def test_every_argument_and_field_is_documented_and_every_number_has_its_unit_an
     missing = [argument for argument in asked if not entry(text, argument)]
     assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
     assert not unsaid(text, asked, general=text.partition("\n\n")[0] if inspect.isclass(thing) else "")
-
-
-@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if issubclass(thing, Record)])
-def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> None:
-    """Unit and bounds, by the checker's own text of what it refuses."""
-    for field, schema in CLASSES[name].model_json_schema()["properties"].items():
-        said, unit = entry(inspect.getdoc(CLASSES[name]) or "", field), schema.get("unit", "")
-        assert ("dimensionless" if unit == "1" else unit) in said, f"{name}.{field}: no unit in {said!r}"
-        for one in (schema, *schema.get("anyOf", ())):
-            for key, sign in BOUNDS.items():
-                assert key not in one or f"{sign} {one[key]:g}" in said, f"{name}.{field}: no bound in {said!r}"
 
 
 @pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])

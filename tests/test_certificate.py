@@ -15,7 +15,7 @@ from railslip_ctrl import DeadTimeLoop, Rational
 from railslip_ctrl.loop.certificate import CertificateError, certify
 
 MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")
-PER_KIND = 2
+PER_KIND = 6
 
 
 def made(zeros, poles, gain, dead_time):
@@ -71,7 +71,7 @@ def test_enclosures_are_narrow_and_hold_the_margins(certified):
 def test_unstable_loops_have_their_poles_counted_and_no_margins():
     for kind in random_loops.KINDS:
         unstable = (one for one in random_loops.loops(kind, 100) if not made(*one).is_stable())
-        for one in itertools.islice(unstable, PER_KIND):
+        for one in itertools.islice(unstable, 2):
             certificate = made(*one).certificate()
             assert (certificate.stable, certificate.unstable_poles) == (False, poles_right(*one)), (kind, one)
             assert all(getattr(certificate, name) is None for name in MARGINS)

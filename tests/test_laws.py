@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 from sympy.core.function import ArgumentIndexError
 
-from railslip_ctrl import PARK2008, DomainError, InputError, MissingParametersError, Rail, linearize, operating_point
+from railslip_ctrl import PARK2008, DomainError, InputError, MissingParametersError, Rail
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
@@ -179,18 +179,6 @@ def test_static_laws_as_printed_and_finite(name: str, printed, rail: Rail) -> No
     for slip in (-50.0, 50.0):  # a wheel that spins backwards at a crawl; warnings of overflow are errors here
         rows = functions.jacobian(0.1, slip * 0.1, 0.0, 0.0, 0.0, 0.0, p)
         assert np.isfinite(np.array(rows, dtype=float)).all()
-
-
-@pytest.mark.parametrize("rail", Rail)
-def test_slip_0_is_no_kink_of_polach_and_burckhardt(rail: Rail) -> None:
-    """The same slope from both sides; of the Polach model it does not depend on mu."""
-    law, tyre = published_law("polach", rail), published_law("burckhardt", rail)
-    stiffness = (law.kA + law.kS) / 2 * law.G * law.a * law.b * law.c11
-    for each, slope in ((law, stiffness), (tyre, LOAD * (tyre.c1 * tyre.c2 - tyre.c3))):
-        assert each.kinks(V100, LOAD) == ()
-        plant = linearize(operating_point(each, PARK2008, V100, 0.0))
-        expected = -(1 / 3517 + 0.43**2 / 60.35) * slope / V100 - 0.25 / 60.35  # system.md, section 2
-        assert plant.poles[0].real == pytest.approx(expected, rel=1e-12)  # rounding
 
 
 @pytest.mark.parametrize("surface", sorted(SURFACES))

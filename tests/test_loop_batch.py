@@ -1,4 +1,4 @@
-"""The vectorised margins against the scalar engine, closed forms and the exact root count."""
+"""The vectorised margins against the scalar engine, which has its own tests."""
 
 from dataclasses import fields
 
@@ -68,17 +68,15 @@ def used(monkeypatch):
     return found
 
 
-@pytest.mark.parametrize("lead", [False, True])
-@pytest.mark.parametrize("dead_time", [False, True])
+@pytest.mark.parametrize(("lead", "dead_time"), [(False, False), (True, True)])
 def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_time, used):
-    arguments = slip_loops(300, lead=lead, dead_time=dead_time)  # more than are worked on together
+    arguments = slip_loops(1100, lead=lead, dead_time=dead_time)  # twice more than are worked on together
     found = batch_margins(*arguments)
-    assert (len(used), len(found)) == (0, 300)
+    assert (len(used), len(found)) == (0, 1100)
     assert 0.2 < found.stable.mean() < 0.9
     assert found.unstable_poles.max() >= 2
     # without dead time some peaks tie with the end of the axis, where rounding decides which frequency is named
-    # all of one kind, so that every third, from the first chunk and the second, shows what they all would
-    assert_equals_scalar(arguments, found, names=NAMES if dead_time else VALUES, every=3)
+    assert_equals_scalar(arguments, found, names=NAMES if dead_time else VALUES, every=7)
 
 
 @pytest.mark.parametrize(("zero_shape", "pole_shape"), [  # numbers of real ones and of pairs
@@ -88,37 +86,6 @@ def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_ti
 def test_resonances_integrators_and_non_minimum_phase_equal_the_scalar_engine(zero_shape, pole_shape):
     arguments = random_loops(60, zero_shape, pole_shape, seed=sum(zero_shape) + 10 * sum(pole_shape))
     assert_equals_scalar(arguments, batch_margins(*arguments))
-
-
-def test_integrators_with_dead_time_equal_the_closed_form():
-    # k exp(-tau s)/s: a pair on the axis at omega = pi/(2 tau) for k tau = pi/2
-    gain, tau = (a.ravel() for a in np.meshgrid(np.geomspace(0.1, 20, 40), np.linspace(0.05, 2, 30)))
-    found = batch_margins(np.empty((gain.size, 0)), np.zeros((gain.size, 1)), gain, tau)
-    stable = gain * tau < np.pi / 2
-    assert np.array_equal(found.stable, stable)
-    # s tau = W_k(-gain tau): one more pair for every 2 pi
-    pairs = np.floor((gain * tau - np.pi / 2) / (2 * np.pi)) + 1
-    assert np.array_equal(found.unstable_poles, 2 * pairs)
-    gain, tau = gain[stable], tau[stable]
-    assert found.gain_increase[stable] == pytest.approx(np.pi / 2 / (gain * tau), rel=1e-12)
-    assert found.gain_decrease[stable] == pytest.approx(np.zeros(gain.size))
-    assert found.phase_deg[stable] == pytest.approx(90 - np.degrees(gain * tau), rel=1e-10)
-    assert found.delay_s[stable] == pytest.approx(np.pi / 2 / gain - tau, rel=1e-10)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [slip_loops(1100), random_loops(150, (0, 1), (2, 1), seed=1), random_loops(150, (0, 0), (0, 3), seed=1)],
-    ids=["three chunks", "resonant", "three pairs"],
-)
-def test_result_of_a_loop_does_not_depend_on_its_company(arguments):
-    whole = batch_margins(*arguments)
-    some = np.random.default_rng(1).permutation(len(whole))[:35]
-    alone = [batch_margins(*(a[i : i + 1] for a in arguments)) for i in some]
-    for name in ("unstable_poles", *VALUES):
-        # the common node matrix differs with the company, the refined results do not
-        own = np.array([getattr(one, name)[0] for one in alone])
-        assert getattr(whole, name)[some] == pytest.approx(own, rel=1e-9, nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -135,6 +102,13 @@ def test_margins_that_are_not_asked_for_are_nan_and_change_no_other(left_out, na
             else:
                 assert np.array_equal(getattr(part, name), getattr(whole, name), equal_nan=True)
         assert np.array_equal(part.unstable_poles, whole.unstable_poles)
+
+
+@pytest.mark.parametrize(("damping", "level", "tau"), [(0.05, 9e-4, 10.0), (0.02, 3.9e-4, 3.0)])
+def test_a_weak_resonance_behind_more_than_20_phase_crossovers_limits_the_gain(damping, level, tau):
+    pole = 100 * (-damping + 1j * np.sqrt(1 - damping**2))
+    arguments = stack([Rational([], [pole, pole.conjugate()], level * 100**2)], tau)
+    assert_equals_scalar(arguments, batch_margins(*arguments))
 
 
 HALF_TURN = np.pi / 2
@@ -166,17 +140,6 @@ def test_delicate_loops_are_left_to_the_scalar_engine(case, used):
     arguments = stack(loops, [tau, 0.2])
     assert_equals_scalar(arguments, batch_margins(*arguments))
     assert [system.gain for system in used] == [gain]
-
-
-@pytest.mark.parametrize(("damping", "level", "tau"), [(0.05, 9e-4, 10.0), (0.02, 3.9e-4, 3.0)])
-def test_gain_margin_of_a_weak_resonance_far_up_is_where_stability_is_lost(damping, level, tau):
-    # more than 20 phase crossovers lie before the resonance, and |L| < 1/100 throughout: the limit is at its peak
-    pole = 100 * (-damping + 1j * np.sqrt(1 - damping**2))
-    loop = DeadTimeLoop(Rational([], [pole, pole.conjugate()], level * 100**2), tau)
-    limit = batch_margins(*stack([loop.system], tau)).gain_increase[0]
-    assert 100 < limit < 120
-    assert loop.scaled(limit * (1 - 1e-6)).is_stable()
-    assert not loop.scaled(limit * (1 + 1e-6)).is_stable()
 
 
 def test_empty_batches_and_loops_of_different_structure():

@@ -1,5 +1,6 @@
 """Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
 
+import math
 from types import SimpleNamespace
 
 import control as ct
@@ -7,14 +8,18 @@ import numpy as np
 import pytest
 import random_loops
 from loop_checker import poles_right
+from scipy import signal
 from scipy.optimize import brentq
+from scipy.optimize.elementwise import find_root
 from scipy.special import lambertw
 
 from railslip_ctrl import DeadTimeLoop, InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational, stability
+from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
+MODES = Rational([0.5, -2 + 3j, -2 - 3j], [0.3, -0.1 + 4j, -0.1 - 4j, 0.2 + 1j, 0.2 - 1j], 3.0)
 
 
 def printed(value: float, *, places: int | None = None):
@@ -48,6 +53,9 @@ UNSTABLE_PLANT = {
 def test_margins_of_printed_loops():
     unstable = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
     assert (unstable.is_stable(), unstable.open_loop_unstable_poles) == (True, 1)
+    ends = np.array([UNSTABLE_PLANT["gain_decrease"].expected, UNSTABLE_PLANT["gain_increase"].expected])
+    for factor in (1.0, 0.1, 20.0):  # the gains that stabilise, of what is stable and of what is not
+        assert unstable.scaled(factor).stabilizing_gain_range == pytest.approx(ends / factor, rel=1e-10)
     for loop, expected in ((DeadTimeLoop(25 / (S**3 + 10 * S**2 + 10 * S + 10)), MATLAB), (unstable, UNSTABLE_PLANT)):
         assert {name: getattr(loop.margins(), name) for name in expected} == expected
 
@@ -89,17 +97,6 @@ def test_pade_of_order_2_is_its_closed_form_and_the_limit_the_exact_loop():
             pade(dead_time, order)
 
 
-@pytest.mark.parametrize(("plant", "dead_time", "low", "high", "frequency"), [
-    (1 / ((4 * S - 1) * (0.6 * S + 1)), 0.15, 1.0, 23.3988133859, 2.90231629),
-    (1 / ((S - 1) * (0.5 * S + 1)), 0.2, 1.0, 2.54747483502, None),
-])  # fmt: skip
-def test_stabilising_p_gains_of_unstable_lags(plant, dead_time, low, high, frequency):
-    loop = DeadTimeLoop(1.5 * plant, dead_time=dead_time)
-    assert np.multiply(loop.stabilizing_gain_range, 1.5) == pytest.approx((low, high), rel=1e-11)
-    if frequency is not None:
-        assert loop.margins().gain_increase_frequency == printed(frequency)
-
-
 @pytest.mark.parametrize(("system", "dead_time"), [
     (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),  # a resonance far below unit gain
     (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),  # 6000 turns of dead time before the resonance
@@ -121,24 +118,20 @@ def test_a_real_pole_through_infinity_bounds_the_gain_and_a_positive_gain_there_
     assert (positive.margins().gain_increase, positive.delayed(0.1).is_stable()) == (np.inf, False)
 
 
-@pytest.mark.parametrize("system", [1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])])
-def test_static_loops(system):
-    loop = DeadTimeLoop(system)
-    assert loop.is_stable()
-    assert loop.margins().ms == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("system", [-1.0, (1 - S) / (1 + S)])
-def test_ill_posed_loops_are_named(system):
-    loop = DeadTimeLoop(system)
-    assert not loop.is_well_posed
-    with pytest.raises(UnstableLoopError, match="not well posed"):
-        loop.margins()
-    with pytest.raises(InputError, match="not well posed"):
-        loop.closed_loop_poles()
+def test_static_loops_and_ill_posed_ones():
+    for system in (1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])):
+        assert DeadTimeLoop(system).margins().ms == pytest.approx(0.5)
+    for system in (-1.0, (1 - S) / (1 + S)):
+        loop = DeadTimeLoop(system)
+        assert not loop.is_well_posed
+        with pytest.raises(UnstableLoopError, match="not well posed"):
+            loop.margins()
+        with pytest.raises(InputError, match="not well posed"):
+            loop.closed_loop_poles()
 
 
 @pytest.mark.parametrize(("system", "dead_time", "count"), [
+    *((MODES, tau, 20) for tau in (0.1, 0.7, 2.0)),
     (2 / ((S + 1) * (S + 2)), 1e-5, 6),
     (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
     (0.4431 / (S - 5.041), 3.195, 6),
@@ -148,9 +141,13 @@ def test_ill_posed_loops_are_named(system):
 ])  # fmt: skip
 def test_rightmost_poles_over_many_scales(system, dead_time, count):
     loop = DeadTimeLoop(system, dead_time)
-    poles = loop.closed_loop_poles(count)
+    poles, system = loop.closed_loop_poles(count), loop.system
     assert poles.size == count
     assert np.count_nonzero(poles.real > 0) == min(count, loop.unstable_closed_loop_poles)
+    assert np.all(np.diff(poles.real) <= 1e-12 * (1 + np.abs(poles.real[:-1])))
+    for s in poles:  # of D(s) + N(s) exp(-tau s)
+        d, n = np.prod(s - system.poles), system.gain * np.prod(s - system.zeros) * np.exp(-s * dead_time)
+        assert abs(d + n) <= 1e-8 * (abs(d) + abs(n))  # of a pole next to one of L both are small
 
 
 def test_poles_of_neutral_loops_lie_on_their_chain():
@@ -159,6 +156,12 @@ def test_poles_of_neutral_loops_lie_on_their_chain():
     loop = DeadTimeLoop(0.9 * (S + 0.1) / (S + 1), 1.0)
     for pole in loop.closed_loop_poles(4):
         assert abs(1 + 0.9 * (pole + 0.1) / (pole + 1) * np.exp(-pole)) < 1e-9
+
+
+def test_a_touch_of_unit_gain_is_no_crossing():
+    for dead_time in (0.0, 0.4, 4.0):  # |L| is 1 at 1 rad/s and less elsewhere, and L is not -1
+        loop = DeadTimeLoop(0.25 * S / (S**2 + 0.25 * S + 1), dead_time)
+        assert (loop.root_count.right, loop.gain_crossovers) == (0, pytest.approx([1.0], rel=1e-15))
 
 
 @pytest.mark.parametrize("velocity", [2.0, 1e6, 3e16, 1e18])
@@ -197,3 +200,98 @@ def test_root_counts_and_gain_ranges_of_random_loops(kind):
             assert poles_right(zeros, poles, gain * factor, dead_time) == 0
         for factor in {low * (1 - 1e-9), high * (1 + 1e-9)} - {0.0, np.inf}:
             assert poles_right(zeros, poles, gain * factor, dead_time) > 0
+
+
+@pytest.mark.parametrize(("zeros", "poles", "gain", "value"), [
+    *(([-1.0], [0.0, -2.0], 3.0, np.inf), ([0.0], [-1.0, -2.0], 3.0, 0.0), ([0.0], [0.0, -2.0], 3.0, np.nan)),
+    *(([-1.0], [-4.0, -2.0], 3.0, 0.375), ([], [0.0], 0.0, np.nan)),
+])  # fmt: skip
+def test_the_gain_at_zero(zeros, poles, gain, value):
+    assert Rational(zeros, poles, gain).dc_gain == pytest.approx(value, nan_ok=True)
+
+
+ROOTS, LOW, HIGH = np.array([1e-3, 0.7, 1.0, 3.0, 999.0]), np.full(5, 5e-4), np.full(5, 2e3)
+
+
+@pytest.mark.parametrize(("shape", "slope", "most"), [  # f of x/root, and the most evaluations of Newton's method
+    (lambda r: r**3 - 1, lambda r: 3 * r**2, 12),
+    (lambda r: np.expm1(np.minimum(40 * (r - 1), 300)), lambda r: 40 * np.exp(40 * (r - 1).clip(max=7)), 19),
+    (lambda r: np.where(r < 1, -1.0, 1.0), np.zeros_like, 57),  # which halving alone finds
+], ids=["cube", "steep", "step"])  # fmt: skip
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_bracketed_roots_to_the_last_bits_in_few_evaluations(shape, slope, most, sign):
+    evaluated = np.zeros(ROOTS.size, dtype=int)
+
+    def function(x, index):
+        evaluated[index] += 1
+        return sign * shape(x / ROOTS[index]), sign * slope(x / ROOTS[index]) / ROOTS[index]
+
+    found = bracketed_roots(lambda x, index: function(x, index)[0], LOW, HIGH)
+    assert found == pytest.approx(ROOTS, rel=5e-16)
+    by_scipy = find_root(lambda x, root: shape(x / root), (LOW, HIGH), args=(ROOTS,))  # the same method
+    assert np.all(evaluated <= by_scipy.nfev + 2)
+    evaluated[:] = 0
+    with np.errstate(over="ignore"):
+        alone = [monotone_root(lambda x, i=i: function(x, i), 1.3, 5e-4, 2e3, -sign) for i in range(5)]
+    assert alone == pytest.approx(ROOTS, rel=5e-16)
+    assert evaluated.max() <= most
+
+
+def test_ends_of_a_bracket_and_open_brackets():
+    # a zero at an end, no change of sign, none at all; values at the ends that are known are not asked for again
+    low, high, asked = np.array([1.0, -2.0, 3.0, 0.5]), np.array([4.0, 1.0, 5.0, 2.0]), []
+    found = bracketed_roots(lambda x, _: asked.extend(x) or x - 1.0, low, high, ends=(low - 1.0, high - 1.0))
+    assert found == pytest.approx([1.0, 1.0, 3.0, 1.0], rel=5e-16)
+    assert 0.5 < min(asked) <= max(asked) < 2.0
+    assert bracketed_roots(lambda x, _: x, np.zeros(0), np.zeros(0)).size == 0
+    for root, start in ((1e-9, 1e3), (2.0, 1.0), (5e7, 1e-2)):  # 0 to infinity, from guesses decades off
+        found = monotone_root(lambda x, root=root: (math.log(x / root), 1.0 / x), start, 0.0, math.inf, -1.0)
+        assert found == pytest.approx(root, rel=5e-16)
+
+
+@pytest.mark.parametrize(("system", "count"), [
+    (4 / (S**2 + 1), 2),  # undamped stays undamped
+    (1 / S**2, 2),
+    (-1 / (S + 1), 1),  # a pole at the origin
+    (S / (S * (S + 1)), 1),  # a hidden integrator
+    ((S - 1) / ((S - 1) * (S + 1)), 1),
+    (ct.ss([[-1, 0], [0, 0.5]], [[1], [0]], [[1, 1]], 0), 1),  # 0.5 is not reached by the input
+])  # fmt: skip
+def test_poles_on_the_axis_and_hidden_unstable_ones_are_not_stable(system, count):
+    loop = DeadTimeLoop(system)
+    assert (loop.is_stable(), loop.unstable_closed_loop_poles) == (False, count)
+    with pytest.raises(UnstableLoopError, match=r"on the imaginary axis|unstable with 1"):
+        loop.margins()
+
+
+def test_neutral_loop_is_decided_by_its_chain():
+    stable = DeadTimeLoop(0.5 * (S + 2) / (S + 1), dead_time=1.0)
+    assert stable.is_stable()
+    assert stable.margins().gain_increase <= 2.0  # at 1/|G(inf)| the chain reaches the axis
+    chain = DeadTimeLoop(1.1 * (S + 2) / (S + 1), dead_time=1.0)
+    assert chain.unstable_closed_loop_poles == np.inf
+    assert chain.stabilizing_gain_range[0] == 0.0
+    assert chain.stabilizing_gain_range[1] < 1 / 1.1
+    with pytest.raises(UnstableLoopError, match="infinitely many"):
+        chain.margins()
+    with pytest.raises(InputError, match="chain of poles"):
+        chain.closed_loop_poles()
+    # without dead time a gain > 1 at infinity is fine, but any dead time destroys it
+    assert DeadTimeLoop(3 * (S + 2) / (S + 1)).margins().delay_s == 0.0
+
+
+@pytest.mark.parametrize(("system", "dead_time", "match"), [
+    (1 / S, -0.1, "dead time: -0.1"),
+    (1 / S, float("nan"), "dead time: nan"),
+    (S, 0.0, "not proper"),
+    (ct.tf([1], [1, 0.5], dt=0.1), 0.0, "discrete-time"),
+    (ct.ss(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), 0.0, "not SISO"),
+    ("1/s", 0.0, "str is not a linear system"),
+    (ct.tf([float("nan")], [1, 1]), 0.0, "not finite"),
+    (float("inf"), 0.0, "not finite"),
+    (signal.ZerosPolesGain([], [-1 + 1j], 1), 0.0, "without their conjugates"),
+    (ct.frd([1, 2, 3], [1, 2, 3]), 0.0, "not a linear system"),
+])  # fmt: skip
+def test_unsuitable_systems_are_refused(system, dead_time, match):
+    with pytest.raises(InputError, match=match):
+        DeadTimeLoop(system, dead_time)

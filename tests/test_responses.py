@@ -182,20 +182,19 @@ def test_bad_input_is_refused_in_one_line(make, message):
 
 
 def test_frequency_curves_are_the_formulas():
-    c, loop = PI_LEAD, DeadTimeLoop(PI_LEAD * WHEEL, DEAD_TIME)
-    curve, gang = frequency_curve(loop, 0.1, 50.0), gang_of_four(c, DeadTimeLoop(WHEEL, DEAD_TIME), 0.1, 50.0)
+    loop = DeadTimeLoop(PI_LEAD * WHEEL, DEAD_TIME)
+    curve, gang = frequency_curve(loop, 0.1, 50.0), gang_of_four(PI_LEAD, DeadTimeLoop(WHEEL, DEAD_TIME), 0.1, 50.0)
     assert set(loop.gain_crossovers) <= set(curve.omega)
     for given in (curve, gang):
-        s = 1j * given.omega
-        p = WHEEL(s) * np.exp(-DEAD_TIME * s)
         assert (given.omega[0], given.omega[-1]) == pytest.approx((0.1, 50.0), rel=1e-15)
         assert np.diff(np.log(given.omega)).max() < 2e-3  # a smooth line
-    assert gang.s == pytest.approx(1 / (1 + c(s) * p), rel=1e-12)
-    assert gang.t == pytest.approx(c(s) * p / (1 + c(s) * p), rel=1e-12)
-    assert gang.ps == pytest.approx(p / (1 + c(s) * p), rel=1e-12)
-    assert gang.cs == pytest.approx(c(s) / (1 + c(s) * p), rel=1e-12)
+    s = 1j * gang.omega
+    c, p = PI_LEAD(s), WHEEL(s) * np.exp(-DEAD_TIME * s)
+    assert np.array([gang.s, gang.t, gang.ps, gang.cs]) == pytest.approx(
+        np.array([1 + 0 * p, c * p, p, c]) / (1 + c * p), rel=1e-12
+    )
     s = 1j * curve.omega
-    expected = c(s) * WHEEL(s) * np.exp(-DEAD_TIME * s)
+    expected = PI_LEAD(s) * WHEEL(s) * np.exp(-DEAD_TIME * s)
     assert curve.response == pytest.approx(expected, rel=1e-12)
     assert curve.magnitude_db == pytest.approx(20 * np.log10(np.abs(expected)), abs=1e-10)
     assert np.exp(1j * np.radians(curve.phase_deg)) == pytest.approx(expected / np.abs(expected), abs=1e-10)

@@ -24,23 +24,17 @@ def approx(value: Any) -> Any:
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Any:
+def file(file: Any) -> Any:
     """A function that writes a file, a vehicle's if not named otherwise, and gives its path."""
-
-    def write(text: str, name: str = "vehicle.toml") -> Path:
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        return tmp_path / name
-
-    return write
+    return lambda text, name="vehicle.toml": Path(file(name, text))
 
 
 def _message(path: Path) -> str:
     """The error of a bad file, without its folder; one printable line."""
     with pytest.raises(InputError) as caught:
         load_vehicle(path)
-    message = str(caught.value)
-    assert message.isprintable()
-    return message.replace(str(path.parent) + os.sep, "")
+    assert str(caught.value).isprintable()
+    return str(caught.value).replace(str(path.parent) + os.sep, "")
 
 
 def test_the_published_vehicle() -> None:

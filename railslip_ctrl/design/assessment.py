@@ -229,18 +229,16 @@ _READINGS = ((1.0, "SI"), (AS_PUBLISHED_INERTIA_SCALE, "as published"))
 
 def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup, ...]:
     """Table 4's PI gains at operating points, in SI and as published: M, J and B times 3.6."""
-    return tuple(_published(points, scale, name) for scale, name in _READINGS)
-
-
-def _published(points: Sequence[OperatingPoint], scale: float, name: str) -> ControllerGroup:
-    title = f"Table 4's gains, inertia scale {scale:g} ({name})"
-    found = []
-    for p in points:
-        car = p.vehicle.model_copy(update={"inertia_scale": scale})
-        scaled = operating_point(p.law, car, p.speed, p.slip, rail=p.rail, initial_speed_kmh=p.initial_speed_kmh)
-        gains = PIController(table4_gains(p.adhesion))
-        found.append(assess(linearize(scaled), gains, p.vehicle.actuator, label=title))
-    return controller_group(title, tuple(found))
+    groups = []
+    for scale, name in _READINGS:
+        title, found = f"Table 4's gains, inertia scale {scale:g} ({name})", []
+        for p in points:
+            car = p.vehicle.model_copy(update={"inertia_scale": scale})
+            scaled = operating_point(p.law, car, p.speed, p.slip, rail=p.rail, initial_speed_kmh=p.initial_speed_kmh)
+            gains = PIController(table4_gains(p.adhesion))
+            found.append(assess(linearize(scaled), gains, p.vehicle.actuator, label=title))
+        groups.append(controller_group(title, tuple(found)))
+    return tuple(groups)
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:

@@ -292,7 +292,7 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
     def feasible(speed: float) -> bool:
         above = [plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]
         ends = tuned_at(_ends(above))
-        return ends.design is not None and (_meets(ends, above, actuator) or tuned_at(above).design is not None)
+        return ends.design is not None and (not _missed(ends, above, actuator) or tuned_at(above).design is not None)
 
     first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
     if first < len(speeds) and not feasible(speeds[first]):
@@ -321,19 +321,6 @@ def _what_would(tuned_at: Callable[..., TunedCases], envelope: Envelope, period:
         if lowest is not None:
             yield f"with dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s from {lowest:g} km/h up"
             break
-
-
-def _meets(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> bool:
-    """Whether gains tuned at some plants meet the specification at all, with no crossover asked for."""
-    assert tuned.design is not None
-    controller, asked = tuned.controller(tuned.design), tuned.specification
-    found = worst_of(family_margins([wheel_slip_loop(plant, controller, actuator) for plant in plants]))
-    return (
-        found is not None
-        and found.ms <= (asked.ms_max or math.inf)
-        and found.phase_deg >= (asked.phase_min_deg or 0.0)
-        and found.delay_s >= (asked.delay_min_s or 0.0)
-    )
 
 
 def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:

@@ -10,7 +10,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
+from railslip_ctrl.loop.batch import BatchMargins, batch_margins, fill_alone, stack
 
 ROBUST_MS = 2.0
 """Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
@@ -103,18 +103,9 @@ def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, 
                 found[name][members] = getattr(part, name)
         else:  # the batch takes strictly proper loops alone
             for i in members:
-                _scalar(loops[i], i, found)
+                fill_alone(loops[i], i, found)
     stable = found.pop("stable") == 1
     return BatchMargins(stable=stable, **found)
-
-
-def _scalar(loop: DeadTimeLoop, i: int, found: dict[str, np.ndarray]) -> None:
-    found["stable"][i] = loop.is_stable()
-    found["unstable_poles"][i] = loop.unstable_closed_loop_poles
-    if loop.is_stable():
-        margins = loop.margins()
-        for name in found.keys() - {"stable", "unstable_poles"}:
-            found[name][i] = getattr(margins, name)
 
 
 def worst_of(margins: BatchMargins) -> Worst | None:

@@ -133,7 +133,7 @@ def batch_margins(
         asked = gain_margins, peaks
         delicate[index] = _solve(loops.take(index), low[index], high[index], index, results, asked)
     for i in np.flatnonzero(delicate):
-        _solve_alone(loops, int(i), results)
+        fill_alone(loops.alone(int(i)), int(i), results)
     for group, wanted in ((_OF_GAIN, gain_margins), (_OF_PEAKS, peaks)):
         if not wanted:
             results |= {name: np.full(n, np.nan) for name in group}
@@ -141,11 +141,8 @@ def batch_margins(
     return BatchMargins(stable=stable, **results)
 
 
-def _solve_alone(loops: Loops, i: int, results: dict[str, Floats]) -> None:
-    """Loop number i by the scalar engine."""
-    roots = loops.real[:, i] + 1j * loops.imag[:, i]
-    rational = Rational(roots[loops.sign > 0], roots[loops.sign < 0], float(loops.gain[i]))
-    loop = DeadTimeLoop(rational, float(loops.dead_time[i]))
+def fill_alone(loop: DeadTimeLoop, i: int, results: dict[str, Floats]) -> None:
+    """Put the margins of loop number i, by the scalar engine, into `results`, the fields of `BatchMargins`."""
     margins = loop.margins() if loop.is_stable() else None
     for name, column in results.items():
         column[i] = getattr(margins, name, np.nan)
@@ -392,6 +389,12 @@ class Loops:
 
     def take(self, index: Indices) -> Loops:
         return Loops(self.real[:, index], self.imag[:, index], self.sign, self.gain[index], self.dead_time[index])
+
+    def alone(self, i: int) -> DeadTimeLoop:
+        """Loop number i."""
+        roots = self.real[:, i] + 1j * self.imag[:, i]
+        rational = Rational(roots[self.sign > 0], roots[self.sign < 0], float(self.gain[i]))
+        return DeadTimeLoop(rational, float(self.dead_time[i]))
 
     def right(self, sign: int) -> Floats:
         """Number of zeros (+1) or poles (-1) with positive real part, (n,)."""

@@ -339,7 +339,7 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _margins(self) -> Margins:
-        response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
+        response, crossovers, crossings = self._response, self.gain_crossovers, self._listed[0]
         rest = response.crossover_phases[1].copy()
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
             if response.rounding(crossovers[i]) > _SHARP * abs(rest[i]):
@@ -370,10 +370,6 @@ class DeadTimeLoop(Loop):
     @cached_property
     def _pieces(self) -> Pieces:
         return pieces(self._response)
-
-    @property
-    def _phase_crossings(self) -> Floats:
-        return self._listed[0]
 
     @cached_property
     def _listed(self) -> tuple[Floats, list[GainLimit]]:

@@ -33,14 +33,9 @@ _CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat 
 class QuasiPolynomials:
     """n functions F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s), of one shape.
 
-    Parameters
-    ----------
-    terms : sequence of arrays (n, m_k)
-        Coefficients of c_k in descending powers of s, real; the highest power comes with c_0.
-    delays : sequence of arrays (n,)
-        s, >= 0, those of c_0 being 0.
-    removed : int
-        As of `QuasiPolynomial`.
+    - terms: sequence of arrays (n, m_k); coefficients of c_k in descending powers of s; the highest comes with c_0.
+    - delays: sequence of arrays (n,); s, >= 0, those of c_0 being 0.
+    - removed: as of `QuasiPolynomial`.
     """
 
     terms: tuple[Floats, ...]

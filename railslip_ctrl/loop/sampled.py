@@ -419,12 +419,9 @@ class BoxedResponse:
     """The response of a `SampledLoop` as its expansions need it; time is counted in periods."""
 
     def __init__(self, loop: SampledLoop) -> None:
-        self._held, self.controller = loop.held, loop.controller
-        held = self._held
-        self._a, self._b, self._c, self._growth = held.a, held.b, held.c, held.growth
-        n = held.c.size
-        self._plant_poles = np.expm1(loop.plant.poles * loop.period)
-        poles = np.concatenate([self._plant_poles, loop.controller.poles - 1])
+        held = self._held = loop.held
+        self.controller, n = loop.controller, held.c.size
+        poles = np.concatenate([np.expm1(loop.plant.poles * loop.period), loop.controller.poles - 1])
         self._roots = np.concatenate([poles, loop.controller.zeros - 1])  # of z - 1
         self._signs = np.repeat([-1.0, 1.0], [poles.size, loop.controller.zeros.size])
         # [[bound, 1, 0], [0, 0, 1], [0, 0, 0]] with |exp(a m)| <= exp(bound m): its exponential holds the integrals
@@ -446,27 +443,28 @@ class BoxedResponse:
         """Bound on what G is from linear about `fraction` within `half`, by components, (n, order)."""
         from scipy.linalg import expm
 
-        n, (halves, at) = self._c.size, np.unique(half, return_inverse=True)
+        a, b = self._held.a, self._held.b
+        n, (halves, at) = b.size, np.unique(half, return_inverse=True)
         with np.errstate(over="ignore", invalid="ignore"):
             powers = expm(self._bound * halves[:, None, None])[at]
         once, twice = powers[:, :n, n : 2 * n], powers[:, :n, 2 * n :]
         ends, at = np.unique(1 - np.stack([fraction, fraction + half]), return_inverse=True)
         # |G''| at the middle, and where m is least: from each on exp(a m) is less than exp of the bounding matrix
-        curved = np.abs((self._reached(ends) @ self._a.T + self._b) @ self._a.T)[at.reshape(2, -1)][..., None]
+        curved = np.abs((self._reached(ends) @ a.T + b) @ a.T)[at.reshape(2, -1)][..., None]
         after, before = twice @ curved[0], (half[:, None, None] * once - twice) @ curved[1]
         return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> BoxedExpansion:
         """The expansion about points, theta in rad per period and the fraction, (n,) each."""
-        n, beyond = self._c.size, np.expm1(1j * theta)
+        held, n, beyond = self._held, self._held.c.size, np.expm1(1j * theta)
         fractions, at = np.unique(fraction, return_inverse=True)
         reached = self._reached(1 - fractions)[at]
-        speed = reached @ self._a.T + self._b  # G' = a G + b
+        speed = reached @ held.a.T + held.b  # G' = a G + b
         near = 1 / (beyond[:, None] - self._roots)
-        resolvent = np.linalg.inv(beyond[:, None, None] * np.eye(n) - self._growth)
+        resolvent = np.linalg.inv(beyond[:, None, None] * np.eye(n) - held.growth)
         # c adj(z - Phi)/det(middle - Phi) by powers of z - middle: the resolvent's series times its denominator
         rows = np.zeros((theta.size, n + 1, n), dtype=complex)
-        row = self._c @ resolvent
+        row = held.c @ resolvent
         for k in range(n):
             rows[:, k] = row
             row = -(row[:, None] @ resolvent)[:, 0]

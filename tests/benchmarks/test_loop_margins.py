@@ -4,7 +4,6 @@ Run with `make benchmark`, for the speed of one core with `taskset -c 0 make ben
 python-control with a fifth-order Pade; the ordinary tests do not time anything.
 """
 
-import os
 import time
 import timeit
 
@@ -89,18 +88,8 @@ def test_margin_map_against_python_control_with_pade(benchmark):
     begin = time.perf_counter()
     peer = np.array([peer_margins(*(a[i] for a in arguments)) for i in chosen])
     theirs = chosen.size / (time.perf_counter() - begin)
-    gain_error = np.abs(peer[:, 0] / found.gain_increase[chosen] - 1)
     phase_error = np.abs(peer[:, 1] - found.phase_deg[chosen])
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    print(
-        f"\npython-control, Pade {PADE_ORDER}, against exact, {chosen.size} stable loops: gain margin off by up to "
-        f"{gain_error.max():.1e} (median {np.median(gain_error):.1e}) relative, phase margin by up to "
-        f"{phase_error.max():.1e} deg (median {np.median(phase_error):.1e})"
-    )
     assert np.median(phase_error) < 1e-3  # the two ask the same question
     if ours is not None:
-        print(
-            f"batch_margins, all margins: {ours:.0f} loops/s over {len(found)} stable loops ({cores} core(s) allowed); "
-            f"python-control, gain, phase and modulus margins: {theirs:.0f} loops/s; ratio {ours / theirs:.1f}"
-        )
+        print(f"\nbatch_margins {ours:.0f} loops/s, python-control {theirs:.0f} loops/s, ratio {ours / theirs:.1f}")
         assert ours / theirs > 5
