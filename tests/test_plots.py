@@ -88,7 +88,7 @@ def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
         figure = plots.response_figure(steps, steps, title="r", reference_label="a", load_label="b")
         assert steps["PI"].control[0] == pytest.approx(highest, rel=1e-6)
         told = [text.get_text() for text in figure.axes[2].texts]
-        assert told == ["cut off: begins with up to 25 N·m"] * (highest > 1)
+        assert told == ["cut off: down to 0.0526 N·m and up to 25 N·m"] * (highest > 1)
         top = figure.axes[2].get_ylim()[1]
         assert top < 2.0 if told else top > steps["PI"].control.max()
         assert defects_of(figure) == []

@@ -472,12 +472,13 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
-    control = np.concatenate([response.control for response in responses])
+    control = np.concatenate([response.control for response in responses]).round(9)  # what begins at 0 may read 5e-15
     low, high, span = float(later.min()), float(later.max()), float(np.ptp(later))
     if max(control.max() - low, high - control.min()) > 2 * span > 0:
-        ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
-        rounded = np.round(control, 9 - int(np.log10(np.abs(control).max())))  # an exact 0 may read 5e-15
-        words = f"cut off: {short(float(rounded.min()), 3)} to {short(float(rounded.max()), 3)} N·m"
+        bottom, top = ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
+        ends = (("down", control.min() < bottom, control.min()), ("up", control.max() > top, control.max()))
+        told = " and ".join(f"{way} to {short(float(end), 3)} N·m" for way, outside, end in ends if outside)
+        words = f"cut off: {told}"
         ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
