@@ -38,10 +38,8 @@ from .envelope import Case, Envelope, EnvelopePoints
 from .seeking import seeking_margins
 from .specification import is_robust
 
-SAMPLING = 0.04
-"""Most that sampling adds to Ms of a seeking controller, whose sampled loop has two measurements: held by a test."""
-
-SAMPLING_COUNTED = f"sampling adds at most {100 * SAMPLING:g} % to Ms of this continuous loop, which the verdict counts"
+UNSAMPLED = "the loop is continuous: sampling, which adds at most 4 % to its Ms, is not judged"
+"""What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
 _ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
@@ -191,8 +189,7 @@ class Judgement:
     @property
     def verdict(self) -> str:
         """ "robust": Ms <= 2 at every operating point, and stable with every tolerance. "fragile": stable at every
-        operating point. Else "unstable". Of a continuous controller that says how it is run, all of it sampled too; of
-        a seeking one with `SAMPLING` added to Ms."""
+        operating point. Else "unstable". Of a continuous controller that says how it is run, all of it sampled too."""
         return self._verdict(np.ones(len(self.points), dtype=bool))
 
     @cached_property
@@ -299,13 +296,8 @@ class Judgement:
         """The verdict from `hand_over_kmh` up; None where all speeds of the envelope are below."""
         return self._verdict(self._in_use) if self._in_use.any() else None
 
-    @cached_property
-    def _decisive_ms(self) -> Floats:
-        """Ms that is held against the bound: of what runs, (n,)."""
-        return self.run_ms * (1.0 if seeking_of(self.controller) is None else 1.0 + SAMPLING)
-
     def __str__(self) -> str:
-        robust = int(np.count_nonzero([is_robust(ms) for ms in self._decisive_ms.tolist()]))
+        robust = int(np.count_nonzero([is_robust(ms) for ms in self.run_ms.tolist()]))
         lines = [self.verdict_line, f"Ms <= 2 at {robust} of {len(self.points)} points"]
         lines += [f"left out: {told}" for told in self.points.skipped]
         return "\n".join([*lines, *self.slips_told])
@@ -321,7 +313,7 @@ class Judgement:
         return (
             f"judged at the slip that it comes to, {min(found):.3g} to {max(found):.3g} by rail and speed, and at the "
             f"envelope's factors of it; {100 * past / len(points):.0f} % of these slips are past the peak of adhesion",
-            SAMPLING_COUNTED,
+            UNSAMPLED,
         )
 
     def table(self) -> dict[str, Any]:
@@ -375,7 +367,7 @@ class Judgement:
         return float(stable.sum() / chosen.sum()), float(self.ms[stable].max()) if stable.any() else math.inf
 
     def _verdict(self, cases: Flags) -> str:
-        ms = self._decisive_ms[cases & self.points.operating]
+        ms = self.run_ms[cases & self.points.operating]
         if not np.isfinite(ms).all():
             return "unstable"
         return "robust" if self._stable(cases) and (ms.size == 0 or is_robust(float(ms.max()))) else "fragile"

@@ -16,7 +16,7 @@ from railslip_ctrl.design.assessment import Assessment, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import SeekingDesign
-from railslip_ctrl.design.judging import SAMPLING_COUNTED, Judgement, WorstCase
+from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
@@ -246,7 +246,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
             numbers = f"Ms {ms_up(m.ms)}, phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
         parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
     if isinstance(assessment.controller, SeekingGains):
-        parts.append(f"Sampled: {SAMPLING_COUNTED}")
+        parts.append(f"Sampled: {UNSAMPLED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
