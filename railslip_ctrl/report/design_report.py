@@ -372,14 +372,14 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
     )
     yield Picture(
         "loop",
-        "The recommended design at its worst points: Bode and Nyquist, in continuous time, the dead time exact.",
-        "Magnitude, phase and Nyquist curve of the recommended design at its worst operating point and its worst point "
+        "The design at its worst points: Bode and Nyquist, in continuous time, the dead time exact.",
+        "Magnitude, phase and Nyquist curve of the design at its worst operating point and its worst point "
         f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
     )
     if report.stops:
         told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
         caption = (
-            "The longest stop on each rail with the recommended design, of all laws, loads and seeds; slip below 0, a "
+            "The longest stop on each rail with the design, of all laws, loads and seeds; slip below 0, a "
             "wheel faster than the train, is not shown."
         )
         yield Picture("stops", caption, f"Speed, slip and torque over time. {told}")
@@ -597,7 +597,7 @@ def _gains(report: DesignReport) -> Section | None:
 def _responses(report: DesignReport) -> Section | None:
     if report.responses is None:
         return None
-    text = "Linear responses of the recommended design at its worst operating point."
+    text = "Linear responses of the design at its worst operating point."
     alt = "Slip velocity and commanded torque over ten seconds after a step of the reference and a step of the load."
     return Section("responses", "Time responses", (Picture("responses", text, alt),))
 
