@@ -282,6 +282,7 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     (lambda: simulate(SCENARIO, lambda t, v: 0.0), r"step cannot be called with \(t, v, omega\)"),
     (lambda: simulate(SCENARIO, ct.tf([190, -190], [1, -1], 1e-9)), "period: 1e-09 s is not allowed; give a fin"),
     (lambda: simulate(SCENARIO, {}), "controller: dict is not a linear system"),
+    (lambda: simulate(SCENARIO, "pi-lead"), "'pi-lead' is a name; give the controller, of a file by load_controller"),
     (lambda: StepControl(3, REFERENCE), "has no step"),
 ])  # fmt: skip
 def test_what_cannot_run_is_refused_in_a_line(make, told):

@@ -19,6 +19,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Complexes, Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop
@@ -167,6 +168,10 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         return controller
     if isinstance(controller, PIGains):
         return PIController(controller)
+    if isinstance(controller, str):
+        raise InputError(
+            f"controller: {shown(controller)} is a name; give the controller, of a file by load_controller"
+        )
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
     if callable(linear := linear_of(controller)):
