@@ -160,8 +160,9 @@ def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
     stop = found.longest_stops[0]
     words = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
     words += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
-    law = next(one for one in found.envelope.laws if str(getattr(one, "name", one)) == stop.law or len(
-        found.envelope.laws) == 1 or str(one).endswith((".toml", ".py")))  # fmt: skip
+    laws = {str(getattr(law, "name", law)): law for law in found.envelope.laws}
+    files = [law for law in found.envelope.laws if str(law).endswith((".toml", ".py"))]
+    law = laws.get(stop.law) or next(iter(files), found.envelope.laws[0])
     words += [f"--adhesion {shlex.quote(str(getattr(law, 'name', law)))}"] if stop.law != "curve" else []
     words += ["--loaded"] if stop.load == "loaded" else []
     speed = found.envelope.initial_speed

@@ -1,4 +1,9 @@
-"""A design report computed, and its records."""
+"""A design report computed, and its records.
+
+`design_report` tunes each structure over the envelope (`Selection`), runs the most robust designs and the seeking
+controller in their stops (`Trial`), takes the best by `Trial.rank`, and of that one looks at margins, limits, gains
+around it, stops with tolerances and, where it does not do, a faster brake (`DesignReport`).
+"""
 
 from __future__ import annotations
 
