@@ -77,13 +77,11 @@ def probe(text):
         del sys.modules[name]
     from railslip_ctrl.sliding.derivation import derive
     from railslip_ctrl.paper.errata import law_errata
-    from railslip_ctrl.verification.published_law import derivation_checked
 
     d = derive()
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
     found["failed"] = [step.name for step in d.steps if not step.checked]
-    return found | {"verify": derivation_checked(d).holds,
-                    "disagree": [row.where for row in law_errata(d) if not row.agrees]}
+    return found | {"disagree": [row.where for row in law_errata(d) if not row.agrees]}
 
 print(json.dumps({name: probe(text) for name, text in json.load(sys.stdin).items()}))
 """
@@ -121,11 +119,11 @@ def probed(tmp_path_factory) -> dict[str, dict]:
 
 @pytest.mark.long
 def test_a_broken_plant_is_noticed(probed) -> None:
-    """`derive` and `verify` say that a step fails, and (35)-(45) agree no longer."""
+    """A step of `derive` fails, and (35)-(45) agree no longer."""
     sound = probed["sound"]
-    assert (sound["failed"], sound["verify"]) == ([], True)
+    assert sound["failed"] == []
     for name, broken in probed.items():
-        assert name == "sound" or (broken["failed"] and not broken["verify"]), name
+        assert name == "sound" or broken["failed"], name
         if name in MUTATIONS:
             assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
             assert set(broken["disagree"]) > {"(35)"} | set(sound["disagree"]), name
