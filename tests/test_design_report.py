@@ -283,7 +283,7 @@ def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robus
     assert first_page(short).headline == "USE FROM 10 TO 60 km/h"
     slid = replace(robust.stops[0], run=replace(robust.stops[0].run, max_slip=0.8), others=())
     _, lines, numbers = told(replace(robust, tolerance_stops=(slid,)))
-    assert (lines["Risk"].startswith("Slip reaches 0.8"), numbers["Highest slip"]) == (True, "0.8")
+    assert (lines["Risk"].startswith("With tolerances slip reaches 0.8"), numbers["Highest slip"]) == (True, "0.8")
 
 
 def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):

@@ -159,6 +159,21 @@ def test_it_starts_anew_where_a_wheel_spins_up_above_a_low_reference(row, state,
 # --- the loop -------------------------------------------------------------------------------------------------------
 
 
+def test_a_start_takes_no_more_than_throws_the_wheel_by_half_its_speed_in_a_dead_time(row, state):
+    """Of a weak brake its largest torque; a heavy vehicle with a strong one locked on a weak rail in 16 of 16 stops."""
+    v, held, g = 20.0, 3000.0, GAINS
+    state[step.STARTING], state[step.HOLDING_TORQUE], state[step.FILTERED_SPEED] = 1.0, held, v
+    assert step.fast_start(state, row, v, 0.0, 0.11) == g.torque_high
+    strong = np.array(row)
+    strong[step.TORQUE_HIGH] = 1e6
+    thrown = PARK2008.wheel.radius / g.inertia * (step.fast_start(state, strong, v, 0.0, 0.11) - held) * g.dead_time
+    assert thrown == pytest.approx(0.5 * v)
+    heavy = load_vehicle(DESIGNS / "desiro_classic.toml")
+    control = seeking_control(heavy)
+    wet = stop(heavy, "wet", adhesion="beam").with_changes(limits=BrakeLimits(torque_max=control.torque_high))
+    assert simulate(wet, control, seed=0).locked_fraction == 0
+
+
 def test_zeros_removed_at_the_origin():
     """(1 - exp(-theta s))/s: the integral over the dead time, 1 at s -> 0 times theta; its argument principle."""
     integral = QuasiPolynomial([[1.0], [-1.0]], 0.15, removed=1)

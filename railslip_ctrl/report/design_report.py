@@ -155,9 +155,7 @@ def _why(report: DesignReport) -> Iterator[str]:
         return
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
-        axes = {"slip": "slip", "dead_time": "brake", "lag": "brake", "radius": "wheel"}
-        wide = dict.fromkeys(name for axis, name in axes.items() if len(getattr(judged.envelope, axis)) > 1)
-        told += f", stable at all {len(judged.points)} with tolerances" + (f" of {listed(wide)}" if wide else "")
+        told += f", stable at all {len(judged.points)} with tolerances"
     yield f"{told}."
     if robust != report.above_kmh:
         yield f"Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
@@ -218,11 +216,14 @@ def _risks(report: DesignReport) -> Iterator[str]:
         yield f"With {' and '.join(swinging)} the wheel oscillates."
     if not report.usable or report.in_use is None or report.nominal:
         return
+    told = []
     if not locking and (slid := max((stop.max_slip for stop in report.tolerance_stops), default=0.0)) > SLIDING:
-        yield f"Slip reaches {above(slid)} with the actuator's tolerances."
+        told.append(f"slip reaches {above(slid)}")
     worst_case = report.in_use.worst_with_tolerances
     if max(worst_case.ms, worst_case.as_run is not None and worst_case.run_ms) > _NEARLY_UNSTABLE:
-        yield f"With tolerances a loop is nearly unstable, Ms {worst_cells(worst_case)[1]}."
+        told.append(f"Ms {worst_cells(worst_case)[1]} is nearly unstable")
+    if told:
+        yield f"With tolerances {', and '.join(told)}."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
@@ -260,7 +261,7 @@ def _handed_over(control: Any) -> str:
     """The torque below the speed at which slip control ends."""
     if isinstance(control, SeekingControl):
         first, last = (f"{100 * share:g} %" for share in (control.gains.hand_over_share, control.gains.last_share))
-        return f"{first} of its mean torque, falling to {last} at {control.gains.last_speed / KMH:.3g} km/h"
+        return f"{first} of its mean torque, {last} at {control.gains.last_speed / KMH:.3g} km/h"
     return f"{short(control.cut_out_torque)} N·m"
 
 

@@ -84,6 +84,7 @@ _LOW_SLIP = 0.6  # of the first reference: a new start is worth its price to a s
 _START_SPEED = 1.1  # of that at which the reference fades: below, a start anew would lock more than it gains
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
 _FLAT_STEPS = 2.0  # in turn
+_MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
 _LOWEST_SLIP = 1e-4  # whose logarithm is taken
@@ -257,7 +258,8 @@ def fading(v, c):
 
 @compiled
 def fast_start(x, c, v, sigma, reference):
-    """The largest torque; it ends where the slip is about to pass the start's, or adhesion rises no more with it."""
+    """The largest torque, less where that would throw a heavy wheel past the peak. It ends where the slip is about to
+    pass the start's, or adhesion rises no more with it."""
     if sigma + c[START_LEAD] * x[SLIP_RATE] >= min(c[START_SLIP], 0.85 * reference) * v:
         x[STARTING] = 0.0
     slip, step = x[FILTERED_SIGMA] / x[FILTERED_SPEED], _LOG_STEP if x[STARTING] == RISEN else 1e-3
@@ -273,9 +275,11 @@ def fast_start(x, c, v, sigma, reference):
         x[STARTING] = 0.0
         x[REFERENCE_SLIP] = min(max(1.2 * slip, c[LEAST_SLIP]), x[REFERENCE_SLIP])
     x[LOW_TIME], x[MEAN_TORQUE], x[QUICK_TORQUE] = 0.0, x[ADHESION_TORQUE], x[ADHESION_TORQUE]
+    throw = _MOST_THROWN * v / max(c[DEAD_TIME], c[PERIOD]) * c[INERTIA] / c[RADIUS]  # N*m beyond what holds
+    most = min(c[TORQUE_HIGH], x[HOLDING_TORQUE] + throw)
     if x[STARTING] > 1.0:
-        return min(c[TORQUE_HIGH], c[AGAIN_SHARE] * max(x[MEAN_HOLDING], x[HOLDING_TORQUE]))
-    return c[TORQUE_HIGH]
+        return min(most, c[AGAIN_SHARE] * max(x[MEAN_HOLDING], x[HOLDING_TORQUE]))
+    return most
 
 
 @compiled
