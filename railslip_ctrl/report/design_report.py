@@ -537,7 +537,7 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
     if control is None:
         return
     if isinstance(control, SeekingControl):
-        told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "the largest torque")]
+        told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "up to the largest torque")]
     else:
         told = [
             ("Limits", f"{short(control.torque_low)} to {short(control.torque_high)} N·m"),
