@@ -131,6 +131,7 @@ def test_the_reference_rises_by_its_rate_and_where_it_is_low_by_less(row, state,
 def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(row, state, first_slip, starts):
     """Adhesion rises by 60 % in 0.4 s: below the reference it is the rail's, from past the peak the slip's."""
     state[step.MEAN_TORQUE] = state[step.QUICK_TORQUE] = 1500.0
+    state[step.FILTERED_SPEED] = 15.0
     for share in np.linspace(0, 1, 41):
         state[step.ADHESION_TORQUE] = 1500.0 + 900.0 * share
         step.readhesion(state, row, 15.0, first_slip + (0.08 - first_slip) * share, 0.1)
@@ -151,9 +152,47 @@ def test_it_starts_anew_where_the_rail_holds_more_and_not_where_slip_comes_back(
 def test_it_starts_anew_where_a_wheel_spins_up_above_a_low_reference(row, state, slip, slip_rate, ahead, starts):
     state[step.MEAN_TORQUE] = state[step.QUICK_TORQUE] = 1800.0
     state[step.ADHESION_TORQUE], state[step.TORQUE_AHEAD], state[step.SLIP_RATE] = 2200.0, ahead, slip_rate
+    state[step.FILTERED_SPEED] = 25.0
     step.readhesion(state, row, 25.0, slip, 0.02)
     assert state[step.STARTING] == starts
     assert state[step.REFERENCE_SLIP] == (GAINS.first_slip if starts else 0.0)
+
+
+@pytest.mark.parametrize(("slip", "elasticity", "slow"), [(0.02, 0.3, True), (0.02, 0.5, False), (0.002, 0.3, False)])
+def test_a_start_slows_down_where_adhesion_rises_little_with_slip(row, state, slip, elasticity, slow):
+    """To what gives the acting torque the time constant tau_c towards twice the holding torque."""
+    v, held, ahead = 20.0, 3000.0, 5500.0
+    state[step.STARTING], state[step.HOLDING_TORQUE], state[step.TORQUE_AHEAD] = 1.0, held, ahead
+    state[step.FILTERED_SPEED] = v
+    for share in (1.0, 1.05, 1.15):  # a step of slip of 5 % is too short for it
+        state[step.FILTERED_SIGMA], state[step.ADHESION_TORQUE] = share * slip * v, 2500.0 * share**elasticity
+        command = step.fast_start(state, row, v, 0.0, 0.11)
+    towards = ahead + GAINS.lag / GAINS.torque_time * (2 * held - ahead)
+    assert command == pytest.approx(towards if slow else GAINS.torque_high)
+
+
+@pytest.mark.parametrize(
+    ("reference", "slip_scatter", "torque_scatter", "raised"),
+    [
+        (0.02, 0.03, 0.02, True),
+        (0.05, 0.03, 0.02, False),  # it is not low
+        (0.02, 0.08, 0.02, False),  # little adhesion is gained by slip
+        (0.02, 0.0, 0.0, False),  # without noise nothing is known
+    ],
+)
+def test_a_low_reference_is_raised_where_slip_scatters_little(
+    row, state, reference, slip_scatter, torque_scatter, raised
+):
+    """Relative standard deviations of a random slip and adhesion torque."""
+    noise = np.random.default_rng(1).normal(size=(2, 80))
+    state[step.REFERENCE_SLIP], state[step.FILTERED_SPEED] = reference, 20.0
+    for slip, torque in zip(1 + slip_scatter * noise[0], 1 + torque_scatter * noise[1], strict=True):
+        state[step.FILTERED_SIGMA], state[step.ADHESION_TORQUE] = 20.0 * 0.02 * slip, 2000.0 * torque
+        step.doubt(state, row)
+    assert state[step.REFERENCE_SLIP] == pytest.approx(3 * reference if raised else reference)
+    before, state[step.SAMPLES], state[step.PEAK] = state[step.REFERENCE_SLIP], 101, 0.01  # the map would lower it
+    step.seek(state, row)
+    assert (state[step.REFERENCE_SLIP] == before) == raised
 
 
 # --- the loop -------------------------------------------------------------------------------------------------------
@@ -339,8 +378,9 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
 
 @pytest.mark.parametrize(("law", "rail"), [("curve", "dry"), ("curve", "wet"), ("beam", "wet"), ("bristle", "dry")])
 def test_the_slip_that_it_is_judged_at(law, rail):
-    """The least with all but the flatness of the highest adhesion, found here by a root; as runs hold it to 20 %: they
-    move about it. Where adhesion falls from the start, the largest reference. It fades as in a sample."""
+    """The least with all but the flatness of the highest adhesion, found here by a root. Runs move about it, by 20 %;
+    past beam's flat wet peak they do farther: there they have all but 2 % of it. Where adhesion falls from the start,
+    the largest reference."""
     adhesion, load, v = published_law(law, rail), PARK2008.wheel_load, 50 / 3.6
     held = GAINS.held_slip(adhesion, v, load)
     top = peak(adhesion, v, load)
@@ -354,7 +394,11 @@ def test_the_slip_that_it_is_judged_at(law, rail):
         assert held == pytest.approx(min(brentq(short, 1e-3, top.slip), 0.11), rel=2e-3)  # of its grid
         run = simulate(stop(PARK2008, rail, adhesion=law), CONTROL, seed=0, record_every=10)
         between = (run.signals.speed > 30 / 3.6) & (run.signals.speed < 70 / 3.6)
-        assert np.median(run.signals.slip[between]) == pytest.approx(held, rel=0.2)
+        middle = np.median(run.signals.slip[between])
+        if law == "beam":
+            assert adhesion_coefficient(adhesion, v, middle, load) > 0.98 * top.coefficient
+        else:
+            assert middle == pytest.approx(held, rel=0.2)
 
 
 def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(row):

@@ -73,8 +73,17 @@ RADIUS = 1
     QUICK_TORQUE,
     MEAN_HOLDING,
     HANDED_OVER,
+    SLOW,
+    STEP_LOG_TORQUE,
+    STEP_LOG_SLIP,
+    MEAN_SLIP,
+    MEAN_ADHESION,
+    SLIP_SCATTER,
+    ADHESION_SCATTER,
+    STIFF_TIME,
+    KEPT,
     HISTORY,
-) = range(25)
+) = range(34)
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
 _QUICK_TIME = 0.05  # s
@@ -84,6 +93,15 @@ _LOW_SLIP = 0.6  # of the first reference: a new start is worth its price to a s
 _START_SPEED = 1.1  # of that at which the reference fades: below, a start anew would lock more than it gains
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
 _FLAT_STEPS = 2.0  # in turn
+_SLOW_ELASTICITY, _SLOW_STEP = 0.4, 0.1  # at which a start slows down: the peak is near; step of slip that it is over
+SLOW_FROM = 0.003  # slip from which it does: below, bristles bend
+SLOW_SHARE = 2.0  # of the holding torque, that a slow start takes
+_SCATTER_TIME = 0.4  # s, of the means that scatter is taken from, and for which a reference is in doubt
+_STIFF = 3.0  # relative scatter of slip over that of adhesion torque: with less the peak is far
+_LEAST_SCATTER = 0.003  # relative, of adhesion torque: with less there is no noise to go by
+_CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
+_LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
+_KEPT_TIME = 0.6  # s, for which the map does not lower it
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
@@ -245,7 +263,8 @@ def seek(x, c):
     if x[PEAK] > 0.0 and x[STARTING] == 0.0:
         goal = min(max(x[PEAK], c[LEAST_SLIP]), c[LARGEST_SLIP])
         rise = min(c[RISE], _GROWTH * x[REFERENCE_SLIP])
-        x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -c[FALL] * c[PERIOD]), rise * c[PERIOD])
+        fall = 0.0 if x[KEPT] > 0.0 else c[FALL]
+        x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -fall * c[PERIOD]), rise * c[PERIOD])
 
 
 @compiled
@@ -257,9 +276,15 @@ def fading(v, c):
 
 
 @compiled
+def quick_torque(x, c, wanted):
+    """The command that gives the acting torque the time constant tau_c towards what is wanted."""
+    return x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
+
+
+@compiled
 def fast_start(x, c, v, sigma, reference):
-    """The largest torque, less where that would throw a heavy wheel past the peak. It ends where the slip is about to
-    pass the start's, or adhesion rises no more with it."""
+    """The largest torque, less where that would throw a heavy wheel past the peak, or adhesion rises little with slip.
+    It ends where the slip is about to pass the start's, or adhesion rises no more with it."""
     if sigma + c[START_LEAD] * x[SLIP_RATE] >= min(c[START_SLIP], 0.85 * reference) * v:
         x[STARTING] = 0.0
     slip, step = x[FILTERED_SIGMA] / x[FILTERED_SPEED], _LOG_STEP if x[STARTING] == RISEN else 1e-3
@@ -271,12 +296,19 @@ def fast_start(x, c, v, sigma, reference):
             flat = log_torque - x[LAST_LOG_TORQUE] < c[ELASTICITY] * (log_slip - x[LAST_LOG_SLIP])
             x[FLAT_SAMPLES] = x[FLAT_SAMPLES] + 1.0 if flat else 0.0
             x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP] = log_torque, log_slip
+        gained, stepped = log_torque - x[STEP_LOG_TORQUE], log_slip - x[STEP_LOG_SLIP]
+        if x[STEP_LOG_SLIP] == 0.0 or not -_SLOW_STEP <= stepped <= _SLOW_STEP:
+            if x[STEP_LOG_SLIP] != 0.0 and slip > SLOW_FROM and gained < _SLOW_ELASTICITY * stepped:
+                x[SLOW] = 1.0
+            x[STEP_LOG_TORQUE], x[STEP_LOG_SLIP] = log_torque, log_slip
     if x[FLAT_SAMPLES] >= _FLAT_STEPS and x[STARTING] > 0.0:
         x[STARTING] = 0.0
         x[REFERENCE_SLIP] = min(max(1.2 * slip, c[LEAST_SLIP]), x[REFERENCE_SLIP])
     x[LOW_TIME], x[MEAN_TORQUE], x[QUICK_TORQUE] = 0.0, x[ADHESION_TORQUE], x[ADHESION_TORQUE]
     throw = _MOST_THROWN * v / max(c[DEAD_TIME], c[PERIOD]) * c[INERTIA] / c[RADIUS]  # N*m beyond what holds
     most = min(c[TORQUE_HIGH], x[HOLDING_TORQUE] + throw)
+    if x[SLOW] > 0.0:
+        most = min(most, quick_torque(x, c, SLOW_SHARE * x[HOLDING_TORQUE]))
     if x[STARTING] > 1.0:
         return min(most, c[AGAIN_SHARE] * max(x[MEAN_HOLDING], x[HOLDING_TORQUE]))
     return most
@@ -290,7 +322,7 @@ def inner_loop(x, c, reference):
     below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.25) / 0.75, 0.0), 1.0)
     if below > 0.0:
         wanted = max(wanted, x[HOLDING_TORQUE] * (1.0 + 0.3 * below))
-    return x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
+    return quick_torque(x, c, wanted)
 
 
 @compiled
@@ -308,6 +340,29 @@ def hand_over(x, c, v, torque, reference):
 
 
 @compiled
+def doubt(x, c):
+    """Raise a low reference where slip scatters little for the scatter of the adhesion torque: random forces move the
+    slip far near the peak, little far before it. There the map sees their slope, and would leave it low for good."""
+    slip, torque = x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[ADHESION_TORQUE]
+    if not x[MEAN_SLIP] / _CALM < slip < x[MEAN_SLIP] * _CALM:
+        x[MEAN_SLIP], x[MEAN_ADHESION], x[SLIP_SCATTER], x[ADHESION_SCATTER] = slip, torque, 0.0, 0.0
+        x[STIFF_TIME], x[KEPT] = 0.0, 0.0
+    blend = c[PERIOD] / _SCATTER_TIME
+    slip_error, torque_error = slip - x[MEAN_SLIP], torque - x[MEAN_ADHESION]
+    x[MEAN_SLIP] += blend * slip_error
+    x[MEAN_ADHESION] += blend * torque_error
+    x[SLIP_SCATTER] = (1.0 - blend) * (x[SLIP_SCATTER] + blend * slip_error**2)
+    x[ADHESION_SCATTER] = (1.0 - blend) * (x[ADHESION_SCATTER] + blend * torque_error**2)
+    stiff = x[SLIP_SCATTER] * x[MEAN_ADHESION] ** 2 < _STIFF**2 * x[ADHESION_SCATTER] * x[MEAN_SLIP] ** 2
+    stiff = stiff and x[ADHESION_SCATTER] > (_LEAST_SCATTER * x[MEAN_ADHESION]) ** 2
+    stiff = stiff and x[KEPT] == 0.0 and x[REFERENCE_SLIP] < _LOW_REFERENCE * c[FIRST_SLIP]
+    x[STIFF_TIME] = x[STIFF_TIME] + c[PERIOD] if stiff else 0.0
+    x[KEPT] = max(x[KEPT] - c[PERIOD], 0.0) if slip < 0.85 * x[REFERENCE_SLIP] else 0.0
+    if x[STIFF_TIME] > _SCATTER_TIME:
+        x[REFERENCE_SLIP], x[KEPT] = _HIGHER * x[REFERENCE_SLIP], _KEPT_TIME
+
+
+@compiled
 def readhesion(x, c, v, slip, reference):
     """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before, and
     nothing is known of its peak."""
@@ -322,10 +377,14 @@ def readhesion(x, c, v, slip, reference):
     spins = c[INERTIA] / c[RADIUS] * x[SLIP_RATE] < -0.2 * x[MEAN_TORQUE]
     if spins and 0.85 * reference < slip < _LOW_SLIP * c[FIRST_SLIP]:
         rises = x[ADHESION_TORQUE] > max(1.08 * x[MEAN_TORQUE], 1.03 * x[TORQUE_AHEAD])
-    if v > _START_SPEED * c[FADE_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
+    if v <= _START_SPEED * c[FADE_SPEED]:
+        return
+    doubt(x, c)
+    if x[LOW_TIME] > c[DEAD_TIME] or rises:
         x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
         if rises:
             x[REFERENCE_SLIP] = max(x[REFERENCE_SLIP], c[FIRST_SLIP])
+        x[SLOW], x[STEP_LOG_SLIP], x[MEAN_SLIP], x[KEPT] = 0.0, 0.0, 0.0, 0.0
         forget(x, c)
 
 
