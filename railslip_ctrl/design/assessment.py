@@ -18,20 +18,9 @@ from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
-from railslip_ctrl.model.vehicle import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    Actuator,
-    table4_gains,
-)
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, Actuator, table4_gains
 
-from .controllers import (
-    PIController,
-    actuated_plant,
-    linear_controller,
-    loop_as_run,
-    seeking_of,
-    wheel_slip_loop,
-)
+from .controllers import PIController, actuated_plant, linear_controller, loop_as_run, seeking_of, wheel_slip_loop
 from .limits import Limits, fundamental_limits
 from .specification import is_robust
 

@@ -208,11 +208,7 @@ def lowest_held_speed(
 
 
 def lowest_stabilisable_speed(
-    plant: Callable[[float], LinearPlant],
-    actuator: Actuator,
-    *,
-    lead: float = 0.0,
-    lead_filter: float = 0.0,
+    plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
     """Lowest speed, km/h, at which any PI (with this lead) can hold the loop, by the exact stabilising set; 0.5 if it
     can down to there."""
