@@ -21,7 +21,7 @@ import numpy as np
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
 from railslip_ctrl.report.verification import evidence
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
-from railslip_ctrl.verification.fixed_step import PUBLISHED, UNDISTURBED, IdealRun, simulate_ideal
+from railslip_ctrl.verification.fixed_step import IdealRun, simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify
 from railslip_ctrl.verification.published_law import STEP_TIME
 from railslip_ctrl.verification.verdict import Verification
@@ -60,16 +60,16 @@ class LyapunovCheck:
 
 def check(vehicle: Vehicle) -> LyapunovCheck:
     """One reading."""
-    ideal, disturbed = (
+    ideal, with_disturbances = (
         simulate_ideal(
-            vehicle.loaded(), PUBLISHED_LAW, nominal=vehicle, duration=DURATION, disturbances=acting, seeds=(SEED,)
+            vehicle.loaded(), PUBLISHED_LAW, nominal=vehicle, duration=DURATION, disturbed=disturbed, seeds=(SEED,)
         )
-        for acting in (UNDISTURBED, PUBLISHED)
+        for disturbed in (False, True)
     )
     stepped = None
     if ideal.time[-1] > STEP_TIME:  # the loaded stop is the longer one
         stepped = simulate_ideal(vehicle, PUBLISHED_LAW, duration=DURATION, change=(STEP_TIME, vehicle.loaded()))
-    return LyapunovCheck(verify(vehicle=vehicle, seed=SEED), ideal, disturbed, stepped)
+    return LyapunovCheck(verify(vehicle=vehicle, seed=SEED), ideal, with_disturbances, stepped)
 
 
 def run() -> tuple[LyapunovCheck, LyapunovCheck]:

@@ -253,7 +253,7 @@ def test_frequencies_are_those_of_a_scan(factor, other, dead_time, highest):
 
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
     region = stabilizing_pi(FASTER)
-    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give the columns kp to draw, or kp_limit"):
+    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give kp_limit"):
         outline(region)
     (strip,) = outline(region, kp_limit=10.0)
     assert (strip.kp_cut, strip.ki_cut) == (True, False)

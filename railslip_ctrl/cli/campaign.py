@@ -38,12 +38,7 @@ _REPORT = ("report.txt", "report.json")
 )
 @option("--workers", "N", "Processes.", "one for each core", type=int)
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
-@preset(
-    "--worst-by",
-    "MEASURE",
-    "Column that ranks the worst runs.",
-    "braking_distance_m",
-)
+@preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @json_option
 def command(

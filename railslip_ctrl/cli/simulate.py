@@ -43,11 +43,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "gains of beam for the beam law, else of bristle; slip of the law",
 )
 @option(
-    "--slip",
-    "X",
-    "Reference slip on either rail.",
-    "the adhesion law's; with --gains the column's",
-    type=options.SLIP,
+    "--slip", "X", "Reference slip on either rail.", "the adhesion law's; with --gains the column's", type=options.SLIP
 )
 @switch("--unknown-rail", "asmc: keep the adhesion model of dry rail on wet rail.")
 @switch("--adaptive", "asmc: adapt as printed in the paper.")

@@ -51,9 +51,7 @@ from .settings import HELP, path_option, preset, switch
     type=Number("s", ge=LEAST_STEP),
 )
 @path_option(
-    "--out",
-    "FILE.toml|FILE.c",
-    "File for --controller; FILE.c, of the seeking controller alone: its C99 program.",
+    "--out", "FILE.toml|FILE.c", "File for --controller; FILE.c, of the seeking controller alone: its C99 program."
 )
 @click.pass_context
 def command(

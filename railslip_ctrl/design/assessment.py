@@ -11,31 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import Complexes, checked, number
+from railslip_ctrl.core.arguments import Complexes, checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
-from railslip_ctrl.loop.deadtime import MOST_POLES, FrequencyCurve, frequency_curve
+from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
-from railslip_ctrl.model.vehicle import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    Actuator,
-    table4_gains,
-)
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, Actuator, table4_gains
 
-from .controllers import (
-    PIController,
-    actuated_plant,
-    linear_controller,
-    loop_as_run,
-    seeking_of,
-    wheel_slip_loop,
-)
+from .controllers import PIController, actuated_plant, linear_controller, loop_as_run, seeking_of, wheel_slip_loop
 from .limits import Limits, fundamental_limits
 from .specification import is_robust
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
+_POLES = 6  # closed-loop poles that are looked for
 
 
 class Verdict(StrEnum):
@@ -145,7 +135,7 @@ def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
 
 
 @checked
-def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "", poles: int = 6) -> Assessment:
+def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "") -> Assessment:
     """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
 
     - plant: the wheel, from `linearize`.
@@ -153,12 +143,10 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
       system, continuous or discrete, or what else `design.controllers.linear_controller` takes.
     - actuator: dead time and lag between commanded and acting torque.
     - label: name of the controller in reports; its structure unless given.
-    - poles: number of rightmost closed-loop poles to find, 1 to 1000.
 
-    Returns limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade
-    rows and verdict. InputError: an argument of another kind, or a number of poles out of its range.
+    Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None of an unstable loop), Pade rows and
+    verdict. InputError: an argument of another kind.
     """
-    number("poles", poles, ge=1, le=MOST_POLES)
     design = seeking_of(controller) or linear_controller(controller, plant.point)
     loop = wheel_slip_loop(plant, design, actuator)
     margins = loop.margins() if loop.is_stable() else None
@@ -175,21 +163,21 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         verdict=_verdict((margins,) if run is None else (margins, sampled), design),
         as_run=run,
         sampled=sampled,
-        closed_loop_poles=_poles_found(loop, poles),
+        closed_loop_poles=_poles_found(loop),
         pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS) if isinstance(loop, DeadTimeLoop) else (),
     )
 
 
-def _poles_found(loop: Any, count: int) -> Complexes:
-    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one, and
+def _poles_found(loop: Any) -> Complexes:
+    """As many of the rightmost poles as the root count confirms, up to six; none is better than a wrong one, and
     none is looked for with delays inside the controller.
 
     Those of a sampled loop by s = ln(z)/h, but for z = 0, which decays at once.
     """
     if isinstance(loop, SampledLoop):
-        z = loop.closed_loop_poles(count)
+        z = loop.closed_loop_poles(_POLES)
         return np.asarray(np.log(z[z != 0]) / loop.period)
-    for asked in range(count if isinstance(loop, DeadTimeLoop) else 0, 0, -1):
+    for asked in range(_POLES if isinstance(loop, DeadTimeLoop) else 0, 0, -1):
         try:
             return np.asarray(loop.closed_loop_poles(asked))
         except (SpectrumError, InputError):

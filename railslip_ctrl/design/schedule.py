@@ -192,39 +192,33 @@ def lowest_held_speed(
     actuator: Actuator,
     *,
     ms_max: float = math.inf,
-    low_kmh: float = 0.5,
-    high_kmh: float = 100.0,
+    low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Lowest speed, km/h, from which up to `high_kmh` the controller holds the loop (with Ms <= ms_max if given).
+    """Lowest speed, km/h, from which up to 100 km/h the controller holds the loop (with Ms <= ms_max if given).
 
     `plant` gives the linear plant at a speed in km/h. `low_kmh` if held down to there; InfeasibleDesignError if
-    not held at `high_kmh` either.
+    not held at 100 km/h either.
     """
 
     def held(speed_kmh: float) -> bool:
         loop = wheel_slip_loop(plant(speed_kmh), controller, actuator)
         return loop.is_stable() and (math.isinf(ms_max) or loop.margins().ms <= ms_max)
 
-    return _lowest(held, low_kmh, high_kmh, "this controller does not hold the loop")
+    return _lowest(held, low_kmh, INITIAL_SPEED_KMH, "this controller does not hold the loop")
 
 
 def lowest_stabilisable_speed(
-    plant: Callable[[float], LinearPlant],
-    actuator: Actuator,
-    *,
-    lead: float = 0.0,
-    lead_filter: float = 0.0,
-    low_kmh: float = 0.5,
-    high_kmh: float = 100.0,
+    plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
-    """Lowest speed, km/h, at which any PI (with this lead) can hold the loop, by the exact stabilising set."""
+    """Lowest speed, km/h, at which any PI (with this lead) can hold the loop, by the exact stabilising set; 0.5 if it
+    can down to there."""
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
 
     def stabilisable(speed_kmh: float) -> bool:
         system = compensator * actuated_plant(plant(speed_kmh), actuator)
         return stabilizing_pi(system, dead_time=actuator.dead_time).kp_range is not None
 
-    return _lowest(stabilisable, low_kmh, high_kmh, "no PI of this structure holds the loop")
+    return _lowest(stabilisable, _LOWEST_KMH, INITIAL_SPEED_KMH, "no PI of this structure holds the loop")
 
 
 def _lowest(holds: Callable[[float], bool], low: float, high: float, complaint: str) -> float:

@@ -477,6 +477,7 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
 
 
 _GRID = 50, 40  # kp by ki: contours without visible corners
+_COLUMNS = 120  # of an outline
 _BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
 
 
@@ -518,36 +519,23 @@ class MarginGrid:
 
 
 @checked
-def outline(
-    region: Region,
-    kp: ArrayLike | None = None,
-    count: int = 120,
-    *,
-    kp_limit: float = math.inf,
-    ki_limit: float = math.inf,
-) -> tuple[Strip, ...]:
-    """The region as strips over kp, each between two continuous boundaries; exact in every column.
+def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> tuple[Strip, ...]:
+    """The region as strips over 120 columns of kp, closer towards the ends of `region.kp_range`; exact in every column.
 
-    - region
-    - kp: array, 1-D; columns, ascending, in the plant's unit of gain; by default `count` of them over
-      `region.kp_range`, closer towards its ends.
-    - count: number of columns where none are given, >= 2.
-    - kp_limit, ki_limit: gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says
-      so. By default the whole region.
+    A strip lies between two continuous boundaries. `kp_limit` and `ki_limit` are gains > 0, in the region's units, past
+    which nothing is drawn; a strip that goes on past them says so. By default the whole region.
 
     A strip's ends are refined only where the number of intervals changes between columns; what appears and
     vanishes between two of them is not seen. `Region.contains` is what decides.
 
     From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without
-    bound and no `ki_limit` is given. InputError: the region goes on without bound in kp, and neither columns nor a
-    limit are given; a limit is not > 0.
+    bound and no `ki_limit` is given. InputError: the region goes on without bound in kp, and no limit is given; a limit
+    is not > 0.
     """
-    number("count", count, ge=2)
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
         if not limit > 0:
             raise InputError(f"{name}: {limit} is not allowed; give a gain > 0, or leave it out")
-    columns = _columns(region, count, kp_limit) if kp is None else np.atleast_1d(numbers("kp", kp))
-    columns = columns[np.abs(columns) <= kp_limit]
+    columns = _columns(region, kp_limit)
     if columns.size == 0:
         return ()
     sets = {x: region.ki_intervals(x) for x in columns.tolist()}
@@ -610,19 +598,19 @@ def _strip(columns: Sequence[tuple[float, Intervals]], place: int, ki_limit: flo
     return Strip(kp, np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
 
 
-def _columns(region: Region, count: int, kp_limit: float) -> Floats:
+def _columns(region: Region, kp_limit: float) -> Floats:
     if region.kp_range is None:
         return np.array([])
     low, high = max(region.kp_range[0], -kp_limit), min(region.kp_range[1], kp_limit)
     if math.isinf(high - low):
         raise InputError(
-            f"outline: the region goes on without bound, kp from {low:.6g} to {high:.6g}; give the columns kp to draw, "
-            "or kp_limit, up to which to draw it"
+            f"outline: the region goes on without bound, kp from {low:.6g} to {high:.6g}; give kp_limit, up to which "
+            "to draw it"
         )
     if low >= high:
         return np.array([])
     # the boundary leaves the ends of the range steeply
-    return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
+    return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(_COLUMNS) + 0.5) / _COLUMNS)))
 
 
 def _where_the_number_changes(region: Region, left: float, right: float) -> dict[float, Intervals]:

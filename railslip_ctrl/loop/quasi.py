@@ -22,7 +22,7 @@ from railslip_ctrl.core.errors import InputError
 from .bounded import BoundedLoop, Expansion
 from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
-from .quasi_batch import NEAR_ORIGIN, SERIES, QuasiPolynomials, count_right
+from .quasi_batch import NEAR_ORIGIN, QuasiPolynomials, count_right
 from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
@@ -70,7 +70,7 @@ class QuasiPolynomial:
         if not near.any():
             return np.asarray(value / s**self.removed)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(near, np.polyval(self._series[::-1], s), value / s**self.removed)
+            return np.where(near, np.polyval(self._alone.series[0, ::-1], s), value / s**self.removed)
 
     @property
     def bare(self) -> QuasiPolynomial:
@@ -78,23 +78,16 @@ class QuasiPolynomial:
         return QuasiPolynomial(self.terms, self.delays)
 
     @cached_property
-    def _series(self) -> Floats:
-        """Coefficients of F's Taylor series about 0, ascending."""
-        count = self.removed + SERIES
-        series = np.zeros(count)
-        for delay, c in self._present:
-            turn = np.cumprod([1.0, *(-delay / np.arange(1, count))])
-            series += np.convolve(c[::-1], turn)[:count]
-        return series[self.removed :]
+    def _alone(self) -> QuasiPolynomials:
+        """As the only one of many."""
+        delays = tuple(np.array([delay]) for delay in self.delays)
+        return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
     @cached_property
     def slope(self) -> QuasiPolynomial:
         """dF/ds."""
-        parts = []
-        for delay, c in zip(self.delays, self.terms, strict=True):
-            change = np.polysub(np.polyder(c), delay * c)
-            parts.append(np.polysub(np.polymul(change, [1.0, 0.0]), self.removed * c) if self.removed else change)
-        return QuasiPolynomial(parts, self.delays, self.removed + 1 if self.removed else 0)
+        found = self._alone.slope()
+        return QuasiPolynomial([c[0] for c in found.terms], self.delays, found.removed)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
         """Bound on |F| where |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
@@ -152,10 +145,7 @@ class QuasiPolynomial:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s comes with a delay; make the loop proper"
             )
-        one = QuasiPolynomials(
-            tuple(c[None] for c in self.terms), tuple(np.array([delay]) for delay in self.delays), self.removed
-        )
-        right = float(count_right(one)[0][0])
+        right = float(count_right(self._alone)[0][0])
         return RootCount(right, math.isnan(right))
 
 

@@ -18,7 +18,7 @@ from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 
 Rows = NDArray[np.intp]
 
-NEAR_ORIGIN, SERIES = 0.03, 12  #: abs(s) delay in which so many terms of the series serve: 0.03^12 = 5e-19
+NEAR_ORIGIN, _SERIES = 0.03, 12  #: abs(s) delay in which so many terms of the series serve: 0.03^12 = 5e-19
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12
@@ -53,7 +53,7 @@ class QuasiPolynomials:
         with np.errstate(divide="ignore", invalid="ignore"):
             value /= (1j * omega) ** self.removed
         near = omega * self.longest[row] < NEAR_ORIGIN  # where the sum cancels
-        value[near] = _horner(self._series, 1j * omega[near], row[near])
+        value[near] = _horner(self.series, 1j * omega[near], row[near])
         return value
 
     @cached_property
@@ -62,9 +62,9 @@ class QuasiPolynomials:
         return np.asarray(np.max(self.delays, axis=0))
 
     @cached_property
-    def _series(self) -> Floats:
-        """Coefficients of F's Taylor series about 0, ascending, (n, SERIES)."""
-        count = self.removed + SERIES
+    def series(self) -> Floats:
+        """Coefficients of F's Taylor series about 0, ascending, 12 of each, (n, 12)."""
+        count = self.removed + _SERIES
         series = np.zeros((self.longest.size, count))
         for c, delay in zip(self.terms, self.delays, strict=True):
             turn = np.cumprod(np.column_stack([np.ones(delay.size), -delay[:, None] / np.arange(1, count)]), axis=1)

@@ -25,12 +25,7 @@ from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
-from railslip_ctrl.design.controllers import (
-    has_step,
-    linear_controller,
-    linear_of,
-    seeking_of,
-)
+from railslip_ctrl.design.controllers import has_step, linear_controller, linear_of, seeking_of
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
     EnvelopeDesign,

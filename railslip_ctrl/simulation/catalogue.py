@@ -145,7 +145,6 @@ def recommended_pi_lead(
     gains: PIGains | None = None,
     reference: ReferenceSlip | None = None,
     period: float | None = None,
-    plants: Sequence[LinearPlant] = (),
 ) -> LinearControl:
     """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
 
@@ -158,17 +157,15 @@ def recommended_pi_lead(
     - gains: other gains behind the lead for the vehicle's brake.
     - reference: the bristle column's, 0.132 dry and 0.092 wet, if not given.
     - period: sampling period, s; every step of the scenario if not given.
-    - plants: linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's
-      own.
 
     InfeasibleDesignError: no gains with Ms <= `MS_MAX` for that vehicle, and none are given.
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
-    if gains is None and not plants and not is_tuned_when_asked("pi-lead", car):
+    if gains is None and not is_tuned_when_asked("pi-lead", car):
         gains = _PI_LEAD[car.inertia_scale]
     return LinearControl(
-        PIController(gains or _tuned_gains(car, plants or design_points(car)), lead, lead_filter),
+        PIController(gains or _tuned_gains(car), lead, lead_filter),
         reference or published_reference("bristle"),
         name="pi-lead",
         period=period,
@@ -355,11 +352,11 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
     return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
 
 
-def _tuned_gains(vehicle: Vehicle, plants: Sequence[LinearPlant]) -> PIGains:
+def _tuned_gains(vehicle: Vehicle) -> PIGains:
     """Those of `recommended_pi_lead` for a vehicle of which none are stored."""
     from railslip_ctrl.design.tuning import tune_pi
 
-    lead, lead_filter = lead_of(vehicle)
+    (lead, lead_filter), plants = lead_of(vehicle), design_points(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     systems, names = [actuated_plant(one, vehicle.actuator) for one in plants], [one.point.words for one in plants]
     try:

@@ -66,23 +66,6 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 
 
 @dataclass(frozen=True)
-class IdealDisturbances:
-    """What acts on a run.
-
-    published: the random adhesion force, cut at three standard deviations, a value lasting 0.02 s; Td = 0.05 Tb
-    exp(-4t) sin(10 pi t); the vehicle's resistance. slip_noise: standard deviation of the measured slip velocity, m/s,
-    white over the steps.
-    """
-
-    published: bool = False
-    slip_noise: float = 0.0
-
-
-UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(published=True)
-
-
-@dataclass(frozen=True)
 class IdealRun:
     """Signals of the runs, arrays (steps, seeds); NaN after the end of a stop.
 
@@ -107,7 +90,8 @@ def simulate_ideal(
     *,
     duration: float,
     nominal: Vehicle | None = None,
-    disturbances: IdealDisturbances = UNDISTURBED,
+    disturbed: bool = False,
+    slip_noise: float = 0.0,
     seeds: Sequence[int] = (0,),
     held_speed: float | None = None,
     change: tuple[float, Vehicle] | None = None,
@@ -116,6 +100,9 @@ def simulate_ideal(
 
     The law has the parameters of `nominal` (left out: of `vehicle`). A run starts free rolling at 100 km/h; with
     `held_speed`, m/s, v stays there (v' = 0 for wheel and law) and the run starts at the reference slip, at rest.
+    `disturbed`: by the published random adhesion force, cut at three standard deviations, a value lasting 0.02 s, by
+    Td = 0.05 Tb exp(-4t) sin(10 pi t) and the vehicle's resistance; `slip_noise`: standard deviation of the measured
+    slip velocity, m/s, white over the steps; `seeds`: of both, a run each.
     `change`: a time, s, from which on the vehicle is another; V then counts theta_hat against that one's theta.
     DomainError where a run diverges beyond the slip the bristle model holds for.
     """
@@ -123,7 +110,7 @@ def simulate_ideal(
     slip = reaching.reference_slip()
     steps = round(duration / STEP)
     vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
-    if not disturbances.published:
+    if not disturbed:
         vehicles = tuple(one.model_copy(update={"resistance": Resistance()}) for one in vehicles)
     plants = np.array([plant_parameters(law, one) for one in vehicles])
     changed = steps if change is None else round(change[0] / STEP)
@@ -133,12 +120,13 @@ def simulate_ideal(
     if held_speed is not None:
         sigma = slip * speed
         z = float(numeric_plant(type(law)).rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, plants[0]))
-    force, noise = _random(disturbances, seeds, steps)
-    force *= vehicle.wheel_load
+    force, noise = _random(seeds, steps)
+    force *= vehicle.wheel_load * disturbed
+    noise *= slip_noise
     rows = np.full((len(seeds), steps, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).IdealSettings(
         *(STEP, slip, held_speed is not None, END_SPEED, limit),
-        *(reaching.TORQUE_FRACTION * disturbances.published, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
+        *(reaching.TORQUE_FRACTION * disturbed, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
     )
@@ -161,25 +149,25 @@ def simulate_ideal(
             f"slip velocity: {abs(left):.4g} m/s in the ideal loop is outside the domain of adhesion {law.name!r}, "
             f"{limit:.4g} m/s; give smaller gains"
         )
-    return _run(rows, force, disturbances, vehicles, changed, gains, nominal or vehicle)
+    return _run(rows, force, disturbed, vehicles, changed, gains, nominal or vehicle)
 
 
-def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Random forces over the wheel load and slip noise, m/s: one row a seed, each with a generator of its own."""
+def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
+    """Random forces over the wheel load, and noise of variance 1: one row a seed, each with a generator of its own."""
     each = round(_NOISE_HELD / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
         held = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
-        force[row] = np.repeat(held, each)[:steps] * disturbances.published
-        noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
+        force[row] = np.repeat(held, each)[:steps]
+        noise[row] = generator.standard_normal(steps)
     return force, noise
 
 
 def _run(
     rows: Floats,
     force: Floats,
-    disturbances: IdealDisturbances,
+    disturbed: bool,
     vehicles: tuple[Vehicle, ...],
     changed: int,
     gains: LawGains,
@@ -189,7 +177,7 @@ def _run(
     length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, layout.SPEED]), axis=1)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length].transpose(2, 1, 0)
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
-    Td = (reaching.torque_share(time) if disturbances.published else 0.0 * time)[:, None] * torque
+    Td = (reaching.torque_share(time) if disturbed else 0.0 * time)[:, None] * torque
     d, V = np.empty((2, length, len(rows)))
     adapts = gains.k1 > 0 and gains.k2 > 0
     parts = (slice(0, min(changed, length)), slice(min(changed, length), length))

@@ -28,7 +28,7 @@ from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
 
-from .fixed_step import PUBLISHED, RUNS, IdealDisturbances, IdealRun, simulate_ideal
+from .fixed_step import RUNS, IdealRun, simulate_ideal
 from .reaching import (
     ADHESION_NOISE,
     TORQUE_FRACTION,
@@ -328,7 +328,7 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
     """|s| and the sign of s s' along disturbed ideal stops."""
-    run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbed=True, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     finite, start = np.abs(run.s[np.isfinite(run.s)]), float(run.s[0, 0])
     touched, inside = _after_first_zero(run)
@@ -428,7 +428,7 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     speed = INITIAL_SPEED_KMH * KMH
     held: dict[str, Any] = {"duration": DRIFT_TIME, "held_speed": speed}
     quiet = simulate_ideal(vehicle, gains, **held)
-    run = simulate_ideal(vehicle, gains, disturbances=IdealDisturbances(slip_noise=DRIFT_NOISE), seeds=seeds, **held)
+    run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **held)
     r, sigma = vehicle.wheel.radius, float(quiet.sigma[0, 0])
     omega = (speed - sigma) / r
     torque, slope = _adhesion_torque(vehicle, speed, sigma)

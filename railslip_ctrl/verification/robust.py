@@ -28,7 +28,7 @@ from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical
 from railslip_ctrl.verification import reaching
 
-from .fixed_step import PUBLISHED, RUNS, IdealRun, simulate_ideal
+from .fixed_step import RUNS, IdealRun, simulate_ideal
 from .verdict import Condition, How
 
 GAINS = (k1, k2)
@@ -316,7 +316,7 @@ def _layer_numbers(gains: LawGains, largest: float) -> dict[str, Any]:
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
     """Disturbed ideal stops against that bound, theta known."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
-    run = simulate_ideal(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
     disturbed, numbers = largest_disturbance(run, gains), _layer_numbers(gains, largest)
     reached, highest, kept = math.inf, float(np.nanmax(np.abs(run.s))), False
     if numbers["met"]:
@@ -377,9 +377,7 @@ def largest_cross_term(gains: LawGains, *, seed: int) -> float:
 
 def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> IdealRun:
     """Disturbed ideal stops of a loaded vehicle that is taken for empty."""
-    return simulate_ideal(
-        vehicle.loaded(), gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds
-    )
+    return simulate_ideal(vehicle.loaded(), gains, nominal=vehicle, duration=_DURATION, disturbed=True, seeds=seeds)
 
 
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:

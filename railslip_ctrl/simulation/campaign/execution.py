@@ -449,14 +449,14 @@ class Replay:
     stored: bool
 
 
-def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
-    """Run number `i` (from 0) of a `campaign` again, with its time series, a row every `record_every` samples.
+def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
+    """Run number `i` (from 0) of a `campaign` again, with its time series, a row every sample.
 
     InputError for a number out of range, values that were refused, or numbers other than those stored in the
     campaign's `folder`, if it has that run (another processor or NumPy may round differently).
     """
     case = campaign.case(i)
-    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}
+    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
     stored = {} if folder is None else Store.open(campaign, folder).row(i)
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
