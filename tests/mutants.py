@@ -103,7 +103,7 @@ ROOMS = {
     "simulation/campaign/": "campaign",
     "simulation/bound": "compare_runs seeking",
     "simulation/controller_": "controller_files scenarios",
-    "simulation/kernel": "simulation_engine simulation_physics",
+    "simulation/kernel": "simulation_engine",
     "simulation/run": "simulation_engine step_objects",
     "simulation/seeking": "seeking",
     "simulation/seeking_step": "seeking simulation_controllers",
