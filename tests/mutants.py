@@ -43,7 +43,7 @@ ROOMS = {
     "cli/": "cli help input_errors",
     "core/": "input_errors units vehicle numeric",
     "core/errors": "dependencies",
-    "core/folders": "cache interruption",
+    "core/folders": "interruption",
     "core/processes": "interruption",
     "core/templates": "sliding_code",
     "core/user_files": "vehicle laws law_files",
