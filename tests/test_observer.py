@@ -11,14 +11,8 @@ from scipy.integrate import trapezoid
 from scipy.linalg import expm, solve_discrete_are
 
 from railslip_ctrl import PARK2008, DomainError, InputError, Rail, published_law
-from railslip_ctrl.identification.observer import (
-    Encoder,
-    FilterObserver,
-    Form,
-    KalmanObserver,
-    TorqueSensor,
-    observer_responses,
-)
+from railslip_ctrl.identification import observer as observers
+from railslip_ctrl.identification.observer import Encoder, FilterObserver, Form, KalmanObserver, TorqueSensor
 from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, observer_errors
 from railslip_ctrl.model import plant
 from railslip_ctrl.paper import printed
@@ -59,7 +53,7 @@ def test_responses_are_those_of_the_statement(form):
     symbolic |= {"torque_noise": (direct, plant.Tb), "speed_noise": (direct, plant.omega)}
     observer = FilterObserver.of(PARK2008.model_copy(update={"inertia_scale": 3.6}), TAU, form)
     omega = np.geomspace(1e-3, 1e3, 25)
-    responses = observer_responses(observer, omega)
+    responses = observers.observer_responses(observer, omega)
     numbers = {plant.J: 3.6 * 60.35, plant.B: 3.6 * 0.25, TAU_SYMBOL: TAU}
     for name, (expression, one) in symbolic.items():
         expected = sp.lambdify(S, sp.diff(expression, one).subs(numbers), "numpy")(1j * omega) * np.ones(omega.size)

@@ -10,17 +10,8 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from railslip_ctrl import (
-    PARK2008,
-    Actuator,
-    DomainError,
-    InfeasibleDesignError,
-    InputError,
-    Rail,
-    UnstableLoopError,
-    load_law,
-    load_vehicle,
-)
+from railslip_ctrl import PARK2008, Actuator, Rail, load_law, load_vehicle
+from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.report.verification import conclusion_text, evidence, findings_text
 from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
