@@ -156,8 +156,8 @@ PIS = {
 }
 
 
-def run(controller: SampledController, errors: np.ndarray, torque: float = 0.0) -> np.ndarray:
-    x = np.array(controller.start(torque))
+def run(controller: SampledController, errors: np.ndarray) -> np.ndarray:
+    x = np.array(controller.start())
     return np.array([controller.step(x, float(error)) for error in errors])
 
 
