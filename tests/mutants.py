@@ -101,7 +101,7 @@ ROOMS = {
     "verification/relay_loop": "sliding_verification",
     "simulation/": "scenarios simulation_controllers",
     "simulation/campaign/": "campaign",
-    "simulation/bound": "compare_runs seeking",
+    "simulation/bound": "simulation_engine seeking",
     "simulation/controller_": "controller_files scenarios",
     "simulation/kernel": "simulation_engine",
     "simulation/run": "simulation_engine step_objects",
