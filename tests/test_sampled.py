@@ -280,6 +280,14 @@ def test_integrator_with_proportional_control_closed_form():
     assert m.gain_increase == pytest.approx(1 / 0.35, rel=1e-12)
     assert m.gain_increase_frequency == pytest.approx(np.pi / 3 / 0.5, rel=1e-11)  # z = exp(j pi/3)
     assert m.gain_decrease == 0.0
+    # with gain 2, x[k+1] = -x[k]: a pole on the unit circle is counted
+    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
+    m = loop.scaled(0.5).margins()
+    assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
+    assert (m.ms, m.ms_frequency, m.mt) == pytest.approx((2.0, math.pi / 10, 1.0), rel=1e-12)  # S = 1 - 1/z, T = 1/z
+    with pytest.raises(UnstableLoopError) as caught:
+        loop.margins()
+    assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
 
 
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
@@ -481,17 +489,6 @@ def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one
     m = SampledLoop(gain(1.0), Rational(np.array([]), np.array(poles), k), 0.0, 1.0).margins()
     assert m.gain_crossovers == pytest.approx([crossover], rel=1e-6)  # the hold is half a second of days
     assert m.delay_s == pytest.approx(phase_margin / crossover, rel=1e-5)  # and half a second in some 1e5
-
-
-def test_a_pole_on_the_unit_circle_is_counted():
-    # an integrator with gain 2: x[k+1] = -x[k]
-    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
-    m = loop.scaled(0.5).margins()
-    assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
-    assert (m.ms, m.ms_frequency, m.mt) == pytest.approx((2.0, math.pi / 10, 1.0), rel=1e-12)  # S = 1 - 1/z, T = 1/z
-    with pytest.raises(UnstableLoopError) as caught:
-        loop.margins()
-    assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
 
 
 def test_two_phase_crossovers_side_by_side_hold_the_gains_that_stabilise():
