@@ -272,8 +272,6 @@ def flat(name: str = "beam", **setting: object) -> Fit:
 
 
 @pytest.mark.parametrize(("refuse", "message"), [
-    (lambda: models.check_model("beem"), "`model`: 'beem' cannot be fitted; did you mean 'beam'"),
-    (lambda: check_options(("beam",), {"gamma": 1.0}, {}), "`fixed`: 'gamma' is no parameter .* choose one of Kx, a"),
     (lambda: check_options(("beam",), {}, {"x": (0.0, 1.0)}), "`bounds`: 'x'"),
     (lambda: check_options(("beam",), {"a": 0.5}, {"a": (0.1, 0.3)}), "`fixed` a: 0.5 is outside `bounds` a"),
     (lambda: flat(fixed={"mu_max": 0.3, "a": 0.0, "Kx": 2e5}), "every parameter of 'beam' is fixed"),

@@ -192,9 +192,6 @@ def test_every_named_controller_has_its_reference_and_period(name):
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: catalogue.controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
-    (lambda: catalogue.controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
-    (lambda: catalogue.controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
-    (lambda: catalogue.controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
     (lambda: catalogue.published_controller("pid"), "give 'pi' or 'asmc'"),
     (lambda: catalogue.published_controller("pi", "dahl"), "give 'beam' or 'bristle'"),
     (lambda: catalogue.published_controller("pi", adaptive=True), "choose 'asmc'"),
