@@ -310,6 +310,8 @@ def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     told = train_lag(curve.record, RADIUS, curve.peak_slip, 0.02)
     before = np.interp(rows.columns["time"] - 0.02, rows.columns["time"], rows.columns["train_speed"])
     true, late = (AdhesionStream(PARK2008).add(each) for each in (rows, changed(rows, train_speed=before)))
+    mended = curve_of(changed(rows, train_speed=before), PARK2008, Options(delays={"train_speed": 0.02})).record
+    assert np.interp(curve.record.time, mended.time, mended.speed) == pytest.approx(curve.record.speed, abs=0.01)
     # rows of one time, about the peak on the way up: the train's speed has not yet changed by the release
     _, i, j = np.intersect1d(true.time, late.time, return_indices=True)
     near = np.abs(true.slip[i] / curve.peak_slip - 1.0) < 0.1
