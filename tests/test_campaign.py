@@ -29,9 +29,8 @@ from railslip_ctrl.simulation.campaign.specification import LogNormal, Normal, Q
 from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Moments, quantile, share
 from railslip_ctrl.simulation.catalogue import published_controller
 
-SHORT = built_in_scenario("park2008").with_changes(
-    initial_speed=30 / 3.6, final_speed=27 / 3.6, longest_time=20.0, events=()
-)
+BRIEF = {"initial_speed": 30 / 3.6, "final_speed": 27 / 3.6, "longest_time": 20.0, "events": ()}
+SHORT = built_in_scenario("park2008").with_changes(**BRIEF)
 PI = published_controller("pi")
 SOFT = LinearControl(PIController(PIGains(kp=1500.0, ki=97.0)), PI.reference, name="soft")
 IDLE = LinearControl(PIController(PIGains(kp=1e-9, ki=1e-9)), PI.reference, name="idle")
@@ -144,10 +143,8 @@ def mass(distribution, relative=False, *paths):
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
     (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
     (lambda: Normal(0.0, 1.0, 9.0, 10.0), "nothing of the distribution"),
-    (lambda: LogNormal(-1.0, 0.1), "median: -1"),
-    (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
-    (lambda: Choice(()), "choice: .* at least one"),
-    (lambda: Choice((1.0,), (0.0,)), "weights"),
+    (lambda: LogNormal(-1.0, 0.1), "median: -1"), (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
+    (lambda: Choice(()), "choice: .* at least one"), (lambda: Choice((1.0,), (0.0,)), "weights"),
     (lambda: Grid((math.nan,)), "grid: .* finite"),
     (lambda: mass(Uniform(-1.0, 4000.0)), r"vehicle: mass: -1 is not allowed; give a value > 0 \(kg\)"),
     (lambda: mass(Uniform(3000.0, 9000.0)), "mass_loaded: 5276 is not allowed"),

@@ -102,17 +102,15 @@ DIALECTS = {
         '"time [s]","v [km/h]","vw [km/h]",Tb [kN*m],"\xb0"', lambda line: f'"0{line},"5, \xb0C"'.replace(",", '",', 1)
     ),
     "carriage return": PLAIN.replace("\n", "\r\n"),
-}
-
-
-DIALECTS |= {header: rows_below(header) for header in (
-    "# " + HEADER,
-    "# " + HEADER + "\n#\n# site, A, of, four",
-    "# 1, 2, 3, 4\n# " + HEADER.replace(",", ", ") + "\n# halt\n",
-    "time,train speed,wheel speed,brake torque\ns,km/h,km/h,kN*m",
-    "time,train speed,wheel speed,brake torque\n[s],[km/h],(km/h),kNm",
-    "time,train speed [km/h],wheel speed,brake torque [kN*m]\ns,-,km/h,",
-)}  # fmt: skip
+    **{header: rows_below(header) for header in (
+        "# " + HEADER,
+        "# " + HEADER + "\n#\n# site, A, of, four",
+        "# 1, 2, 3, 4\n# " + HEADER.replace(",", ", ") + "\n# halt\n",
+        "time,train speed,wheel speed,brake torque\ns,km/h,km/h,kN*m",
+        "time,train speed,wheel speed,brake torque\n[s],[km/h],(km/h),kNm",
+        "time,train speed [km/h],wheel speed,brake torque [kN*m]\ns,-,km/h,",
+    )},
+}  # fmt: skip
 
 
 @at_any_block
@@ -471,25 +469,6 @@ def test_a_wrong_radius_or_unit_is_told_as_one(three, factor):
     else:
         assert f"the wheel's speed is {factor:.3g} times the train's: check the units of wheel_angular_speed" in text
         assert ("(km/h and m/s are 3.6 apart)" in text) == (factor == 3.6)
-
-
-def rolled(slip: np.ndarray, torque: float = 0.0, deceleration: float = 0.0):
-    """What `FreeRolling` finds in rows from 100 km/h on, a hundred a second."""
-    time, rolling = 0.01 * np.arange(len(slip)), log_checks.FreeRolling(PARK2008)
-    speed = 100.0 * KMH - deceleration * time
-    rolling.add(np.stack([time, speed, (1.0 - slip) * speed / RADIUS, 0.0 * time + torque, 0.0 * time + LOAD]))
-    return rolling.found()
-
-
-def test_a_wheel_recovering_is_not_rolling_freely_nor_one_braked_so_that_the_train_slows():
-    found = rolled(np.random.default_rng(0).normal(-0.013, 0.002, 5000))
-    assert (found.slip, found.torque) == (pytest.approx(-0.013, abs=5 * found.slip_error), 0.0)
-    # of a median of means: 1.25 sigma over root n, and windows that lie half over each other
-    assert found.slip_error == pytest.approx(1.25 * 0.002 / np.sqrt(5000), rel=0.3)
-    assert rolled(np.linspace(0.5, 0.0, 200)) is rolled(np.empty(0)) is None
-    # 3000 N*m on the rig's flywheels are 2 m/s^2; the same reading on a train that only coasts is a torque's zero
-    assert rolled(np.full(300, 0.01), 3000.0, 3000.0 / (RADIUS * PARK2008.mass)) is None
-    assert rolled(np.full(300, 0.01), 3000.0, 0.14).torque == pytest.approx(3000.0)
 
 
 @pytest.mark.parametrize(("late", "log", "known"), [

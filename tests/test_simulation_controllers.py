@@ -215,9 +215,8 @@ def test_controllers_that_do_not_exist_are_refused(call, words):
 
 def test_an_initial_torque_is_commanded_at_once():
     """kp e + the integral's start at the first sample, by hand for the free-rolling wheel: e = lambda_d v."""
-    control = replace(
-        catalogue.recommended_pi_lead(), design=PIController(PIGains(kp=100.0, ki=0.0)), initial_torque=1500.0
-    )
+    design = PIController(PIGains(kp=100.0, ki=0.0))
+    control = replace(catalogue.recommended_pi_lead(), design=design, initial_torque=1500.0)
     run = sim.simulate(SCENARIO, control, seed=None)
     assert run.signals.command[0] == pytest.approx(1500.0 + 100.0 * 0.132 * 100 / 3.6, rel=1e-12)
     with pytest.raises(InputError, match="initial torque"):
@@ -246,10 +245,7 @@ def test_the_domain_of_a_law_is_linear_between_speeds():
 
 def test_a_design_brakes_from_the_torque_that_every_point_takes_and_hands_over_to_it():
     points = [plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail]
-    design, sure = (
-        PIController(PIGains(kp=190.0, ki=5.0)),
-        catalogue.SURE_SHARE * points[1].brake_torque,
-    )  # wet: less
+    design, sure = PIController(PIGains(kp=190.0, ki=5.0)), catalogue.SURE_SHARE * points[1].brake_torque  # wet: less
     for speed_kmh, torque in ((36.0, sure), (0.0, 0.0)):
         control = catalogue.braking_control(design, points, REFERENCE, name="mine", hand_over_kmh=speed_kmh)
         assert (control.cut_out_speed, control.cut_out_torque) == (pytest.approx(speed_kmh / 3.6), torque)

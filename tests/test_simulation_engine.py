@@ -228,10 +228,9 @@ def test_the_energy_balance_closes(case: str) -> None:
     assert (run.energies.booked > 1e4) == (case != "SI, the wheel locks")  # which stops before 25 s
 
 
-@pytest.mark.parametrize(
-    ("dead_time", "period", "step"),
-    [(0.0, 0.01, 1e-3), (0.15, 0.05, 1e-3), (0.1537, 0.01, 1e-3), (0.0031, 0.01, 1e-3), (0.15, 0.007, 2.3e-3)],
-)
+@pytest.mark.parametrize(("dead_time", "period", "step"), [
+    (0.0, 0.01, 1e-3), (0.15, 0.05, 1e-3), (0.1537, 0.01, 1e-3), (0.0031, 0.01, 1e-3), (0.15, 0.007, 2.3e-3),
+])  # fmt: skip
 def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> None:
     """Also where it is a multiple of neither the period nor the step; the torque moves all the time."""
     vehicle = bare_vehicle(dead_time=dead_time, lag=0.6)

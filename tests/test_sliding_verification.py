@@ -407,9 +407,7 @@ def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_th
 def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch):
     asked = {}
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **given: asked.update(given) or layered)
-    text = (
-        'law = "burckhardt"\nparameters = {c1 = 0.31, c2 = 24, c3 = 0.11}\nreference_slip = {dry = 0.12, wet = 0.12}\n'
-    )
+    text = 'law = "burckhardt"\nparameters = {c1 = 0.31, c2 = 24, c3 = 0.11}\nreference_slip = {dry = 0.1, wet = 0.1}\n'
     path, train = file("my_rail.toml", text), str(ROOT / "designs/vehicles/desiro_classic.toml")
     options = ("--law", "layered", "--adhesion", path, "--vehicle", train, "--loaded", "--slip", "0.1", "--rail", "wet")
     _status, out, _ = railslip("verify", *options, "--ki-min", "600")
