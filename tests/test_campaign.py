@@ -337,10 +337,7 @@ def test_means_quantiles_and_shares_with_their_intervals():
     centre, half = (k + z * z / 2) / (n + z * z), z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
     assert share(k, n) == pytest.approx((k / n, centre - half, centre + half), rel=1e-12)
     assert math.isnan(share(0, 0).value)
-
-
-def test_a_histogram_for_a_picture_has_at_most_the_bins_of_rice_s_rule():
-    """2 n^(1/3), of those that the bins counted make without a rest; the counts are numpy's."""
+    # a picture has at most the bins of Rice's rule, 2 n^(1/3), of those that the bins counted make without a rest
     data = np.random.default_rng(1).normal(size=1100)  # 20.6 bins
     found = statistics.Histogram.of(data).merged()
     bins = max(k for k in range(1, 21) if statistics.BINS % k == 0)

@@ -217,7 +217,6 @@ BALANCED = {
 }
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("case", BALANCED)
 def test_the_energy_balance_closes(case: str) -> None:
     """1e-6 of the starting energy is asked."""
@@ -379,7 +378,6 @@ def test_a_torque_that_is_no_number_or_overflows_ends_the_run() -> None:
     assert np.isfinite(run.signals).all()  # what was last
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("torque", "step"), [(6000.0, 1e-3), (9000.0, 5e-3), (30000.0, 5e-3)])
 def test_the_bristle_law_is_left_where_it_ends(torque: float, step: float) -> None:
     """[Park2008] (30)-(32) at 140 km/h hold to a slip velocity gamma: slip 0.828 at the start's speed."""
