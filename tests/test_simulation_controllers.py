@@ -198,7 +198,6 @@ def test_every_named_controller_has_its_reference_and_period(name):
     (lambda: sim.TorqueProfile((0.0, 0.0), (1.0, 2.0), REFERENCE), "time 0 s after 0 s is not allowed; they must rise"),
     (lambda: sim.SlideProtection(REFERENCE, fill_slip=0.0), "0 < fill_slip"),
     (lambda: sim.SlideProtection(REFERENCE, dump_slip=1.0), "dump_slip < 1"),
-    (lambda: sim.TorqueProfile((), (), REFERENCE), "as many"),
     (lambda: replace(catalogue.recommended_schedule(), period=0.01, tracking_time=0.0), "tracking time: 0 s"),
     (lambda: sim.Simulator(SCENARIO, replace(catalogue.recommended_schedule(), torque_low=1e9)), "torque limits: low"),
     (lambda: replace(catalogue.published_controller("asmc"), torque_low=1.0, torque_high=1.0), "torque limits: low 1"),
