@@ -383,6 +383,7 @@ BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 
 
+@functools.cache
 def rig(name: str = "burckhardt", speed_kmh: float = 100.0, *, tests: int = 2, seed: int = 0, **measured) -> Rows:
     law = BURCKHARDT if name == "burckhardt" else published_law(name, Rail.DRY, speed_kmh, LOAD)
     return run_tests(RigTest(PARK2008, law, speed_kmh * KMH, **measured), tests=tests, seed=seed)
@@ -396,17 +397,6 @@ def told(rows: Rows, about: str = "", **options) -> list[str]:
 
 def scaled(rows: Rows, **factors: float) -> Rows:
     return changed(rows, **{name: factor * rows.columns[name] for name, factor in factors.items()})
-
-
-@pytest.fixture(scope="module")
-def three() -> Rows:
-    """Three tests on the virtual rig."""
-    return rig(tests=3)
-
-
-@pytest.fixture
-def rows() -> Rows:
-    return two_runs()
 
 
 def test_the_step_of_values_is_found_where_there_is_one():
@@ -451,15 +441,16 @@ def test_nothing_is_said_of_a_log_without_fault():
     (0.0, {"wheel_angular_speed": 0.5}, "without the `zeros` wheel_angular_speed=0.5 that is given .*leave it out"),
     (0.0, {"train_speed": -0.3}, "without the `zeros` train_speed=-0.3 that is given .*leave it out"),
 ])  # fmt: skip
-def test_a_zero_that_is_wrong_is_told(three, offset, zeros, words):
+def test_a_zero_that_is_wrong_is_told(offset, zeros, words):
+    three = rig(tests=3)
     texts = told(changed(three, brake_torque=three.columns["brake_torque"] + offset), zeros=zeros)
     assert sum(re.search(words, text) is not None for text in texts) == 1
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.9, 1.003, 2.0, 3.6])
-def test_a_wrong_radius_or_unit_is_told_as_one(three, factor):
+def test_a_wrong_radius_or_unit_is_told_as_one(factor):
     try:
-        text = " ".join(told(scaled(three, wheel_angular_speed=factor)))
+        text = " ".join(told(scaled(rig(tests=3), wheel_angular_speed=factor)))
     except InputError as error:
         text = str(error)
     if 0.8 < factor < 1.2:
@@ -492,14 +483,14 @@ def test_a_lag_is_found_however_large(late, log, known):
     assert ("half an interval, as a difference of counts is" in text) == (late == 0.0)
 
 
-def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
+def test_a_shift_that_a_better_model_does_without_is_no_lag(monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
     monkeypatch.setattr(job, "OF_EACH_KIND", ("burckhardt", "beam"))
     monkeypatch.setattr(job, "lag_of", lambda fit, *_: job.Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
-    (told,) = identified(rows, model="burckhardt").warnings
+    (told,) = identified(two_runs(), model="burckhardt").warnings
     assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told
     monkeypatch.setattr(job, "lag_of", lambda *_: job.Lag(-0.08, 0.01))
-    (told,) = identified(rows, model="burckhardt").warnings
+    (told,) = identified(two_runs(), model="burckhardt").warnings
     assert "seems to be early by 0.08 s" in told
 
 
@@ -554,7 +545,8 @@ def test_a_law_that_depends_on_the_load_is_taken_at_the_load_of_each_row(factors
         assert p.stderr < 0.1 * p.value
 
 
-def test_wheel_loads_that_differ_are_told(three):
+def test_wheel_loads_that_differ_are_told():
+    three = rig(tests=3)
     factor = np.where(three.columns["time"] > three.columns["time"][len(three) // 2], 1.2, 1.0)
     loads = {"wheel_load": factor * three.columns["wheel_load"], "brake_torque": factor * three.columns["brake_torque"]}
     (text,) = told(changed(three, **loads), "wheel load")
@@ -565,11 +557,11 @@ def test_wheel_loads_that_differ_are_told(three):
     assert job.different_loads([("a.csv", 3.0e4), ("b.csv", 3.1e4)]) == ()
 
 
-def test_adhesion_that_steel_does_not_have_is_told(rows):
+def test_adhesion_that_steel_does_not_have_is_told():
     """A torque in kgf*m read as one in daN*m or so: ten times the adhesion."""
-    (text,) = told(scaled(rows, brake_torque=9.80665), "the highest mean adhesion coefficient is ")
+    (text,) = told(scaled(two_runs(), brake_torque=9.80665), "the highest mean adhesion coefficient is ")
     assert 2.0 < float(text.split("coefficient is ")[1].split(",")[0]) < 10.0
-    assert not told(rows, "adhesion coefficient is")
+    assert not told(two_runs(), "adhesion coefficient is")
     assert "is 0.004," in next(log_checks.mu_findings(np.array([0.004]), {})).text
 
 
@@ -598,7 +590,8 @@ BACKWARD = "train speed is negative in 1800 rows, and positive in 0; reverse its
 
 
 @pytest.mark.parametrize(("unit", "second"), [("s", "ms"), ("h", "s"), ("ms", "s"), ("us", "ms")])
-def test_a_time_in_another_unit_than_it_is_read_in_is_told(rows, tmp_path, unit, second):
+def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, second):
+    rows = two_runs()
     """A log whose seconds stand in one unit, read in another."""
     path = write_log(tmp_path / "log.csv", changed(rows, time=rows.columns["time"] * {"s": 1.0, "ms": 1e3}[second]))
     with pytest.raises(InputError, match=f"the time seems to be in {second}, and is read as {unit}; .*time={second}"):
@@ -615,9 +608,9 @@ def test_a_time_in_another_unit_than_it_is_read_in_is_told(rows, tmp_path, unit,
     ({}, {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}}, "the rows are corrected by `delays` br"),
     ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller `time_constant`"),
 ])  # fmt: skip
-def test_what_leaves_no_row_is_refused_with_its_cause(rows, recwarn, factors, options, message):
+def test_what_leaves_no_row_is_refused_with_its_cause(recwarn, factors, options, message):
     with pytest.raises(InputError, match=message):
-        told(scaled(rows, **factors), **options)
+        told(scaled(two_runs(), **factors), **options)
     assert not list(recwarn)
 
 
