@@ -65,12 +65,10 @@ def two_runs() -> Rows:
 
 
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:
-    """The rows with other columns."""
     return Rows(rows.line, {**rows.columns, **columns})
 
 
 def identified(rows: Rows, model: str = "beam", **options: object) -> Identification:
-    """Rows in memory identified for the published vehicle."""
     chosen = Options(model=model, **options)  # type: ignore[arg-type]
     return identify_curve(curve_of(rows, PARK2008, chosen), PARK2008, chosen)
 
@@ -84,7 +82,6 @@ def found_in(model: str = "beam", **options: object) -> Identification:
 
 
 def write_log(path: Path, rows: Rows) -> Path:
-    """The rows as a CSV in the units of `HEADER`."""
     c = rows.columns
     table = np.column_stack([c["time"], 3.6 * c["train_speed"], c["wheel_angular_speed"], 1e-3 * c["brake_torque"]])
     np.savetxt(path, table, delimiter=",", header=HEADER, comments="", fmt="%.9g")

@@ -84,7 +84,6 @@ def run_command(*arguments):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Store:
-    """The short campaign, run in this process."""
     return execute(short(), tmp_path_factory.mktemp("finished") / "out", workers=1, part_runs=5)
 
 
@@ -222,7 +221,6 @@ def test_rows_depend_on_neither_workers_nor_parts(finished, tmp_path):
 
 @pytest.mark.long
 def test_a_dask_cluster_gives_the_same_rows(tmp_path):
-    """The same command, on a scheduler with two worker processes."""
     from distributed import LocalCluster
 
     path = write_campaign(tmp_path, 24)

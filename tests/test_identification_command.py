@@ -30,7 +30,6 @@ pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """A log of six runs on a rig with the published beam."""
     return write_log(tmp_path_factory.mktemp("logs") / "beam.csv", rig_rows(BEAM, seed=3))
 
 
@@ -154,7 +153,6 @@ def test_what_is_told_of_given_values_names_options_and_not_arguments(railslip, 
 
 
 def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
-    """Its columns and units are named by options."""
     lines = log.read_text().replace(HEADER, "a,b,c,d").splitlines(keepends=True)
     lines[400] = "\x00\xff\n"
     lines[700] = lines[700].replace(lines[700].split(",")[2], "500")

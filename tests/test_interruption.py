@@ -40,14 +40,12 @@ def started(*command, cwd=None):
 
 
 def at_work(wait):
-    """The command above, begun."""
     command = started("-c", WORK.format(wait=wait))
     assert command.stdout.readline() == "begun\n"
     return command
 
 
 def reporting(folder):
-    """A report, begun."""
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=folder)
     assert "the best design" in command.stderr.readline()
     return command

@@ -50,7 +50,6 @@ EXPECTED |= {"time": TIME, "brake_torque": np.full(60, 1500.0)}
 
 
 def with_stamps(count: int, stamps: dict[int, str]) -> str:
-    """`log_text` with other time stamps, by line."""
     lines = log_text(count).splitlines(keepends=True)
     for line, stamp in stamps.items():
         lines[line - 1] = stamp + "," + lines[line - 1].split(",", 1)[1]
@@ -76,7 +75,6 @@ def read(path: Path, **options: object) -> tuple[Rows, Log]:
 
 
 def is_plain(rows: Rows, *, lines_more: int = 0) -> bool:
-    """Whether rows are those of the plain log, some lines further down."""
     # some roundings: of the decimal mark, and of the unit
     close = all(np.allclose(rows.columns[name], values, rtol=1e-13) for name, values in EXPECTED.items())
     return close and rows.line.tolist() == list(range(2 + lines_more, 62 + lines_more))
@@ -116,7 +114,6 @@ DIALECTS = {
 @at_any_block
 @pytest.mark.parametrize("name", DIALECTS)
 def test_dialects_are_read_as_the_plain_log_in_si(tmp_path, name, block_bytes):
-    """Also where the header is a comment, or units stand below it."""
     rows, log = read(write(tmp_path, DIALECTS[name]), block_bytes=block_bytes)
     assert is_plain(rows, lines_more=name.count("\n"))
     assert (log.broken.count, log.share, log.notes) == (0, 1.0, ())

@@ -31,8 +31,6 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 
 
 class Described:
-    """A step object that says what it is at an operating point."""
-
     def step(self, t: float, v: float, omega: float) -> float:
         return 0.0
 

@@ -32,7 +32,6 @@ DESIGN = layers.LayeredDesign(kp=312.3, ki=100.0, lead=0.6, lead_filter=0.06, K=
 
 @cache
 def effect_on(rail):
-    """What the published actuator does to the published law, SI."""
     return effects.actuator_effect(published_loop(rail))
 
 
