@@ -459,6 +459,20 @@ def test_a_wrong_radius_or_unit_is_told_as_one(factor):
         assert ("(km/h and m/s are 3.6 apart)" in text) == (factor == 3.6)
 
 
+def test_free_rolling_is_as_sure_as_a_median_and_not_seen_while_the_train_is_braked():
+    slip, time, found = np.random.default_rng(0).normal(-0.013, 0.002, 5000), 0.002 * np.arange(5000), []
+    # 3000 N*m on the rig's flywheels are 2 m/s^2; the same reading on a train that only coasts is a torque's zero
+    for torque, deceleration in ((0.0, 0.0), (3000.0, 3000.0 / (RADIUS * PARK2008.mass)), (3000.0, 0.14)):
+        rolling, speed = log_checks.FreeRolling(PARK2008), 100.0 * KMH - deceleration * time
+        rolling.add(np.stack([time, speed, (1.0 - slip) * speed / RADIUS, 0.0 * time + torque, 0.0 * time + LOAD]))
+        found.append(rolling.found())
+    free, braked, coasting = found
+    assert (free.slip, free.torque) == (pytest.approx(-0.013, abs=5 * free.slip_error), 0.0)
+    # of a median of means: 1.25 sigma over root n, and windows that lie half over each other
+    assert free.slip_error == pytest.approx(1.25 * 0.002 / np.sqrt(5000), rel=0.3)
+    assert (braked, coasting.torque) == (None, pytest.approx(3000.0))
+
+
 @pytest.mark.parametrize(("late", "log", "known"), [
     (0.1, {}, 0.003),
     # of more rows than a lag is looked for in
