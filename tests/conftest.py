@@ -17,7 +17,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LONGEST = (
     *("test_virtual_rig.py", "test_scripts.py", "html report", "test_seeking.py", "test_sliding_verification.py"),
-    *("test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py"),
+    *("test_simulation_engine.py", "test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py"),
     *("test_identification_command.py", "test_docs.py", "test_logs.py"),
     *("test_controller_files.py", "test_help.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
 )

@@ -32,7 +32,6 @@ def parameters(code, generator, adhesion, **given):
 
 
 def adhesion_of(law):
-    """The parameters of an adhesion law as the code has them; none without a law."""
     named = () if law is None else zip(type(law).parameter_names(), law.parameters(), strict=True)
     return {f"adhesion_{name}": value for name, value in named}
 
@@ -45,8 +44,6 @@ def begun(module, v, p):
 
 
 class Compiled:
-    """The C source as a shared object, called through ctypes."""
-
     def __init__(self, code, folder, *flags) -> None:
         source, target = folder / "law.c", folder / "law.so"
         source.write_text(code.c)
@@ -72,7 +69,6 @@ def _structure(fields):
 
 
 def fields(state):
-    """A C state's fields, as Python's are."""
     return tuple(getattr(state, name) for name, _ in state._fields_)
 
 

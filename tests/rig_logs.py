@@ -9,7 +9,7 @@ import pytest
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
@@ -17,16 +17,7 @@ BEAM = published_law("beam", Rail.DRY)
 HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [kN*m]"
 
 
-def rig_rows(
-    law: AdhesionLaw,
-    *,
-    runs: int = 6,
-    initial_speed: float = 100.0 / 3.6,
-    force_noise: float = 431.0,
-    interval: float = 0.01,
-    seed: int = 0,
-    loads: tuple[float, ...] = (1.0,),
-) -> Rows:
+def rig_rows(law, *, runs=6, initial_speed=100 / 3.6, force_noise=431.0, interval=0.01, seed=0, loads=(1.0,)) -> Rows:
     """A log of `runs` runs, simulated side by side.
 
     Equations (3) and (4) without travelling resistance, by Heun's method in five steps an interval; the random force
@@ -42,7 +33,7 @@ def rig_rows(
     samples = round(9.0 / interval)
     record = np.empty((3, samples, runs))
 
-    def rates(v: np.ndarray, omega: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rates(v, omega, torque, noise):
         sigma = np.maximum(v - wheel.radius * omega, 0.0)
         adhesion = force(v, sigma, 0.0, 0.0, 0.0, 0.0, p) + noise * (sigma > 0.01)
         turning = (wheel.radius * adhesion - torque - wheel.viscous_friction * omega) / wheel.inertia
@@ -74,12 +65,10 @@ def two_runs() -> Rows:
 
 
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:
-    """The rows with other columns."""
     return Rows(rows.line, {**rows.columns, **columns})
 
 
 def identified(rows: Rows, model: str = "beam", **options: object) -> Identification:
-    """Rows in memory identified for the published vehicle."""
     chosen = Options(model=model, **options)  # type: ignore[arg-type]
     return identify_curve(curve_of(rows, PARK2008, chosen), PARK2008, chosen)
 
@@ -93,7 +82,6 @@ def found_in(model: str = "beam", **options: object) -> Identification:
 
 
 def write_log(path: Path, rows: Rows) -> Path:
-    """The rows as a CSV in the units of `HEADER`."""
     c = rows.columns
     table = np.column_stack([c["time"], 3.6 * c["train_speed"], c["wheel_angular_speed"], 1e-3 * c["brake_torque"]])
     np.savetxt(path, table, delimiter=",", header=HEADER, comments="", fmt="%.9g")

@@ -1,4 +1,4 @@
-"""Ctrl-C, a kill, a second command in the same folder, no cache folder: one line, and nothing stays behind."""
+"""Ctrl-C, a kill, a second command in a folder, no cache folder: one line, nothing stays behind; what is cached."""
 
 import os
 import signal
@@ -6,10 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from project import refused
 
-from railslip_ctrl.core.folders import CACHE_VARIABLE, LOCK, claimed
+from railslip_ctrl.core import folders
+from railslip_ctrl.core.folders import CACHE_VARIABLE, LOCK, cached, claimed
 from railslip_ctrl.report.export import write_files
 
 # A command whose work is done by two processes, for minutes; the word is written once they are there, or about to be.
@@ -38,14 +40,12 @@ def started(*command, cwd=None):
 
 
 def at_work(wait):
-    """The command above, begun."""
     command = started("-c", WORK.format(wait=wait))
     assert command.stdout.readline() == "begun\n"
     return command
 
 
 def reporting(folder):
-    """A report, begun."""
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=folder)
     assert "the best design" in command.stderr.readline()
     return command
@@ -137,3 +137,72 @@ def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable:
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("True True\n", "")
     assert not list(tmp_path.iterdir())
+
+
+# --- results cached from report to report -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def computed(monkeypatch, tmp_path):
+    """A result that counts how often it is computed; its list of times, and the folder it is kept in."""
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    times: list[int] = []
+
+    def compute():
+        times.append(len(times))
+        return np.arange(3.0), "text", len(times)
+
+    return compute, times, tmp_path / "results"
+
+
+def test_a_result_is_computed_once_for_what_it_is_of(computed):
+    compute, times, folder = computed
+    first, again = cached("name", compute, "vehicle"), cached("name", compute, "vehicle")
+    assert (first[0] == again[0]).all()
+    assert (first[1:], len(times)) == (again[1:], 1)
+    cached("name", compute, "another vehicle")
+    cached("other", compute, "vehicle")
+    assert len(times) == len(list(folder.iterdir())) == 3
+    assert cached("name", compute, "vehicle", fresh=True)[2] == 4
+    assert cached("name", compute, "vehicle")[2] == 4  # the fresh one is kept
+
+
+@pytest.mark.parametrize("spoil", [lambda b: b[:-1], lambda b: b"", lambda b: b.replace(b"text", b"hext")])
+def test_a_spoilt_file_is_computed_again(computed, spoil):
+    compute, times, folder = computed
+    cached("name", compute)
+    (path,) = folder.iterdir()
+    path.write_bytes(spoil(path.read_bytes()))
+    assert (cached("name", compute)[1:], len(times)) == (("text", 2), 2)
+
+
+def test_other_source_is_another_result(computed, monkeypatch, tmp_path):
+    """The hash is of every module's text: one more line anywhere, and nothing kept is found."""
+    compute, times, _ = computed
+    (tmp_path / "package").mkdir()
+    monkeypatch.setattr(folders, "_PACKAGE", tmp_path / "package")
+    for text, count in (("x = 1\n", 1), ("x = 1\n", 1), ("x = 2\n", 2)):
+        (tmp_path / "package" / "module.py").write_text(text)
+        folders._of_code.cache_clear()
+        cached("name", compute)
+        assert len(times) == count
+    folders._of_code.cache_clear()
+
+
+def test_what_a_folder_that_is_shut_cannot_keep_is_kept_for_the_run(computed, monkeypatch, tmp_path):
+    compute, times, _ = computed
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "file"))
+    assert cached("name", compute)[2] == cached("name", compute)[2] == len(times) == 1
+
+
+def test_the_folder_keeps_what_was_asked_for_last(computed, monkeypatch):
+    compute, times, folder = computed
+    monkeypatch.setattr(folders, "_MOST", 3)
+    for i, name in enumerate("abcd"):
+        cached(name, compute)
+        for path in folder.glob(f"{name}-*"):
+            os.utime(path, (i, i))
+        folders.look_up("a")  # which makes it the latest
+    assert {path.name[0] for path in folder.iterdir()} == {"a", "c", "d"}
+    assert len(times) == 4

@@ -80,8 +80,8 @@ def test_every_alternative_changes_a_setup_and_nothing_else_of_it(one):
         assert same.count(False) == 1 or (one.rule == "references" and all(same))
 
 
-def test_wet_alternatives_are_what_their_names_say():
-    """Half the dry force, and the wet force times the load, at every slip."""
+def test_alternatives_are_what_their_names_say():
+    """Half the dry force, and the wet force times the load, at every slip; gains read otherwise."""
     slip, speed, load = np.linspace(0.01, 0.5, 30), 100 / 3.6, PARK2008.wheel_load
     dry, wet = (adhesion_coefficient(published_law("curve", rail), speed, slip, load) for rail in Rail)
     for name, expected in (("half the force at every slip", dry / 2), ("N follows M at 25 s", wet * 5276 / 3517)):
@@ -89,9 +89,6 @@ def test_wet_alternatives_are_what_their_names_say():
         assert adhesion_coefficient(scenario.law(Rail.DRY), speed, slip, load) == pytest.approx(dry, rel=1e-12)
         # the same equation with other numbers: rounding only
         assert adhesion_coefficient(scenario.law(Rail.WET), speed, slip, load) == pytest.approx(expected, rel=1e-12)
-
-
-def test_gains_read_otherwise():
     pi = alternative("gains in N m per m/s").change(published_setup(CASES[1])).controller.design.gains
     assert (pi.kp, pi.ki) == (650.0, 27.0)
     rates = alternative("D and K as rates of s, (39), as printed").change(published_setup(CASES[3])).controller.gains

@@ -11,23 +11,11 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIGains, Rail, Rational, assess, plant_at
+from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIController, PIGains, Rail, Rational, assess, plant_at
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.design import (
-    PIController,
-    StateSpaceController,
-    controller_system,
-    linear_controller,
-    wheel_slip_loop,
-)
-from railslip_ctrl.design.controllers import (
-    Rule,
-    SampledController,
-    continuous_equivalent,
-    sampled_loop,
-    sampled_margins,
-    suggested_period,
-)
+from railslip_ctrl.design import StateSpaceController, controller_system, linear_controller, wheel_slip_loop
+from railslip_ctrl.design import controllers as designs
+from railslip_ctrl.design.controllers import Rule, SampledController, sampled_loop, sampled_margins, suggested_period
 from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.loop import sampled
 from railslip_ctrl.loop.rational import realise
@@ -42,13 +30,9 @@ NUM, DEN = SYSTEM.num[0][0], SYSTEM.den[0][0]
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 
 
-class Mute:
+class Described:
     def step(self, t: float, v: float, omega: float) -> float:
         return 0.0
-
-
-class Described(Mute):
-    """A step object that says what it is at an operating point."""
 
     def linear(self, point: object) -> ct.TransferFunction:
         return SYSTEM
@@ -87,24 +71,15 @@ def test_one_controller_in_every_form_is_one_controller(plant, kind):
     assert swept.margins["mine"].ms == pytest.approx(swept.margins["of the speed"].ms, rel=1e-12)
 
 
-@pytest.mark.parametrize(("controller", "words"), [
-    (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
-    (True, "controller: bool is not a linear system"),
-    (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
-    (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
-])  # fmt: skip
-def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
-    with pytest.raises(InputError, match=words):
-        wheel_slip_loop(plant, controller)
-    with pytest.raises(InputError, match="linear at an operating point; give one"):
-        controller_system(Described())
-
-
 def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant):
     expected = wheel_slip_loop(plant, PIController(PIGains(kp=190.0, ki=0.0))).margins().ms
     forms = (190, 190.0, ct.ss([], [], [], [[190.0]]), ct.tf([190.0], [1.0]), StateSpaceController((), (), (), 190.0))
     for form in forms:
         assert wheel_slip_loop(plant, form).margins().ms == pytest.approx(expected, rel=1e-12)
+    with pytest.raises(InputError, match=r"dt = True\); give dt in s"):
+        wheel_slip_loop(plant, ct.tf([1.0], [1.0, -0.5], True))
+    with pytest.raises(InputError, match="linear at an operating point; give one"):
+        controller_system(Described())
     for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
         with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
             StateSpaceController(a, b, c)
@@ -168,8 +143,8 @@ PIS = {
 }
 
 
-def run(controller: SampledController, errors: np.ndarray, torque: float = 0.0) -> np.ndarray:
-    x = np.array(controller.start(torque))
+def run(controller: SampledController, errors: np.ndarray) -> np.ndarray:
+    x = np.array(controller.start())
     return np.array([controller.step(x, float(error)) for error in errors])
 
 
@@ -292,6 +267,14 @@ def test_integrator_with_proportional_control_closed_form():
     assert m.gain_increase == pytest.approx(1 / 0.35, rel=1e-12)
     assert m.gain_increase_frequency == pytest.approx(np.pi / 3 / 0.5, rel=1e-11)  # z = exp(j pi/3)
     assert m.gain_decrease == 0.0
+    # with gain 2, x[k+1] = -x[k]: a pole on the unit circle is counted
+    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
+    m = loop.scaled(0.5).margins()
+    assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
+    assert (m.ms, m.ms_frequency, m.mt) == pytest.approx((2.0, math.pi / 10, 1.0), rel=1e-12)  # S = 1 - 1/z, T = 1/z
+    with pytest.raises(UnstableLoopError) as caught:
+        loop.margins()
+    assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
 
 
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
@@ -313,7 +296,8 @@ def test_short_periods_converge_to_the_continuous_margins(plant, computation):
     # the hold costs h/2: order 1 against the continuous design, order 2 against the equivalent with that delay
     sampled = [SampledController(LEAD, h) for h in (0.04, 0.02, 0.01, 0.005)]
     records = [sampled_margins(one, plant, ACTUATOR, computation=computation) for one in sampled]
-    without = continuous_equivalent(SampledController(LEAD, 1e-12), plant, ACTUATOR, computation=computation).margins()
+    quick = SampledController(LEAD, 1e-12)
+    without = designs.continuous_equivalent(quick, plant, ACTUATOR, computation=computation).margins()
     for name in ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk"):
         exact = np.array([getattr(r.exact, name) for r in records])
         equivalent = np.array([getattr(r.equivalent, name) for r in records])
@@ -492,17 +476,6 @@ def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one
     m = SampledLoop(gain(1.0), Rational(np.array([]), np.array(poles), k), 0.0, 1.0).margins()
     assert m.gain_crossovers == pytest.approx([crossover], rel=1e-6)  # the hold is half a second of days
     assert m.delay_s == pytest.approx(phase_margin / crossover, rel=1e-5)  # and half a second in some 1e5
-
-
-def test_a_pole_on_the_unit_circle_is_counted():
-    # an integrator with gain 2: x[k+1] = -x[k]
-    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
-    m = loop.scaled(0.5).margins()
-    assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
-    assert (m.ms, m.ms_frequency, m.mt) == pytest.approx((2.0, math.pi / 10, 1.0), rel=1e-12)  # S = 1 - 1/z, T = 1/z
-    with pytest.raises(UnstableLoopError) as caught:
-        loop.margins()
-    assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
 
 
 def test_two_phase_crossovers_side_by_side_hold_the_gains_that_stabilise():

@@ -13,21 +13,11 @@ from railslip_ctrl.core.units import ms_down, ms_up, rounded, rounded_down, roun
 
 
 @pytest.mark.parametrize(("value", "unit", "expected"), [
-    (3517, "kg", 3517.0),
-    (Fraction(1, 4), "kg", 0.25),
-    (" 3.5e1 ", "kg", 35.0),
-    (".5", "1", 0.5),
+    (3517, "kg", 3517.0), (Fraction(1, 4), "kg", 0.25), (" 3.5e1 ", "kg", 35.0), (".5", "1", 0.5),
     *((repr(number), "kg", number) for number in (5e-324, -1.7976931348623157e308, 0.1 + 0.2)),
-    ("34.5 kN", "N", 34_500.0),
-    ("68t", "kg", 68_000.0),
-    ("65 N*m/(km/h)", "N*m/(m/s)", 65.0 * 3.6),
-    ("0.63 N/(m/s)²", "N/(m/s)^2", 0.63),
-    ("60.35 kg m^2", "kg*m^2", 60.35),
-    ("2 Hz", "1/s", 2.0),
-    ("60 rpm", "rad/s", 2 * math.pi),
-    ("0.25 N*m*s/rad", "N*m*s", 0.25),
-    ("13.2 %", "1", 0.132),
-    ("-1 m", "m", -1.0),
+    ("34.5 kN", "N", 34_500.0), ("68t", "kg", 68_000.0), ("65 N*m/(km/h)", "N*m/(m/s)", 65.0 * 3.6),
+    ("0.63 N/(m/s)²", "N/(m/s)^2", 0.63), ("60.35 kg m^2", "kg*m^2", 60.35), ("0.25 N*m*s/rad", "N*m*s", 0.25),
+    ("2 Hz", "1/s", 2.0), ("60 rpm", "rad/s", 2 * math.pi), ("13.2 %", "1", 0.132), ("-1 m", "m", -1.0),
 ])  # fmt: skip
 def test_value_is_converted_to_the_asked_unit(value: object, unit: str, expected: float) -> None:
     # conversions are a product or two in floating point

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from project import script
 
-from analysis import lyapunov_along_runs
 from railslip_ctrl import PARK2008, DomainError, InputError, ReferenceSlip, derive
 from railslip_ctrl.model import plant
-from railslip_ctrl.report.plots import adaptation_figure, lyapunov_runs_figure, save_figure
-from railslip_ctrl.report.verification import evidence, lyapunov_runs_text, verification_text
+from railslip_ctrl.report.verification import evidence, verification_text
 from railslip_ctrl.simulation import SlidingControl, published_scenario
 from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
@@ -47,13 +46,9 @@ def test_verdicts_are_the_same_in_both_readings(paper, scale):
     found = paper if scale == 1.0 else verify(vehicle=AS_PUBLISHED)
     assert {one.name: one.holds for one in found.conditions} == {name: name not in FAILING for name in CONDITIONS}
     assert (found.inertia_scale, found.all_hold) == (scale, False)
-
-
-def test_what_is_claimed_and_fails_is_in_the_head_of_generated_code(paper):
-    assert {one.how for one in paper.conditions} == {"symbolic", "sampled", "simulated"}
-    claimed = {one.name for one in paper.failing if one.claimed}
+    assert {one.how for one in found.conditions} == {"symbolic", "sampled", "simulated"}
     beyond_the_paper = {"boundary layer with K", "theta_hat bounded under noise", "robust gain, rail mistaken"}
-    assert claimed == {*FAILING} - beyond_the_paper
+    assert {one.name for one in found.failing if one.claimed} == {*FAILING} - beyond_the_paper
     # the head of generated code names those that stand before the variants; behind the actuator: sliding_verification
     published = CONDITIONS[: CONDITIONS.index("matrix gain")]
     assert [name for name in published if name in FAILING] == [one for one in NOT_HOLDING if "actuator" not in one]
@@ -243,33 +238,23 @@ def test_gains_are_checked_and_a_diverging_run_leaves_the_domain():
 
 # --- along nonlinear runs ------------------------------------------------------------------------------------------
 
-SI = published_scenario(as_published=False)
 
-
-@pytest.fixture(scope="module")
-def si_runs():
-    return lyapunov_along_runs.run(as_published=False)
-
-
-def signals(law, **changes):
-    control = SlidingControl(law, ReferenceSlip(dry=0.132, wet=0.092))
-    return judge_run(SI.with_changes(**changes), control, seed=None).signals
-
-
-def test_the_proof_is_borne_out_without_actuator_and_noise_and_not_behind_it(si_runs):
+def test_the_proof_is_borne_out_without_actuator_and_noise_and_not_behind_it(ran):
     """In SI Fr alone disturbs, which K covers: (42) and V' <= 0 must then hold at every sample."""
-    assert all(condition.holds for condition in si_runs["k = 0", False, False].conditions)
-    adaptive = si_runs["printed k", False, False]
+    runs, out, pictures = ran("analysis/lyapunov_along_runs.py", as_published=False)
+    assert all(condition.holds for condition in runs["k = 0", False, False].conditions)
+    adaptive = runs["printed k", False, False]
     assert adaptive.condition("Lyapunov, theta constant").holds
     assert not adaptive.condition("Lyapunov").holds  # B(t) drifts: nothing in the proof covers it
-    assert si_runs["k = 0", True, False].condition("sliding").share < 0.3
-    assert si_runs["k = 0", True, True].condition("reaching (40)").share < 0.5
+    assert runs["k = 0", True, False].condition("sliding").share < 0.3
+    assert runs["k = 0", True, True].condition("reaching (40)").share < 0.5
+    assert ("k = 0, ideal " in out, "never" in out, len(pictures)) == (True, True, 4)
 
 
 @pytest.mark.long
 def test_as_published_the_train_slides_little_and_the_printed_adaptation_keeps_it_from_stopping():
     """published.md: s s' < 0 three quarters of the time without noise; with k = 2.1e-8 three times as long a stop."""
-    runs = lyapunov_along_runs.run(as_published=True)
+    runs = script("analysis/lyapunov_along_runs.py").run(as_published=True)
     # Td = 0.05 Tb exp(-4t) sin(10 pi t) beats K = 70 N m early on, and only then
     reaching = runs["k = 0", False, False].condition("reaching (40)")
     assert (0.0 < reaching.first_violation < 1.0, reaching.share > 0.99) == (True, True)
@@ -283,25 +268,18 @@ def test_as_published_the_train_slides_little_and_the_printed_adaptation_keeps_i
     assert ideal < 1.1 * without  # it is the actuator, not the adaptation alone
 
 
-def test_the_recorded_rate_is_the_derivative_of_s():
-    """s' from the plant's rates against differences of the recorded s, where nothing jumps."""
+def test_the_recorded_rate_is_the_derivative_of_s_and_theta_steps_with_the_mass():
+    """s' from the plant's rates against differences of the recorded s, where nothing jumps; (44) corrected:
+    theta1 = (1/r)(1/M - 1/Mn), here worked out by hand for 3517 -> 5276 kg."""
+
+    def signals(law, **changes):
+        base, control = published_scenario(as_published=False), SlidingControl(law, ReferenceSlip(dry=0.132, wet=0.092))
+        return judge_run(base.with_changes(**changes), control, seed=None).signals
+
     found = signals(replace(PUBLISHED_LAW, k1=0.0, k2=0.0), events=(), longest_time=3.0)
     middle = 0.5 * (found.s_rate[1:] + found.s_rate[:-1])
     # the law's integral is backward Euler: its e is one sample ahead, rho e' h off
     assert np.diff(found.s) / np.diff(found.time) == pytest.approx(middle, abs=0.02)
-
-
-def test_theta_steps_with_the_mass():
-    """(44) corrected: theta1 = (1/r)(1/M - 1/Mn), here worked out by hand for 3517 -> 5276 kg."""
     theta = signals(PUBLISHED_LAW, events=({"time": 1.0, "mass": 5276.0},), longest_time=2.0).theta
     assert theta[0, 0] == 0.0
     assert theta[-1, 0] == pytest.approx((1 / 5276 - 1 / 3517) / PARK2008.wheel.radius, rel=1e-12)
-
-
-@pytest.mark.long
-def test_report_and_figure(tmp_path, si_runs):
-    cases = [(lyapunov_along_runs.label(case), judged) for case, judged in si_runs.items()]
-    text = lyapunov_runs_text(cases)
-    assert ("k = 0, ideal " in text, "never" in text) == (True, True)
-    for draw, chosen in ((lyapunov_runs_figure, cases[:4]), (adaptation_figure, cases[4:])):
-        save_figure(draw(chosen, "title"), tmp_path / "runs.png")  # which is looked at, conftest.py

@@ -10,7 +10,7 @@ import pytest
 from project import script
 from rig_logs import changed, identified
 
-from railslip_ctrl import PARK2008, Actuator, InputError, Rail, published_law
+from railslip_ctrl import PARK2008, Actuator, InputError, Rail, published_law, virtual_rig
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, read_curve
@@ -19,14 +19,7 @@ from railslip_ctrl.identification.logs import Log, Rows
 from railslip_ctrl.identification.observed import BrakedRows
 from railslip_ctrl.identification.prediction import slip_ramp
 from railslip_ctrl.identification.results import peak_of_fit
-from railslip_ctrl.identification.virtual_rig import (
-    COLUMNS,
-    RigProcedure,
-    RigTest,
-    published_tests,
-    run_tests,
-    write_log,
-)
+from railslip_ctrl.identification.virtual_rig import COLUMNS, RigProcedure, RigTest, published_tests, run_tests
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.report.identification import series_json
 
@@ -60,7 +53,7 @@ def test_scatter_is_what_was_asked_for():
 
 def test_a_written_log_is_the_log_that_is_read(tmp_path):
     log, path = run_tests(RigTest(PARK2008, BEAM, V100, torque_noise=50.0), tests=2), tmp_path / "rig.csv"
-    write_log(log, path)
+    virtual_rig.write_log(log, path)
     assert path.read_text(encoding="utf-8").splitlines()[0] == ",".join(COLUMNS)
     assert [p.name for p in tmp_path.iterdir()] == ["rig.csv"]
     read = functools.reduce(Rows.then, Log(path).rows())

@@ -203,7 +203,7 @@ NOISE_ROWS = 64  #: rows before a row, and as many after it, whose noise it is c
 # under brake is noisier than when it rolled there. What then guards a row is the spread beside it, on the side where it
 # is larger, as braking begins between two rows. The median S of 64 absolute normal deviates has P(S < x) = P(Bin(64,
 # 2 Phi(x) - 1) > 32), so that a deviate exceeds 8 * 1.4826 times the larger S of two sides with probability 1e-11, and
-# that of one side, at the end of a noisier stretch, with 1e-8 (a test integrates both): at 10 million rows of three
+# that of one side, at the end of a noisier stretch, with 1e-8: at 10 million rows of three
 # columns no false outlier is to be expected.
 _LOCAL_LIMIT = 6.0
 _OVERALL_LIMIT = 8.0
