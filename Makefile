@@ -21,7 +21,7 @@ test: $(READY)            ## linter, formatter, types, import contract, tests: t
 	$(MAKE) --no-print-directory --jobs 2 lint quick
 
 quick: $(READY)
-	$(BIN)/python -m pytest -n auto -m "not long"  # tests/conftest.py has the order, and what shares a process
+	$(BIN)/python -m pytest -n auto -m "not long"
 
 test-all: lint            ## every test, then the numerically delicate ones under each kernel
 	$(BIN)/python -m pytest -n auto

@@ -42,7 +42,3 @@ def refused(result: tuple[int, str, str]) -> str:
     assert err.startswith("railslip: error: ")
     assert err.count("\n") == 1
     return err
-
-
-SMALL = ["--speed", "10", "--speed", "100", "--kp", "190", "--ki", "5", "--loaded", "--adhesion", "curve"]
-"""Options of a report that is sooner there: two speeds, one load and law, and gains given."""

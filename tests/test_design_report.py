@@ -1,8 +1,13 @@
-"""`railslip report`: what is recommended, its numbers, its files and its page."""
+"""`railslip report`: what is recommended, its numbers, its files and its page, that in a real browser too."""
 
+import base64
 import json
 import math
+import re
 import shlex
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import product
 
@@ -33,7 +38,7 @@ from railslip_ctrl.simulation.catalogue import published_controller, seeking_con
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
 ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")
-"""Of `SMALL`."""
+SMALL = "--speed 10 --speed 100 --kp 190 --ki 5 --loaded --adhesion curve"  # over ENVELOPE, with gains given
 SOURCE = "railslip report"
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
@@ -51,6 +56,15 @@ def swinging(one, **more):
     """A stop in which the wheel swings by its reference slip."""
     signals = one.run.signals._replace(slip=one.reference * np.sin(one.run.signals.time))
     return replace(one, run=replace(one.run, signals=signals, **more))
+
+
+@pytest.fixture(scope="module")
+def full_report(tmp_path_factory):
+    """The folder of `railslip report` run once as a user would, and what it printed: standard output and error."""
+    folder = tmp_path_factory.mktemp("report") / "out"
+    command = [sys.executable, "-m", "railslip_ctrl", "report", *SMALL.split(), "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
+    return folder, done.stdout, done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -501,3 +515,95 @@ def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     text = [block.text for block in blocks if isinstance(block, Paragraph)]
     assert len(text) == 2
     assert f"{found.frequency / (2 * math.pi):.2g} Hz" in text[1]
+
+
+A4 = 794  # CSS pixels
+
+# A browser without a network: it looks for nothing by itself.
+FLAGS = (
+    *("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "no-first-run"),
+    *("disable-background-networking", "disable-component-update", "disable-sync"),
+)
+WIDER = "return document.documentElement.scrollWidth > document.documentElement.clientWidth"
+CUT = """return [...document.querySelectorAll(".scroll")].filter((one) => one.offsetParent !== null
+  && one.scrollWidth > one.clientWidth + 1).map((one) => one.innerText.slice(0, 60))"""
+UNSEEN = """return [...document.images].filter((one) => {
+  const box = one.getBoundingClientRect();
+  return !one.complete || one.naturalWidth === 0 || box.width < 100 || box.height < 50;
+}).map((one) => one.alt)"""
+LOADED = """return performance.getEntriesByType("resource").map((one) => one.name)
+  .filter((name) => !name.startsWith("data:"))"""
+TORN = """const style = (names, key) => [...document.querySelectorAll(names)].map((one) => getComputedStyle(one)[key]);
+return [...style("h2, h3, caption, summary", "breakAfter"), ...style("figure, .short, .finding, tr", "breakInside")]
+  .filter((value) => value !== "avoid").concat(style("figure", "float").filter((value) => value !== "left"))"""
+OPEN = 'return [...document.querySelectorAll("details")].filter((one) => one.open).length'
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options, names = webdriver.ChromeOptions(), ("chromium", "chromium-browser", "google-chrome")
+    options.binary_location, driver = next(filter(None, map(shutil.which, names)), ""), shutil.which("chromedriver")
+    if not (options.binary_location and driver):
+        pytest.skip("no chromium with chromium-driver")
+    for flag in (*FLAGS, f"user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(f"--{flag}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with webdriver.Chrome(options=options, service=Service(driver)) as found:
+        yield found
+
+
+@pytest.fixture
+def show(browser, full_report):
+    """Shows the page at a width in CSS pixels, and runs scripts in it; nothing is complained of."""
+
+    def shown(width):
+        screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+        browser.get((full_report[0] / "report.html").as_uri())
+        assert [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")] == []
+        return browser.execute_script
+
+    return shown
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("width", [390, A4, 1200])  # of a phone, of a page, of a desk
+def test_the_page_in_a_browser_fits_shows_every_figure_and_loads_nothing(show, width):
+    """That each link has a target is looked at in the page's text, `html_page`."""
+    run = show(width)
+    assert (run("return innerWidth"), run(WIDER), run(UNSEEN), run(LOADED)) == (width, False, [], [])
+    assert run("return document.images.length") >= 4
+    assert run(CUT) == []
+    run("document.querySelector('nav a[href=\"#stops\"]').click()")
+    # the section is where the eye is; a pixel of rounding
+    assert abs(run("return document.getElementById('stops').getBoundingClientRect().top")) < 2
+
+
+@pytest.mark.long
+def test_prints_on_a4_with_everything_opened(browser, show):
+    run = show(A4)
+    before = run(OPEN)
+    run("dispatchEvent(new Event('beforeprint'))")
+    assert run(OPEN) == run("return document.querySelectorAll('details').length")
+    run("dispatchEvent(new Event('afterprint'))")
+    assert run(OPEN) == before == 0
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", base64.b64decode(printed["data"]))
+    assert 3 <= len(boxes) <= 12  # beyond, pages are left half-empty, as those before a figure once were
+    for width, height in boxes:
+        # points; a browser rounds A4 to its own pixels, three quarters of a point each
+        assert (float(width), float(height)) == pytest.approx((595.0, 842.0), abs=1.0)
+
+
+@pytest.mark.long
+def test_print_is_not_made_smaller_and_keeps_together_what_belongs_together(browser, show):
+    run = show(680)  # CSS pixels between the margins of A4, 180 mm: a wider page is printed smaller
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        run("dispatchEvent(new Event('beforeprint'))")
+        assert (run(WIDER), run(TORN)) == (False, [])
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
