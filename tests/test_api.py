@@ -1,24 +1,32 @@
-"""The public API: what `import railslip_ctrl` and its rooms offer is there, listed and documented."""
+"""What the package offers: names listed and documented; dependencies named, loaded where used, missing ones told."""
 
 import ast
 import dataclasses
 import importlib
 import inspect
 import re
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import venv
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import pydantic
 import pytest
+from project import ROOT, refused
 
 import railslip_ctrl
 from railslip_ctrl.core import errors
+from railslip_ctrl.core.errors import EXTRAS
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
-ROOT = Path(railslip_ctrl.__file__).parent
+PACKAGE = Path(railslip_ctrl.__file__).parent
 ROOMS = (*("model.adhesion", "design", "loop", "simulation", "simulation.campaign"), "identification.observer")
 
 ENTRIES = {
@@ -68,7 +76,7 @@ THINGS = FUNCTIONS | CLASSES
 
 
 def test_the_top_lists_what_it_offers() -> None:
-    tree = ast.parse((ROOT / "__init__.pyi").read_text(encoding="utf-8"))
+    tree = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
     imported = [alias for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
     assert all(alias.name == alias.asname for alias in imported)  # else a type checker takes the name for private
     assert {alias.name for alias in imported} == set(railslip_ctrl.__all__) - {"__version__"}
@@ -88,12 +96,12 @@ def test_every_error_of_the_package_is_at_the_top_and_a_builtin_too() -> None:
 
 def test_no_room_takes_its_names_from_the_top_and_every_source_key_resolves() -> None:
     """What is at the top is of rooms of every height: the import contract does not see through it. [Name2008] cites."""
-    for path in ROOT.rglob("*.py"):
+    for path in PACKAGE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         for names in re.findall(r"from (?:railslip_ctrl|\.+) import \(?([\w\s,]+)", text):
-            assert not set(re.findall(r"\w+", names)) & set(railslip_ctrl._HOME), path.relative_to(ROOT)
+            assert not set(re.findall(r"\w+", names)) & set(railslip_ctrl._HOME), path.relative_to(PACKAGE)
         keys = re.findall(r"\[([A-Z][A-Za-z]+(?:19|20)\d\d[a-z]?)\]", text)
-        assert set(keys) <= set(SOURCES), path.relative_to(ROOT)
+        assert set(keys) <= set(SOURCES), path.relative_to(PACKAGE)
 
 
 @pytest.mark.parametrize("name", THINGS)
@@ -165,3 +173,91 @@ def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]
         found += [] if UNIT.search(said) or UNIT.search(general) else [f"{name}: no unit in {said!r}"]
         found += [] if not array or SHAPE.search(said) or SHAPE.search(general) else [f"{name}: no shape in {said!r}"]
     return found
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+PAGE = (ROOT / "docs/reference/dependencies.md").read_text("utf-8")
+
+EVERY_COMMAND = {"click", "numpy", "pydantic", "python-flint", "rich"}
+IMPORTED = {"python-flint": "flint", "PyYAML": "yaml", "dask[distributed]": "distributed"}
+LOADED = """
+import contextlib, io, sys
+from railslip_ctrl.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main(sys.argv[1:])
+print(*{name.split(".")[0] for name in sys.modules if not name.startswith("_")} - set(sys.stdlib_module_names))
+"""
+
+
+def packages(requirements):
+    """Their names, without the versions and what the project says of itself."""
+    names = {re.split("[>=]", one)[0] for one in requirements}
+    return {name for name in names if not name.startswith("railslip_ctrl")}
+
+
+def test_the_documentation_names_every_dependency_with_its_extra():
+    named = re.findall(r"^\| `([^`]+)` \| (?:`(\w+)` \|)?", PAGE, flags=re.M)
+    asked = [(name, "") for name in packages(PROJECT["dependencies"])]
+    extras = PROJECT["optional-dependencies"].items()
+    assert sorted(named) == sorted(asked + [(name, extra) for extra, found in extras for name in packages(found)])
+
+
+def test_the_extras_that_are_looked_for_are_those_of_the_project():
+    for extra, found in EXTRAS.items():
+        asked = {IMPORTED.get(name, name) for name in packages(PROJECT["optional-dependencies"][extra])}
+        assert set(found) <= asked
+    assert PROJECT["optional-dependencies"]["all"] == [f"railslip_ctrl[{','.join(EXTRAS)}]"]
+
+
+MORE = {
+    "margins --rail dry": set(),
+    "linearize --rail dry --speed 60": set(),
+    "tune --rail dry --ms-max 2": {"scipy"},
+    "simulate --scenario stop --controller asmc": {"scipy", "numba", "platformdirs", "PyYAML"},
+}
+
+
+@pytest.mark.parametrize("words", [pytest.param(x, marks=[pytest.mark.long] * ("margins" not in x)) for x in MORE])
+def test_a_command_loads_what_it_needs_alone(words):
+    done = subprocess.run([sys.executable, "-c", LOADED, *words.split()], capture_output=True, text=True, check=True)
+    loaded, named = done.stdout.split(), re.findall(r"^\| `([^`]+)` ", PAGE, flags=re.M)
+    assert {name for name in named if IMPORTED.get(name, name) in loaded} == EVERY_COMMAND | MORE[words]
+
+
+@pytest.mark.parametrize(("words", "package", "extra"), [
+    ("campaign tolerances.toml --out runs", "pyarrow", "campaign"),
+    ("campaign tolerances.toml --controller pi --out runs --scheduler tcp://localhost:1", "distributed", "cluster"),
+    ("identify run.csv", "pandas", "identify"),
+    ("report --out check", "latex2mathml", "html"),
+    ("reproduce --out check", "latex2mathml", "html"),
+])  # fmt: skip
+def test_a_missing_extra_is_named_before_the_work(words, package, extra, railslip, file, monkeypatch):
+    file("tolerances.toml", 'scenario = "stop"\nruns = 1\n')
+    rows = "".join(f"{0.01 * i:.2f},{30 - 0.01 * i},{29 - 0.01 * i},900\n" for i in range(60))
+    file("run.csv", "time [s],train speed [m/s],wheel speed [m/s],brake torque [N*m]\n" + rows)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert f'{package} is not installed; pip install "railslip_ctrl[{extra}]"' in refused(railslip(*words.split()))
+    assert {path.name for path in Path.cwd().iterdir()} <= {"tolerances.toml", "run.csv", "runs"}
+
+
+@pytest.mark.long
+def test_command_works_from_an_installed_wheel(tmp_path):
+    built = tmp_path / "wheel"
+    make = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", built, ROOT]
+    subprocess.run(make, check=True, capture_output=True)
+    (wheel,) = built.glob("railslip_ctrl-*.whl")
+    files = set(zipfile.ZipFile(wheel).namelist())
+    data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/steps.py")
+    assert {f"railslip_ctrl/{name}" for name in data} <= files
+    environment = tmp_path / "environment"
+    venv.create(environment, with_pip=False)
+    scripts = environment / ("Scripts" if sys.platform == "win32" else "bin")
+    (site,) = environment.glob("lib/python*/site-packages")
+    # the dependencies of this environment, but not the project's own source tree
+    (site / "dependencies.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    install = [sys.executable, "-m", "pip", f"--python={scripts / 'python'}", "install", "--quiet", "--no-deps"]
+    install.append("--no-compile")  # of all modules, few of which are imported here
+    subprocess.run([*install, "--force-reinstall", "--no-index", wheel], check=True, capture_output=True)
+    words = [scripts / "railslip", "report", "--no-html", "--rail", "wet"]
+    subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=True)
+    assert (tmp_path / "railslip-report" / "loop.svg").exists()

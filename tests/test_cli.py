@@ -87,8 +87,10 @@ FILES = {
     "log.csv": "time [s],v [m/s],omega [rad/s],torque [N*m]\n0,30,69,0\n",
     "mine.toml": 'extends = "park2008"\ninitial_speed = 50.0\nadhesion = "law.toml"\n',
     "own.toml": 'kind = "pi"\nkp = 100\nki = 10\n',
+    "sampled.py": "import control as ct\nCONTROLLER = ct.tf([190.0], [1.0], 0.05)\n",
     "own.py": "class C:\n  def step(self, *x): ...\n  def linear(self, x): return 'text'\nCONTROLLER = C()\n",
 }
+SAMPLED = "margins --rail dry --speed 100 --controller sampled.py"
 GIVEN = "does not go with a controller from a file"
 TWICE = "identify log.csv {0} train_speed=1 {0} train_speed=2"
 SEEDS = "give a whole number from 2 to 100000"
@@ -107,6 +109,10 @@ SEEDS = "give a whole number from 2 to 100000"
     ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
     ("margins --initial-speed 200 --envelope default", "error: --initial-speed: 200 km/h is outside 30 to 140"),
     ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
+    ("margins --controller nope", "--controller: 'nope' is not one"),
+    (f"{SAMPLED} --certify", "--certify: the loop of a discrete controller has no"),
+    (f"{SAMPLED} --lead 0.6", "--lead: does not go with --controller"),
+    (f"{SAMPLED} --kp 1 --ki 1", "--kp: does not go with a controller from a file"),
     ("margins --kp nan --ki 5", "--kp: nan is not allowed; give a finite number"),
     ("margins --kp '65 N*m' --ki 5", "--kp: '65 N*m' has the wrong dimension"),
     ("margins --kp 190", "--ki: is missing beside --kp; give both gains"),

@@ -17,7 +17,7 @@ import pytest
 from html_page import LARGEST_BYTES, Page
 from project import ROOT
 from test_envelope import COACH, own_loop
-from test_law_files import LAW
+from test_laws import LAW
 
 from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.margins import given_controller
