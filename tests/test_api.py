@@ -63,16 +63,13 @@ SHAPE = re.compile(r"\d-D|\bshape|of one length|array,? \([\w, ]+\)|\b[a-z] by [
 def public() -> dict[str, Any]:
     """Everything offered at the top, by the rooms that list their names, and the other entries."""
     found = {f"railslip_ctrl.{name}": getattr(railslip_ctrl, name) for name in railslip_ctrl.__all__}
-    offered = {room: importlib.import_module(f"railslip_ctrl.{room}").__all__ for room in ROOMS}
-    for room, names in (offered | ENTRIES).items():
+    for room in (*ROOMS, *ENTRIES):
         module = importlib.import_module(f"railslip_ctrl.{room}")
-        found |= {f"{room}.{name}": getattr(module, name) for name in names}
+        found |= {f"{room}.{name}": getattr(module, name) for name in ENTRIES.get(room) or module.__all__}
     return found
 
 
-FUNCTIONS = {name: inspect.unwrap(thing) for name, thing in public().items() if inspect.isroutine(thing)}
-CLASSES = {name: thing for name, thing in public().items() if inspect.isclass(thing)}
-THINGS = FUNCTIONS | CLASSES
+THINGS = {name: inspect.unwrap(one) for name, one in public().items() if inspect.isroutine(one) or inspect.isclass(one)}
 
 
 def test_the_top_lists_what_it_offers() -> None:
@@ -105,31 +102,22 @@ def test_no_room_takes_its_names_from_the_top_and_every_source_key_resolves() ->
 
 
 @pytest.mark.parametrize("name", THINGS)
-def test_every_argument_and_field_is_documented_and_every_number_has_its_unit_and_shape(name: str) -> None:
-    """The first paragraph of a class may give unit and shape of all its fields."""
+def test_every_argument_field_and_method_is_documented_and_every_number_has_its_unit_and_shape(name: str) -> None:
+    """A class may give those of all its fields in its first paragraph, and say what its methods take."""
     thing = THINGS[name]
-    text, asked = documentation(thing), arguments_of(thing)
-    assert text, f"{name} has no docstring"
-    missing = [argument for argument in asked if not entry(text, argument)]
-    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
-    assert not unsaid(text, asked, general=text.partition("\n\n")[0] if inspect.isclass(thing) else "")
-
-
-@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
-def test_every_public_method_says_what_it_takes(name: str) -> None:
-    """With its unit and shape; in its own docstring, or that of what it implements, or else in the class's."""
-    thing = CLASSES[name]
-    (node,) = ast.parse(inspect.getsource(thing)).body
-    for method in (one for one in node.body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"):
-        bases = (base for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base))
-        said = [vars(base)[method.name].__doc__ or "" for base in bases]
-        assert any(said), f"{name}.{method.name} has no docstring"
-        own, whole = inspect.cleandoc("\n\n".join(map(inspect.cleandoc, said))), documentation(thing)
+    text, is_class = documentation(thing), inspect.isclass(thing)
+    assert text
+    general = text.partition("\n\n")[0] if is_class else ""
+    assert not [one for one, annotation in arguments_of(thing).items() if not told(text, one, annotation, general)]
+    body = ast.parse(inspect.getsource(thing)).body[0].body if is_class else []
+    for method in (one for one in body if isinstance(one, ast.FunctionDef) and one.name[0] != "_"):
+        bases = (base for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base))  # what it implements, too
+        own = "\n\n".join(inspect.cleandoc(vars(base)[method.name].__doc__ or "") for base in bases)
+        assert own.strip(), method.name
         for argument in (*method.args.args, *method.args.kwonlyargs):
             if argument.arg not in ("self", "cls") and argument.annotation is not None:
-                asked = {argument.arg: ast.unparse(argument.annotation)}
-                told = any(entry(text, argument.arg) and not unsaid(text, asked, general="") for text in (own, whole))
-                assert told, f"{name}.{method.name}: {argument.arg} is not in its docstring with its unit and shape"
+                asked = argument.arg, ast.unparse(argument.annotation)
+                assert told(own, *asked) or told(text, *asked), f"{method.name}: {argument.arg}"
 
 
 def documentation(thing: Any) -> str:
@@ -160,19 +148,15 @@ def entry(text: str, name: str) -> str:
     return " ".join(sentence for sentence in sentences if re.search(rf"(?<!\w){name}(?!\w)", sentence))
 
 
-def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]:
-    """Numbers that have no unit, and arrays that have no shape, in what is said of them or in general."""
-    found = []
-    for name, annotation in annotations.items():
-        array = re.search(r"ArrayLike|Floats|NDArray|Complexes", annotation)
-        if annotation.startswith("Callable") or not (array or re.search(r"\bfloat\b", annotation)):
-            continue
-        said = entry(text, name)
-        for pointed_at in re.findall(r"[Aa]s (?:of|for)\s+`(?:[\w.]+\.)?(\w+)`", said)[:1]:
-            said += "".join(entry(documentation(THINGS[one]), name) for one in THINGS if one.endswith(f".{pointed_at}"))
-        found += [] if UNIT.search(said) or UNIT.search(general) else [f"{name}: no unit in {said!r}"]
-        found += [] if not array or SHAPE.search(said) or SHAPE.search(general) else [f"{name}: no shape in {said!r}"]
-    return found
+def told(text: str, name: str, annotation: str, general: str = "") -> bool:
+    """Whether a docstring has an argument, and in its entry or in general a number's unit and an array's shape."""
+    said, array = entry(text, name), re.search(r"ArrayLike|Floats|NDArray|Complexes", annotation)
+    if not said or annotation.startswith("Callable") or not (array or re.search(r"\bfloat\b", annotation)):
+        return bool(said)
+    for pointed_at in re.findall(r"[Aa]s (?:of|for)\s+`(?:[\w.]+\.)?(\w+)`", said)[:1]:
+        said += "".join(entry(documentation(THINGS[one]), name) for one in THINGS if one.endswith(f".{pointed_at}"))
+    said = f"{said}\n{general}"
+    return bool(UNIT.search(said) and (not array or SHAPE.search(said)))
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]

@@ -36,6 +36,7 @@ def test_oracles_md_the_wheel_slip_loop_in_si():
     assert (m.phase_deg, m.phase_frequency) == pytest.approx((10.2839822, 0.75683443), abs=5.1e-8)
     assert m.delay_s == pytest.approx(0.23715801, abs=5.1e-9)
     assert (m.ms, m.mt) == pytest.approx((5.579, 5.681), abs=5.1e-4)
+    assert m.disk == pytest.approx(0.1792, abs=5e-5)
     fast = assess(plant(), ct.sample_system(190.0 + 5.0 / ct.tf("s"), 0.005, "tustin"), PARK2008.actuator)
     assert fast.closed_loop_poles[:3] == pytest.approx(a.closed_loop_poles[:3], rel=0.01)  # 2 % more dead time
 
