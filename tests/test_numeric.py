@@ -138,34 +138,32 @@ def test_functions_in_a_kernel_are_the_same_and_powers_the_whole_loss_of_kinetic
     law = sample_law(name)
     numeric, table = numeric_plant(type(law)), adhesion_table(law, VEHICLE.wheel_load)
     kernel = module_of(module_text(type(law), compiled=False), compiled=False)  # in the interpreter
-    p, (wheel_radius, J_, M_) = plant_parameters(law, VEHICLE), (0.43, 60.35, 3517.0)
+    p, (radius, J_, M_) = plant_parameters(law, VEHICLE), (0.43, 60.35, 3517.0)
     points = states(law, 100, seed=3)
     largest = max(float(np.max(np.abs([numeric.force(*row, p) for row in points]))), 1.0)
     assert has_table(type(law)) == (name in ("curve", "table"))
     # of a force from a table the cubic's error is below 1e-11 of the largest force; the others are the same text
     share = 1e-11 if has_table(type(law)) else 1e-15
-    per_force = wheel_radius**2 / J_ + 1 / M_
+    tolerance = 10 * share * largest * (radius**2 / J_ + 1 / M_)
     for row in points:
         speed, slip, _, torque, disturbance, random = row
         force = float(numeric.force(*row, p))
         assert kernel.adhesion_force(*row, p, table) == pytest.approx(force, rel=1e-12, abs=share * largest)
         rates = [float(x) for x in numeric.rates(*row, p)]
-        tolerance = 10 * share * largest * per_force
         assert kernel.rates(*row, p, table) == pytest.approx(rates, rel=1e-11, abs=tolerance)
         jacobian = np.array(numeric.jacobian(*row, p), dtype=float)
         # the curve's slope is alpha times the difference of 1 and h F, which cancels: 1e-11 of its terms is left
-        scale = np.abs(jacobian).max() + 1e3
-        entries = jacobian[1:, 1:3].ravel()
-        assert kernel.stiffness(*row, p, table) == pytest.approx(entries, rel=1e-9, abs=1e-9 * scale)
+        near = {"rel": 1e-9, "abs": 1e-9 * (np.abs(jacobian).max() + 1e3)}
+        assert kernel.stiffness(*row, p, table) == pytest.approx(jacobian[1:, 1:3].ravel(), **near)
         found = kernel.rates_and_powers(*row, p, table)
         assert found[:3] == pytest.approx(rates, rel=1e-11, abs=tolerance)
-        omega, resistance = (speed - slip) / wheel_radius, 210.0 + 13.0 * speed + 0.63 * speed**2
+        omega, resistance = (speed - slip) / radius, 210.0 + 13.0 * speed + 0.63 * speed**2
         expected = (torque * omega, force * slip, 0.25 * omega**2, resistance * speed)
-        expected += (random / wheel_radius * slip, disturbance * omega)
+        expected += (random / radius * slip, disturbance * omega)
         assert len(WORKS) == len(found[3:])
         # a force from a table is within 1e-11 of 1e4 N: times the slip velocity at most 3e-6 W
         assert found[3:] == pytest.approx(expected, rel=1e-12, abs=3e-6)
-        loss = -(M_ * speed * rates[0] + J_ * omega * (rates[0] - rates[1]) / wheel_radius)
+        loss = -(M_ * speed * rates[0] + J_ * omega * (rates[0] - rates[1]) / radius)
         assert math.fsum(found[3:]) == pytest.approx(loss, rel=1e-9, abs=3e-5)  # some 1e6 W cancel in it
 
 
@@ -194,13 +192,10 @@ def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, mo
     sliding.main()
     for name in law_names():
         assert (sliding.LAW_FILE.parent / f"{name}.py").read_text() == (GENERATED / f"{name}.py").read_text()
-    code = f"{LINEARIZED}print([name for name in ('sympy', 'control', 'matplotlib', 'scipy') if name in sys.modules])"
+    code = "import sys, railslip_ctrl as rs\n"
+    code += 'rs.linearize(rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, 27.0, 0.132))\n'
+    code += "print([name for name in ('sympy', 'control', 'matplotlib', 'scipy') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "[]\n"
-
-
-LINEARIZED = """import sys, railslip_ctrl as rs
-rs.linearize(rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, 27.0, 0.132))
-"""
 
 
 class NewLaw(Burckhardt):
@@ -344,13 +339,8 @@ def test_the_pole_of_a_static_law_is_its_slope() -> None:
         assert plant.poles == pytest.approx([static_pole(slope)], rel=1e-6)  # truncation h^2 and rounding eps/h
     # dFa/dlambda at 0: Kx for the beam (9); 0 for the curve, which starts as alpha s^2/(2 R); Polach's whatever mu is
     polach, tyre = (published_law(other, Rail.WET) for other in ("polach", "burckhardt"))
-    stiffness = (polach.kA + polach.kS) / 2 * polach.G * polach.a * polach.b * polach.c11
-    slopes = {
-        "beam": 274_360.0,
-        "curve": 0.0,
-        "polach": stiffness,
-        "burckhardt": 34_500.0 * (tyre.c1 * tyre.c2 - tyre.c3),
-    }
+    slopes = {"beam": 274_360.0, "curve": 0.0, "burckhardt": 34_500.0 * (tyre.c1 * tyre.c2 - tyre.c3)}
+    slopes["polach"] = (polach.kA + polach.kS) / 2 * polach.G * polach.a * polach.b * polach.c11
     for other, slope in slopes.items():
         at_zero = linearize(operating_point(published_law(other, Rail.WET), PARK2008, V100, 0.0))
         assert at_zero.poles[0].real == pytest.approx(static_pole(slope / V100), rel=1e-12)  # rounding
