@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import control as ct
 import numpy as np
@@ -162,8 +163,7 @@ def test_schedule_checks_speed_and_rail_and_names_the_entry_that_cannot_be_met(s
             make()
 
 
-def on_curve(v):
-    return plant_at("curve", PARK2008, Rail.DRY, v)
+on_curve = partial(plant_at, "curve", PARK2008, Rail.DRY)
 
 
 @pytest.mark.parametrize(("lead", "expected"), [({}, 14.314), ({"lead": 0.6, "lead_filter": 0.06}, 4.0169)])

@@ -176,14 +176,6 @@ def test_an_option_that_may_be_given_again_counts_once(railslip):
     assert railslip("linearize", "--speed", "100", "--speed", "100", "--rail", "dry", "--json", "--json") == once
 
 
-DAHL = """law = "dahl"
-initial_speed_range = [30, 110]
-parameters = {alpha = 2.0e4}
-polynomials = {Fc = [1e4, -10]}
-reference_slip = {dry = 0.12, wet = 0.08}
-"""
-
-
 @pytest.mark.parametrize(("words", "speed", "advised"), [
     ("--speed '100 m/s'", "360", False),  # above 140 km/h, to where the published parameters go
     ("--speed 120", "120", True),
@@ -192,7 +184,8 @@ reference_slip = {dry = 0.12, wet = 0.08}
     ("--speed 105 --adhesion law.toml", "105", True),
 ])  # fmt: skip
 def test_a_speed_above_v0_is_advised_only_what_is_taken(railslip, file, words, speed, advised):
-    file("law.toml", DAHL)
+    law = 'law = "dahl"\ninitial_speed_range = [30, 110]\nparameters = {alpha = 2.0e4}\n'
+    file("law.toml", f"{law}polynomials = {{Fc = [1e4, -10]}}\nreference_slip = {{dry = 0.12, wet = 0.08}}\n")
     given = ("linearize", "--rail", "dry", *shlex.split(words))
     status, _, told = railslip(*given)
     advice = f"give another, or --initial-speed {speed}\n" in told
@@ -246,9 +239,9 @@ def derived(file):
     return derivation, generate(derivation), law, law_numbers(derivation, law)
 
 
-def told(derivation, code, numbers) -> tuple[str, str, str]:
+def told(derivation, code, numbers) -> list[str]:
     with_code = [derivation_document(form, derivation, (), code, numbers) for form in ("markdown", "latex")]
-    return (derivation_text(derivation, (), numbers), *with_code)
+    return [derivation_text(derivation, (), numbers), *with_code]
 
 
 def test_derive_puts_the_numbers_of_a_file_into_the_law_and_the_code(derived):

@@ -196,7 +196,6 @@ def test_unsuitable_input_is_refused(make, match):
 
 FASTER = 1 / ((S - 1) * (0.5 * S + 1))  # s^3 + s^2 + 2 (kp - 1) s + 2 ki: ki < kp - 1
 BIPROPER = (S + 2) / (S + 1)  # (1 + kp) s^2 + (1 + 2 kp + ki) s + 2 ki: ki > -1 - 2 kp
-OUTSIDE, INSIDE = 1e-9, 1e-4  # relative distance of the outermost corner from the boundary
 
 
 @pytest.mark.parametrize(("plant", "dead_time", "kp", "ki", "corner"), [
@@ -216,7 +215,7 @@ def test_a_rectangle_is_certified_until_a_corner_passes_the_boundary(plant, dead
     column, row = corner
     if ki[row] is None:
         ki = [end or region.ki_intervals(kp[column])[0][row] for end in ki]
-    for side, certain in ((OUTSIDE, False), (-INSIDE, True)):
+    for side, certain in ((1e-9, False), (-1e-4, True)):  # relative distance of the outermost corner from the boundary
         moved = list(ki)
         moved[row] *= 1 + side * (1 if row else -1)
         assert region.certified_rectangle(kp, tuple(moved)) is certain
@@ -230,12 +229,11 @@ def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(mar
     assert stable_intervals(critical, 1.0, lambda k: RootCount(0, marginal and k == 1), signed=False) == stable
 
 
-X = fmpq_poly([0, 1])
-NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])
+X, ONE = fmpq_poly([0, 1]), fmpq_poly([1])
 
 
 @pytest.mark.parametrize(("factor", "other", "dead_time", "highest"), [
-    (-((1 + X) ** 3), NOTHING, 1.0, 30.0),
+    (-((1 + X) ** 3), 0 * X, 1.0, 30.0),
     (ONE, -X / 5, 1.0, 30.0),
     (1 + X, -(X**3) / 50, 2.0, 10.0),  # |kappa| 1 to 1.4 at the end
     ((1 + 4 * X**2) * (X + 3), X, 0.7, 25.0),  # F is 0 at 0.5 rad/s

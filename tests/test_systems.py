@@ -1,6 +1,8 @@
 """Systems as the ecosystem writes them, wherever a function takes one; responses of their closed loops."""
 
+import itertools
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import control as ct
@@ -96,32 +98,24 @@ def test_python_control_s_plots_of_a_loop_itself_say_what_they_take():
 
 
 H, FINE = 0.2, 20
-CONTROLLER = ct.tf([0.15, -0.147], [1, -1], H)
-SAMPLED = SampledLoop(CONTROLLER, PLANT, 1.75 * H, H)
-
-
-def finely_sampled() -> tuple[np.ndarray, np.ndarray]:
-    """Time and output of the closed loop of SAMPLED, the plant advanced by python-control in steps of H/FINE."""
-    plant = ct.c2d(ct.ss(PLANT), H / FINE)
-    x, past, command, y = np.zeros(2), [0.0] * (FINE * 7 // 4), 0.0, []
-    errors = [0.0]
-    for k in range(12 * FINE):
-        y.append(float((plant.C @ x)[0]))
-        if k % FINE == 0:
-            errors.append(1 - y[-1])
-            command += 0.15 * errors[-1] - 0.147 * errors[-2]  # u[k] = u[k-1] + 0.15 e[k] - 0.147 e[k-1]
-        past.append(command)
-        x = plant.A @ x + plant.B[:, 0] * past.pop(0)
-    return np.arange(12 * FINE) * H / FINE, np.array(y)
+SAMPLED = SampledLoop(ct.tf([0.15, -0.147], [1, -1], H), PLANT, 1.75 * H, H)
 
 
 def test_a_sampled_loop_answers_a_step_between_its_samples_too():
-    time, expected = finely_sampled()
-    found = SAMPLED.step_response(time)
+    """The plant advanced by python-control in steps of a 20th of a period."""
+    fine, late = ct.c2d(ct.ss(PLANT), H / FINE), 7 * FINE // 4
+    x, past, command, expected, errors = np.zeros(2), [0.0] * late, 0.0, [], [0.0]
+    for k in range(12 * FINE):
+        expected.append(float((fine.C @ x)[0]))
+        if k % FINE == 0:
+            errors.append(1 - expected[-1])
+            command += 0.15 * errors[-1] - 0.147 * errors[-2]  # u[k] = u[k-1] + 0.15 e[k] - 0.147 e[k-1]
+        past.append(command)
+        x = fine.A @ x + fine.B[:, 0] * past.pop(0)
+    found = SAMPLED.step_response(np.arange(12 * FINE) * H / FINE)
     assert found.output == pytest.approx(expected, abs=1e-12)  # rounding of 240 steps
-    assert found.error == pytest.approx(1 - expected, abs=1e-12)
+    assert found.error == pytest.approx(1 - np.array(expected), abs=1e-12)
     assert found.control[: 2 * FINE] == pytest.approx([0.15] * FINE + [0.153] * FINE)
-    late = 7 * FINE // 4
     assert found.plant_input == pytest.approx(np.append(np.zeros(late), found.control[:-late]))
     with pytest.raises(InputError, match=r"give a time <= 4e\+04 s"):
         SAMPLED.step_response(1e6)
@@ -140,10 +134,9 @@ def test_a_sampled_loop_is_multiplied_and_divided():
     for other in (SAMPLED, PLANT, "C", ct.tf([1], [1, 2], 0.1)):
         with pytest.raises(InputError, match="factor: "):
             SAMPLED * other
-    for loop in (LOOP, SAMPLED):
-        for divisor in (0, "C", None):
-            with pytest.raises(InputError, match=r"divisor: |gain factor: "):
-                loop / divisor
+    for loop, divisor in itertools.product((LOOP, SAMPLED), (0, "C", None)):
+        with pytest.raises(InputError, match=r"divisor: |gain factor: "):
+            loop / divisor
         with pytest.raises(InputError, match=r"^final time: 'a'"):
             loop.step_response("a")
 
@@ -165,9 +158,8 @@ def test_a_sampled_loop_has_what_python_control_asks_of_it():
 
 
 def test_a_loop_and_a_region_draw_themselves():
-    kinds = (("bode_plot", "frequency"), ("nyquist_plot", "Re"), ("nichols_plot", "phase"))
-    for loop, (draw, x) in [*zip((LOOP,) * 3, kinds, strict=True), (SAMPLED, kinds[0])]:
-        figure = getattr(loop, draw)()
+    drawn = (LOOP.bode_plot(), LOOP.nyquist_plot(), LOOP.nichols_plot(), SAMPLED.bode_plot())
+    for figure, x in zip(drawn, ("frequency", "Re", "phase", "frequency"), strict=True):
         figure.draw_without_rendering()
         assert defects(figure) == []
         assert x in figure.axes[-1].get_xlabel()
@@ -177,13 +169,12 @@ def test_a_loop_and_a_region_draw_themselves():
     t, y = LOOP.step_response(3.0)
     assert (t[-1], y[-1]) == (3.0, pytest.approx(LOOP.step_response([3.0]).output[0], rel=1e-9))
     region = stabilizing_pi(LAG, 0.0)
-    with pytest.raises(InputError, match="kp_limit"):
-        region.plot()
-    with pytest.raises(InputError, match="ki_limit"):
-        region.plot(kp_limit=5)
     assert len(region.plot(kp_limit=5, ki_limit=5).axes) == 3
-    with pytest.raises(InputError, match="nothing to draw"):
-        stabilizing_pi(ct.tf([1], [1, -9]), 0.5).plot()
+    empty = stabilizing_pi(ct.tf([1], [1, -9]), 0.5)
+    refused = ((region, {}, "kp_limit"), (region, {"kp_limit": 5}, "ki_limit"), (empty, {}, "nothing to draw"))
+    for one, given, match in refused:
+        with pytest.raises(InputError, match=match):
+            one.plot(**given)
 
 
 ONE = gain(1.0)
@@ -232,29 +223,18 @@ def test_realisation_refuses_complex_roots_without_their_conjugates(poles):
         realise(Rational(np.array([]), np.array(poles), 1.0))
 
 
-def delayed_integrator_step(gain: Fraction, dead_time: Fraction, t: Fraction) -> float:
-    """y = sum over k >= 1 with k tau < t of (-1)^(k+1) (K (t - k tau))^k/k!, in exact arithmetic.
-
-    From y'(t) = K (1 - y(t - tau)) segment by segment; in floating point the alternating sum would cancel.
-    """
-    total, k = Fraction(0), 1
-    while t > k * dead_time:
-        total -= (-gain * (t - k * dead_time)) ** k / math.factorial(k)
-        k += 1
-    return float(total)
-
-
 @pytest.mark.parametrize(
     ("k", "dead_time", "segments"),
     [(2.0, 1.0, 40), (1.0, 1.0, 200), (1.5, 1.0, 60), (0.5, 0.25, 60), (12.0, 0.125, 60), (32.0, 0.5, 20)],
 )
 def test_delayed_integrator_equals_the_method_of_steps(k, dead_time, segments):
-    # times that are binary fractions, so that the closed form sees the same ones
-    steps = np.arange(0, 8 * segments + 1, 5)
-    t = steps * dead_time / 8
-    exact = Fraction(k), Fraction(dead_time)
-    expected = [delayed_integrator_step(*exact, int(n) * exact[1] / 8) for n in steps]
-    found = step_response(gain(k), INTEGRATOR, dead_time, time=t)
+    """y = sum over n >= 1 with n tau < t of (-1)^(n+1) (K (t - n tau))^n/n!, from y'(t) = K (1 - y(t - tau)) segment by
+    segment; in exact arithmetic, as the alternating sum would cancel."""
+    tau, steps, expected = Fraction(dead_time), np.arange(0, 8 * segments + 1, 5), []
+    for t in (int(step) * tau / 8 for step in steps):  # binary fractions, so that the closed form sees the same ones
+        terms = range(1, math.ceil(t / tau))
+        expected.append(float(-sum((-Fraction(k) * (t - n * tau)) ** n / math.factorial(n) for n in terms)))
+    found = step_response(gain(k), INTEGRATOR, dead_time, time=steps * dead_time / 8)
     # K tau > pi/2 grows: then relative to the size reached so far
     size = np.maximum(1.0, np.maximum.accumulate(np.abs(expected)))
     assert np.max(np.abs(found.output - expected) / size) < 1e-11
@@ -287,11 +267,9 @@ def test_without_dead_time_it_is_the_response_of_scipy():
 def test_superposition_and_the_impulse_as_an_initial_state():
     t = np.linspace(0, 6, 200)
     options = {"actuator": BRAKE, "time": t}
-    together = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, reference=2.0, disturbance=30.0, noise=0.2, **options)
-    parts = [
-        closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, **{name: height}, **options)
-        for name, height in (("reference", 2.0), ("disturbance", 30.0), ("noise", 0.2))
-    ]
+    heights = {"reference": 2.0, "disturbance": 30.0, "noise": 0.2}
+    together = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, **heights, **options)
+    parts = [closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, **{one: heights[one]}, **options) for one in heights]
     for name in ("output", "control", "plant_input", "error", "control_rate"):
         total = sum(getattr(part, name) for part in parts)
         assert getattr(together, name) == pytest.approx(total, abs=1e-10 * np.max(np.abs(total)))
@@ -316,16 +294,14 @@ def test_any_dead_time_and_any_times_give_the_same_curve(dead_time):
 
 
 def test_overshoot_and_settling_time():
-    t = np.arange(5.0)
-    y = np.array([0.0, 2.6, 1.8, 2.02, 2.0])
+    t, y = np.arange(5.0), np.array([0.0, 2.6, 1.8, 2.02, 2.0])
     response = TimeResponse(t, y, y, y, y, y, 0.1, reference=2.0, disturbance=0.0, noise=0.0)
     assert response.overshoot == pytest.approx(0.3)
     assert response.settling_time(2.0, 0.05) == 3.0
     assert response.settling_time(2.0, 5.0) == 0.0
     assert response.settling_time(0.0, 0.05) == math.inf
     assert response.largest_output == 2.6
-    none = TimeResponse(t, y, y, y, y, y, 0.1, reference=0.0, disturbance=1.0, noise=0.0)
-    assert math.isnan(none.overshoot)
+    assert math.isnan(replace(response, reference=0.0).overshoot)
 
 
 def wheel(**options):
@@ -363,9 +339,8 @@ def test_frequency_curves_are_the_formulas():
         assert np.diff(np.log(given.omega)).max() < 2e-3  # a smooth line
     s = 1j * gang.omega
     c, p = PI_LEAD(s), WHEEL(s) * np.exp(-DEAD_TIME * s)
-    assert np.array([gang.s, gang.t, gang.ps, gang.cs]) == pytest.approx(
-        np.array([1 + 0 * p, c * p, p, c]) / (1 + c * p), rel=1e-12
-    )
+    four = np.array([1 + 0 * p, c * p, p, c]) / (1 + c * p)
+    assert np.array([gang.s, gang.t, gang.ps, gang.cs]) == pytest.approx(four, rel=1e-12)
     s = 1j * curve.omega
     expected = PI_LEAD(s) * WHEEL(s) * np.exp(-DEAD_TIME * s)
     assert curve.response == pytest.approx(expected, rel=1e-12)
