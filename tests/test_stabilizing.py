@@ -94,14 +94,11 @@ def random_region(rng):
     zeros, poles, gain, dead_time = of_kind[rng.integers(4)](rng)
     dead_time = min(dead_time, 1.0)
     plant = Rational(zeros[: len(poles) - 1], poles, float(gain * rng.choice([1, 1, 1, -1])))
-    lag = 10 ** rng.uniform(-2, 0)
-    kind = rng.integers(3)
+    lag, td, kd, kind = 10 ** rng.uniform(-2, 0), rng.uniform(0, 2), rng.uniform(-2, 2), rng.integers(3)
     if kind == 0:
         return stabilizing_pi(plant, dead_time), (0.0, 0.0, 0.0)
     if kind == 1:
-        td = rng.uniform(0, 2)
         return stabilizing_pid(plant, dead_time, derivative_time=td, derivative_filter=lag), (td, 0.0, lag)
-    kd = rng.uniform(-2, 2)
     return stabilizing_pid(plant, dead_time, derivative_gain=kd, derivative_filter=lag), (0.0, kd, lag)
 
 
@@ -141,13 +138,14 @@ def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
     region, (td, kd, lag) = random_region(rng)
     s = 1j * np.geomspace(1e-2, 5.0, 60)
     derivative = s / (lag * s + 1)
-    for kp, ki in (rng.normal(size=2), (rng.normal(), 0.0), (0.0, 1.0)):
-        expected = kp * (1 + td * derivative) + ki / s + kd * derivative
-        assert region.decomposition.controller(kp, ki)(s) == pytest.approx(expected, rel=1e-9)
-    kp, ki = region.decomposition.curve(s.imag)
-    c = kp * (1 + td * derivative) + ki / s + kd * derivative
+
+    def pid(kp, ki):
+        return kp * (1 + td * derivative) + ki / s + kd * derivative
+
+    for gains in (rng.normal(size=2), (rng.normal(), 0.0), (0.0, 1.0)):
+        assert region.decomposition.controller(*gains)(s) == pytest.approx(pid(*gains), rel=1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        loop = c * region.plant(s) * np.exp(-s * region.dead_time)
+        loop = pid(*region.decomposition.curve(s.imag)) * region.plant(s) * np.exp(-s * region.dead_time)
     usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
     assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
 
@@ -156,11 +154,9 @@ def test_intersection_over_operating_points():
     regions = [stabilizing_pi(plant, PARK2008.actuator.dead_time) for plant in twelve_points()]
     common = intersection(regions)
     low, high = common.kp_range
-    assert low == max(r.kp_range[0] for r in regions)
-    assert high == min(r.kp_range[1] for r in regions)
+    assert (low, high) == (max(r.kp_range[0] for r in regions), min(r.kp_range[1] for r in regions))
     assert common.reason == ""
-    rng = np.random.default_rng(1)
-    for kp in rng.uniform(low, high, 10):
+    for kp in np.random.default_rng(1).uniform(low, high, 10):
         limit = common.ki_limit(kp)
         assert limit == min(r.ki_limit(kp) for r in regions)
         assert common.contains(kp, limit * (1 - NEAR))

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 from unittest.mock import Mock
 
 import control as ct
@@ -22,10 +23,10 @@ SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
 DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
-BUILT_IN = LinearControl(DESIGN, REFERENCE, name="built-in", rule="backward", tracking_time=math.inf)
+BUILT_IN = LinearControl(DESIGN, REFERENCE, rule="backward", tracking_time=math.inf)
 
 
-def as_run(controller: object, name: str | None = None) -> object:
+def as_run(controller, name=None):
     return as_control(controller, SCENARIO.vehicle, SCENARIO.adhesion.reference, name)
 
 
@@ -57,10 +58,7 @@ def proportional(t, v, omega):
     return 1210.0 * (0.132 * v - (v - RADIUS * omega))
 
 
-NUMBA_PI = StepControl(pi, REFERENCE, "numba", start_numbers=(0.0,))
-
-
-@pytest.mark.parametrize("controller", [PI(), NUMBA_PI], ids=["object", "numba"])
+@pytest.mark.parametrize("controller", [PI(), StepControl(pi, REFERENCE, start_numbers=(0.0,))], ids=["own", "numba"])
 def test_one_law_in_every_form_makes_one_run(controller):
     expected, found, again = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller, controller))
     # sums in another order, over 48 s of a stable loop
@@ -95,7 +93,9 @@ def test_a_linear_system_runs_as_it_is_given(form):
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
 
 
-FILE = """
+@pytest.mark.long
+def test_a_campaign_runs_them_in_other_processes(file, tmp_path):
+    text = """
 import numba
 
 class Mine:
@@ -107,23 +107,14 @@ class Mine:
 @numba.njit
 def p(t, v, omega):
     return 1210.0 * (0.43 * omega - 0.868 * v)
-
-CONTROLLER = {}
 """
-
-
-@pytest.mark.long
-def test_a_campaign_runs_them_in_other_processes(tmp_path):
-    loaded = []
-    for name, controller in (("a", "Mine()"), ("b", "p")):
-        (tmp_path / f"{name}.py").write_text(FILE.replace("{}", controller))
-        loaded.append(as_run(load_controller(tmp_path / f"{name}.py"), name))
+    files = [file(f"{name}.py", f"{text}CONTROLLER = {one}\n") for name, one in (("a", "Mine()"), ("b", "p"))]
+    loaded = [as_run(load_controller(name), name[0]) for name in files]
     short = SCENARIO.with_changes(longest_time=2.0, events=())
     campaign = Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
     assert campaign.controller_names == ("a", "b", "transfer-function-of-order-1")
     one, two = (execute(campaign, tmp_path / str(n), workers=n, part_runs=4) for n in (1, 2))
-    for i in (0, 7):
-        assert one.row(i) == two.row(i)
+    assert [one.row(i) for i in (0, 7)] == [two.row(i) for i in (0, 7)]
     assert Campaign(short, campaign.controllers, 8).fingerprint == campaign.fingerprint
 
 
@@ -195,19 +186,16 @@ def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interru
         simulate(SCENARIO, one)
 
 
-@pytest.mark.parametrize(
-    ("period", "told"), [(0, r"0 s is not allowed; give a finite value >= 1e-05"), (1e9, "<= 180$")]
-)
-def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, tmp_path, period, told):
-    path = tmp_path / "mine.py"
-    path.write_text(KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
+@pytest.mark.parametrize(("period", "told"), [(0, "0 s is not allowed; give a finite value >= 1e"), (1e9, "<= 180$")])
+def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, file, period, told):
+    path = file("mine.py", KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
     with pytest.raises(InputError, match=f"^controller Timed: period: .*{told}"):  # 180 s: once a run, and no more
         simulate(SCENARIO, load_controller(path))
     if not period:
-        for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "stop", "--out", tmp_path / "out")):
+        for command in ("margins --rail dry", "simulate --scenario stop --out out"):
             begins = f"railslip: error: --controller: {path}: controller mine: period: 0 s is not allowed"
-            assert refused(railslip(*command, "--controller", path)).startswith(begins)
-        assert not (tmp_path / "out").exists()
+            assert refused(railslip(*command.split(), "--controller", path)).startswith(begins)
+        assert not Path("out").exists()
 
 
 KINDS = """
@@ -254,11 +242,9 @@ ALONE = "is known by its step alone and has no margins"
     ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
     ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
 ])  # fmt: skip
-def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
+def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controller, margins, run):
     """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
-    path = tmp_path / "mine.py"
-    path.write_text(KINDS.replace("{}", controller))
-    mine = record_in(path, "CONTROLLER", ())
+    mine = record_in(Path(file("mine.py", KINDS.replace("{}", controller))), "CONTROLLER", ())
     short = SCENARIO.with_changes(longest_time=0.1, events=())
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):
