@@ -7,7 +7,7 @@ import control as ct
 import numpy as np
 import pytest
 import random_loops
-from test_assessment import plant as wheel
+from test_tuning import plant as wheel
 
 from railslip_ctrl import PARK2008, InputError, PIController, PIGains, Rail, UnstableLoopError, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
