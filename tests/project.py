@@ -23,7 +23,6 @@ def script(path: str) -> ModuleType:
 
 
 def recipe(name: str) -> str:
-    """A file that CONTRIBUTING shows."""
     (text,) = re.findall(rf"^```\w+ file={re.escape(name)}\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
     return text
 

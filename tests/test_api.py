@@ -129,7 +129,6 @@ def documentation(thing: Any) -> str:
 
 
 def arguments_of(thing: Any) -> dict[str, str]:
-    """Arguments of a function, or fields of a class, and their types."""
     if not inspect.isclass(thing):
         return {name: str(argument.annotation) for name, argument in inspect.signature(thing).parameters.items()}
     if issubclass(thing, pydantic.BaseModel):
@@ -174,7 +173,6 @@ print(*{name.split(".")[0] for name in sys.modules if not name.startswith("_")} 
 
 
 def packages(requirements):
-    """Their names, without the versions and what the project says of itself."""
     names = {re.split("[>=]", one)[0] for one in requirements}
     return {name for name in names if not name.startswith("railslip_ctrl")}
 

@@ -31,7 +31,6 @@ KEPT = {
 
 
 def leaves(content, path=""):
-    """What is in a JSON value, flat."""
     if isinstance(content, dict | list):
         items = content.items() if isinstance(content, dict) else enumerate(content)
         return {path: len(content)} | {k: v for name, one in items for k, v in leaves(one, f"{path}/{name}").items()}
@@ -40,7 +39,6 @@ def leaves(content, path=""):
 
 @pytest.fixture
 def cases(railslip):
-    """The cases of a command's JSON."""
     return lambda words: json.loads(railslip(*shlex.split(words), "--json")[1])["cases"]
 
 

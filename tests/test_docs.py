@@ -37,7 +37,6 @@ DOCS = ROOT / "docs"
 
 
 def documentation(name: str):
-    """A module of docs/, as the build imports it."""
     if str(DOCS) not in sys.path:
         sys.path.append(str(DOCS))
     return importlib.import_module(name)
@@ -249,7 +248,6 @@ def test_the_places_to_extend_are_there():
 
 
 def contributed(words: str, railslip) -> dict:
-    """The JSON that the command that CONTRIBUTING shows with these words prints."""
     (line,) = re.findall(rf"^railslip (.*{words}.*)$", CONTRIBUTING, flags=re.M)
     status, out, err = railslip(*line.split(), "--json")
     assert status == 0, err

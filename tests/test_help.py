@@ -32,7 +32,6 @@ OPTIONS = [
 
 
 def example(text: str) -> str:
-    """The one example of a help text, on one line."""
     (found,) = re.findall(r"Example: (railslip .+?)(?:\n\n|\Z)", text, flags=re.S)
     return " ".join(found.split())
 

@@ -46,7 +46,6 @@ FIVE_DIGITS, FOUR_DIGITS, THREE_DIGITS = 0.5e-5, 0.5e-4, 0.5e-3
 
 
 def forces(name: str, rail: Rail = DRY):
-    """A law's numeric functions and their parameters."""
     law = sample_law(name, rail)
     return numeric_plant(type(law)), plant_parameters(law, PARK2008)
 
@@ -535,7 +534,6 @@ def test_a_published_law_with_a_number_changed_is_told_as_given():
 
 @pytest.mark.parametrize("command", ["linearize", "margins", "tune", "report", "simulate", "verify"])
 def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command):
-    """And with that option it is taken."""
     name = file("fitted.toml", BEAM.replace("[parameters]", 'condition = "wet"\n[parameters]'))
     more = {"tune": ASKED["tune"][2:], "verify": ("--law", "layered"), "report": ("--out", "never")}.get(command, ())
     told = refused(railslip(command, "--adhesion", name, *more))

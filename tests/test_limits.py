@@ -126,7 +126,6 @@ def actuated(rail=Rail.DRY):
 
 
 def delayed(loop):
-    """A dead-time loop as a ratio of quasi-polynomials."""
     system, tau = loop.system, loop.dead_time
     num, den = system.gain * np.atleast_1d(np.poly(system.zeros).real), np.atleast_1d(np.poly(system.poles).real)
     return DelayedLoop(DelayedRatio(QuasiPolynomial([[0.0], num], tau), QuasiPolynomial([den], tau)))

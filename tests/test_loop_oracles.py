@@ -26,7 +26,6 @@ MODES = Rational([0.5, -2 + 3j, -2 - 3j], [0.3, -0.1 + 4j, -0.1 - 4j, 0.2 + 1j, 
 
 
 def printed(value: float, *, places: int | None = None):
-    """A printed number, to be met within half a unit of its last place."""
     digits = f"{value!r}".rstrip("0").partition(".")[2]
     return pytest.approx(value, abs=0.5001 * 10.0 ** -(len(digits) if places is None else places), rel=0)
 

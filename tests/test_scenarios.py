@@ -40,7 +40,6 @@ SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"
 
 @pytest.fixture
 def toml(file):
-    """Write a TOML file into the working folder; gives its name."""
     return lambda text, name="mine.toml": file(name, text)
 
 
@@ -385,12 +384,10 @@ def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_
 
 @pytest.fixture
 def simulated(railslip, file):
-    """`railslip simulate`, in a folder of its own."""
     return partial(railslip, "simulate")
 
 
 def energy(mass, speed_kmh):
-    """What a train and its wheel begin with, J."""
     return pytest.approx(0.5 * (mass + 60.35 / 0.43**2) * (speed_kmh / 3.6) ** 2)
 
 

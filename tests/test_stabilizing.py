@@ -103,7 +103,6 @@ def random_region(rng):
 
 
 def columns(rng, region):
-    """kp inside and outside the set, and just inside and just outside its ends."""
     ends = np.array([e for pair in region.p_intervals for e in pair if np.isfinite(e) and e != 0])
     scale = np.abs(ends).max() if ends.size else 10 ** rng.uniform(-1, 1)
     found = list(rng.normal(size=3) * scale)

@@ -31,7 +31,6 @@ def file(file: Any) -> Any:
 
 
 def _message(path: Path) -> str:
-    """The error of a bad file, without its folder; one printable line."""
     with pytest.raises(InputError) as caught:
         load_vehicle(path)
     assert str(caught.value).isprintable()
@@ -117,7 +116,6 @@ IMPLAUSIBLE = {
 
 
 def _with(line: str = "mass = 4000", without: str = "") -> str:
-    """The plausible file with another number, or without one."""
     key, _, number = line.partition(" = ")
     (name,) = (one for one in PLAUSIBLE if one.rpartition(".")[2] == key)
     return "".join(f"{one} = {value}\n" for one, value in (PLAUSIBLE | {name: number}).items() if one != without)
