@@ -426,10 +426,7 @@ AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c
 
 @pytest.mark.parametrize("command", AT)
 def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file, command):
-    slow = (
-        "--adhesion",
-        file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{BOTH}'),
-    )
+    slow = ("--adhesion", file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{BOTH}'))
     assert (initial_speeds_in(slow[1]), is_over_initial_speed(slow[1])) == ((28.0, 30.0), False)
     told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
     status, _, err = railslip(command, *slow, *AT[command])
