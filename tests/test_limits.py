@@ -89,11 +89,8 @@ def test_wheel_limits_and_the_best_pi_known_for_it(rail):
 
 
 def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
-    for zeros, poles, tau in (
-        *(([2.0], [0.5, -1.0], 0.1), ([], [0.5, 0.2, -1.0], 0.1)),
-        ([], [0.5], 0.0),  # the phase only rises
-        ([-0.3], [1.0, -0.2], 0.01),  # it falls first, and rises then
-    ):
+    rises, falls_first = ([], [0.5], 0.0), ([-0.3], [1.0, -0.2], 0.01)
+    for zeros, poles, tau in (([2.0], [0.5, -1.0], 0.1), ([], [0.5, 0.2, -1.0], 0.1), rises, falls_first):
         assert fundamental_limits(real(zeros, poles), tau).pi is None
     assert fundamental_limits(real([], [3.0, 0.4]), 0.9).crossover_range is None  # no crossover is sensible
 
@@ -156,10 +153,9 @@ def test_margins_and_certificates_by_parts_of_the_axis_are_those_by_polynomials(
         return
     one, other = loop.certificate(), delayed(loop).certificate()
     assert (one.stable, one.unstable_poles) == (other.stable, other.unstable_poles)
-    pairs = list(zip(one.gain_crossovers, other.gain_crossovers, strict=True))
     names = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt") if one.stable else ()
-    pairs += [(getattr(one, name), getattr(other, name)) for name in names]
-    for (low, high), (least, most) in pairs:
+    pairs = [(getattr(one, name), getattr(other, name)) for name in names]
+    for (low, high), (least, most) in (*pairs, *zip(one.gain_crossovers, other.gain_crossovers, strict=True)):
         room = 1e-12 * abs(high) if math.isfinite(high) else 0.0  # coefficients made from roots are rounded
         assert most - least <= 1.01e-9 * abs(most) or least == most
         assert low - room <= most

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import random_loops
 from flint import fmpq_poly
-from test_tuning import twelve_points
+from test_tuning import ISLAND, twelve_points
 
 from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, Rational, stabilizing_pi
 from railslip_ctrl.design import intersection, margin_grid, outline, stabilizing_pid
@@ -17,7 +17,6 @@ from railslip_ctrl.loop.stability import RootCount
 S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))
 LAGS = 1 / ((S + 1) * (S + 2) * (S + 3))  # s^4 + 6 s^3 + 11 s^2 + (6 + kp) s + ki: ki < (6 + kp)(60 - kp)/36
-ISLAND = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
 NEAR = 1e-6  # relative distance at which inside and outside are told apart
 PID = {"derivative_filter": 0.06}
 
