@@ -18,15 +18,7 @@ from scipy.interpolate import PchipInterpolator
 from railslip_ctrl import PARK2008, DomainError, InputError, MissingParametersError, Rail, adhesion, operating_point
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import (
-    ReferenceSlip,
-    initial_speeds_in,
-    is_over_initial_speed,
-    law_class,
-    law_names,
-    load_law,
-    published_law,
-)
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, load_law, published_law
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
 from railslip_ctrl.model.adhesion.beam import Beam, integrated_force, printed_force
 from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
@@ -265,7 +257,7 @@ def test_refusals_of_published_laws() -> None:
     cases += [((name, DRY, v0), "30 to 140 km/h") for name, v0 in rig]
     loads = itertools.product(("bristle", "polach"), (0.0, math.inf))
     cases += [((name, DRY, 100.0, load), "wheel load") for name, load in loads]
-    for arguments, match in (*cases, (("no such law", DRY), ", ".join(law_names()))):
+    for arguments, match in (*cases, (("no such law", DRY), ", ".join(adhesion.law_names()))):
         with pytest.raises(MissingParametersError if "TOML" in match else InputError, match=match):
             published_law(*arguments)
 
@@ -414,14 +406,14 @@ AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c
 @pytest.mark.parametrize("command", AT)
 def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file, command):
     slow = ("--adhesion", file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{BOTH}'))
-    assert (initial_speeds_in(slow[1]), is_over_initial_speed(slow[1])) == ((28.0, 30.0), False)
+    assert (adhesion.initial_speeds_in(slow[1]), adhesion.is_over_initial_speed(slow[1])) == ((28.0, 30.0), False)
     told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
     status, _, err = railslip(command, *slow, *AT[command])
     assert (status in (0, 1), err.count("\n"), told in err) == (True, 1, True)  # once, whatever the number of rails
     assert "v0" not in railslip(command, *slow, "--initial-speed", "32", *AT[command])[2]  # within a tenth
 
     over = ("--adhesion", file("over.toml", OVER_V0 + BOTH))
-    assert is_over_initial_speed(over[1])
+    assert adhesion.is_over_initial_speed(over[1])
     status, _, err = railslip(command, *over, *AT[command])
     assert "over.toml changes with the initial speed v0, and is taken at 100 km/h; give --initial-speed" in err
     assert status in (0, 1)

@@ -18,6 +18,7 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 from railslip_ctrl import PARK2008, DomainError, InputError, KinkError, Rail, published_law
 from railslip_ctrl.core.notation import NOTATION, latex_names, symbol
 from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.model import numeric as written
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.adhesion.base import Statement
@@ -26,18 +27,7 @@ from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.adhesion.lugre import Dahl
 from railslip_ctrl.model.kernels import module_of, module_text
 from railslip_ctrl.model.linearization import linearize, linearize_rolling, nonlinear_plant, operating_point
-from railslip_ctrl.model.numeric import (
-    GENERATED,
-    PACKAGE,
-    WORKS,
-    adhesion_coefficient,
-    adhesion_table,
-    generate,
-    has_table,
-    numeric_plant,
-    peak,
-    plant_parameters,
-)
+from railslip_ctrl.model.numeric import adhesion_coefficient, adhesion_table, has_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Resistance
 from railslip_ctrl.sliding import generate as sliding
 
@@ -160,7 +150,7 @@ def test_functions_in_a_kernel_are_the_same_and_powers_the_whole_loss_of_kinetic
         omega, resistance = (speed - slip) / radius, 210.0 + 13.0 * speed + 0.63 * speed**2
         expected = (torque * omega, force * slip, 0.25 * omega**2, resistance * speed)
         expected += (random / radius * slip, disturbance * omega)
-        assert len(WORKS) == len(found[3:])
+        assert len(written.WORKS) == len(found[3:])
         # a force from a table is within 1e-11 of 1e4 N: times the slip velocity at most 3e-6 W
         assert found[3:] == pytest.approx(expected, rel=1e-12, abs=3e-6)
         loss = -(M_ * speed * rates[0] + J_ * omega * (rates[0] - rates[1]) / radius)
@@ -169,20 +159,20 @@ def test_functions_in_a_kernel_are_the_same_and_powers_the_whole_loss_of_kinetic
 
 @pytest.mark.parametrize("name", law_names())
 def test_committed_code_is_what_the_statement_generates(name: str) -> None:
-    committed = (GENERATED / f"{name}.py").read_text(encoding="utf-8")
-    assert committed == generate(law_class(name)), "run `make generate`"
-    assert numeric_plant(law_class(name)).__file__ == str(GENERATED / f"{name}.py")
-    assert {path.stem for path in GENERATED.glob("*.py")} == {*law_names(), "__init__", "sliding_law"}
+    committed = (written.GENERATED / f"{name}.py").read_text(encoding="utf-8")
+    assert committed == written.generate(law_class(name)), "run `make generate`"
+    assert numeric_plant(law_class(name)).__file__ == str(written.GENERATED / f"{name}.py")
+    assert {path.stem for path in written.GENERATED.glob("*.py")} == {*law_names(), "__init__", "sliding_law"}
 
 
 def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A change of the statement must reach the numbers, without generating by hand; else SymPy is not loaded."""
     for name in ("model/plant.py", "core/notation.toml"):
-        path, content = tmp_path / name, (PACKAGE / name).read_bytes()
+        path, content = tmp_path / name, (written.PACKAGE / name).read_bytes()
         path.parent.mkdir()
         path.write_bytes(content)
     monkeypatch.setattr("railslip_ctrl.model.numeric.PACKAGE", tmp_path)
-    assert numeric_plant.__wrapped__(Dahl).__file__ == str(GENERATED / "dahl.py")
+    assert numeric_plant.__wrapped__(Dahl).__file__ == str(written.GENERATED / "dahl.py")
     path.write_bytes(content + b"\n")
     assert numeric_plant.__wrapped__(Dahl).__name__ == "generated_dahl"
     monkeypatch.undo()
@@ -191,7 +181,7 @@ def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, mo
     monkeypatch.setattr(sliding, "_derived", str)
     sliding.main()
     for name in law_names():
-        assert (sliding.LAW_FILE.parent / f"{name}.py").read_text() == (GENERATED / f"{name}.py").read_text()
+        assert (sliding.LAW_FILE.parent / f"{name}.py").read_text() == (written.GENERATED / f"{name}.py").read_text()
     code = "import sys, railslip_ctrl as rs\n"
     code += 'rs.linearize(rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, 27.0, 0.132))\n'
     code += "print([name for name in ('sympy', 'control', 'matplotlib', 'scipy') if name in sys.modules])"
@@ -214,7 +204,7 @@ class NewLaw(Burckhardt):
 def test_a_law_that_is_not_the_package_s_is_printed_and_linearised() -> None:
     law = NewLaw(c1=0.86, c2=33.82, c3=0.35)
     assert not hasattr(numeric_plant(NewLaw), "__file__")
-    found = peak(law, 20.0, 34_500.0)
+    found = written.peak(law, 20.0, 34_500.0)
     # oracle: Burckhardt wet, peak 0.80391 at 0.13069; tolerance half a unit of the last digit
     assert (found.slip, found.coefficient) == pytest.approx((0.13069, 0.80391), abs=0.5e-5)
     # SymPy's derivative drops the jump of sign(sigma) at 0: a silent -b3 instead of b1 b2 - b3

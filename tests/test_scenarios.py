@@ -21,14 +21,7 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.report.stops import as_run
-from railslip_ctrl.simulation import (
-    LinearControl,
-    Signals,
-    SlideProtection,
-    SlidingControl,
-    built_in_scenario,
-    simulate,
-)
+from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import published_controller, published_reference
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
@@ -446,7 +439,7 @@ def test_the_csv_is_the_record(tmp_path):
     run = simulate(built_in_scenario("park2008-si"), published_controller("asmc"), seed=2, record_every=10)
     write_simulation_csv(run, tmp_path / "run.csv")
     back = pd.read_csv(tmp_path / "run.csv")
-    assert tuple(CSV_COLUMNS) == Signals._fields
+    assert tuple(CSV_COLUMNS) == sim.Signals._fields
     assert list(back)[: len(CSV_COLUMNS)] == list(CSV_COLUMNS.values())
     assert list(back)[len(CSV_COLUMNS) :] == [f"controller {name}" for name in run.controller_signals]
     record = pd.DataFrame({**run.signals._asdict(), **run.controller_signals})
