@@ -15,7 +15,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LONGEST = (
     "virtual_rig scripts design_report seeking sliding_verification envelope tuning verification campaign "
-    "identification_command docs logs scenarios help sliding_code plots sampled"
+    "identification_command docs logs scenarios help sliding_code sampled"
 )
 """The files that take longest, first: one that begins last leaves the other workers with nothing to do."""
 

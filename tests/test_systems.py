@@ -1,4 +1,4 @@
-"""Systems as the ecosystem writes them, wherever a function takes one; responses of their closed loops."""
+"""Systems as the ecosystem writes them, responses of their closed loops, and figures of what is found about them."""
 
 import itertools
 import math
@@ -12,14 +12,19 @@ from figure_checks import defects
 from scipy import signal
 from test_sampled import INTEGRATOR, gain
 
-from railslip_ctrl import DeadTimeLoop, InputError, Rational, stabilizing_pi, tune_pi
+import railslip_ctrl as rs
+from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, PIController, PIGains, Rational, stabilizing_pi, tune_pi
+from railslip_ctrl.design.assessment import assess, controller_group, published_groups
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.limits import control_effort, fundamental_limits
+from railslip_ctrl.design.schedule import plant_at, sweep_slip, sweep_speed
 from railslip_ctrl.design.tuning import first_order_model, pi_for_crossover, simc_pi
 from railslip_ctrl.loop.deadtime import frequency_curve, gang_of_four
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop
+from railslip_ctrl.report import plots
+from railslip_ctrl.report.plots.style import figure_bytes
 
 NUM, DEN = [1.5, 6.0], [2.0, 9.0, 10.0]  # zero -4, poles -2 and -2.5
 SYSTEMS = {
@@ -347,3 +352,86 @@ def test_frequency_curves_are_the_formulas():
     assert curve.magnitude_db == pytest.approx(20 * np.log10(np.abs(expected)), abs=1e-10)
     assert np.exp(1j * np.radians(curve.phase_deg)) == pytest.approx(expected / np.abs(expected), abs=1e-10)
     assert np.abs(np.diff(curve.phase_deg)).max() < 2.0  # continuous
+
+
+# Each figure that a test saves is looked at (conftest.py); here are those that no other test saves.
+
+PI = PIController(PIGains(kp=190.0, ki=5.0))
+
+
+@pytest.fixture(scope="module")
+def groups():
+    return published_groups([plant_at("bristle", PARK2008, rail, 100.0).point for rail in rs.Rail])
+
+
+def defects_of(figure):
+    figure.draw_without_rendering()
+    return defects(figure)
+
+
+def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
+    """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
+    plant = plant_at("bristle", PARK2008, rs.Rail.DRY, 100.0)
+    zero = controller_group("no gain", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
+    assert np.all(zero.curves[0].magnitude_db == -np.inf)
+    drawn = [draw((zero,)) for draw in (plots.bode_figure, plots.nyquist_figure, plots.nichols_figure)]
+    beside, curve = plots.bode_figure((zero, groups[0])), groups[0].curves[0]
+    assert not any(map(defects_of, [*drawn, beside]))
+    assert np.array_equal(beside.axes[1].lines[0].get_data(), [curve.omega, curve.magnitude_db])
+
+
+def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
+    figure = plots.nyquist_figure(groups)
+    critical = [line.get_data() for ax in figure.axes for line in ax.lines if line.get_marker() == "+"]
+    assert critical == [([-0.5], [0])] * len(groups) + [([-1], [0])] * len(groups)
+    assert "+: −1" in figure.get_supxlabel()
+    legend = [t.get_text() for t in figure.axes[len(groups)].get_legend().get_texts()]
+    assert legend[0] == "dry, 100 km/h (unstable): P 1, N −1, Z 2"
+    arcs = [line for line in figure.axes[0].lines if line.get_linestyle() == ":" and len(line.get_xdata()) == 181]
+    # one turn, drawn: the whole curve of the unstable loop winds once clockwise around -1 (at -1/2 in the picture)
+    curve, arc = groups[0].curves[0], arcs[-2]
+    w = curve.response / (1 + np.abs(curve.response))
+    closed = np.concatenate([np.conj(w[::-1]), arc.get_xdata() + 1j * arc.get_ydata(), w])
+    turns = np.angle((closed[1:] + 0.5) / (closed[:-1] + 0.5)).sum() / (2 * np.pi)
+    assert round(-turns) == 1
+
+
+def test_sweep_figure_leaves_gaps_where_unstable():
+    slow = sweep_speed({"PI": PI}, [5.0, 10.0, 40.0, 100.0], law="curve")
+    assert np.isnan(slow.margins["PI"].ms[[0, -1]]).tolist() == [True, False]
+    figure = plots.sweep_figure([slow, sweep_slip({"PI": PI}, [0.05, 0.1, 0.13])], title="sweeps")
+    assert np.isnan(figure.axes[0].lines[0].get_ydata()[0])
+
+
+def test_the_map_of_a_judgement_writes_its_numbers():
+    lead = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
+    found = rs.judge(lead, rs.Envelope(speeds=(20.0, 100.0))).map
+    figure = found.plot()
+    for ax, worst in zip(figure.axes, (found.operating, found.with_tolerances), strict=True):
+        cells = [t.get_text() for t in ax.texts]
+        assert [one == "unst." for one in cells] == np.isinf(worst.ravel()).tolist()
+        up = [float(one) - x for one, x in zip(cells, worst.ravel(), strict=True) if np.isfinite(x)]
+        assert 0 <= min(up) <= max(up) < 0.0101 * max(1.0, np.max(worst[np.isfinite(worst)]) / 10)  # never below
+    assert found.operating.max() < 9.99
+    assert np.isinf(found.with_tolerances).any()
+
+
+def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
+    plant, lag = Rational(np.array([]), np.array([-0.2]), 2.0), Rational(np.array([]), np.array([-1.0]), 1.0)
+    for lead, highest in (((0.0, 0.0), 0.5), ((1.0, 0.02), 25.0)):  # kp, and kp times 1/0.02
+        c = PIController(PIGains(kp=0.5, ki=0.1), *lead).transfer_function
+        steps = {"PI": step_response(c, plant, 0.1, final_time=30.0, actuator=lag)}
+        figure = plots.response_figure(steps, steps, title="r", reference_label="a", load_label="b")
+        assert steps["PI"].control[0] == pytest.approx(highest, rel=1e-6)
+        told = [text.get_text() for text in figure.axes[2].texts]
+        assert told == ["cut off: down to 0.0526 N·m and up to 25 N·m"] * (highest > 1)
+        top = figure.axes[2].get_ylim()[1]
+        assert top < 2.0 if told else top > steps["PI"].control.max()
+        assert defects_of(figure) == []
+
+
+def test_the_same_figure_gives_the_same_file():
+    def drawn(form):
+        return figure_bytes(LOOP.bode_plot(), form)
+
+    assert all(drawn(form) == drawn(form) for form in ("png", "svg"))
