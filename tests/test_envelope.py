@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,10 +75,9 @@ def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
     envelope = load_envelope(tmp_path / "car.toml", COACH)
     assert envelope.speeds == (36.0,)
     points = envelope.at(reference={"dry": 0.1, "wet": 0.08}).points(nominal=True)
-    by_law = {}
-    for i in range(len(points)):
-        point = points.case(i).point
-        by_law.setdefault((point.rail, points.case(i).load), []).append(point.adhesion_coefficient)
+    by_law = defaultdict(list)
+    for case in map(points.case, range(len(points))):
+        by_law[case.point.rail, case.load].append(case.point.adhesion_coefficient)
     assert len(by_law) == 4
     for first, second in by_law.values():
         assert first == pytest.approx(second, rel=1e-9)
@@ -455,10 +455,9 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
     z, gains = np.exp(1j * np.geomspace(1e-3, np.pi, 20_000)), control.design.gains
     lead = (control.design.lead * S + 1) / (control.design.lead_filter * S + 1)
     c = ct.sample_system((gains.kp + gains.ki / S) * lead, period, "tustin")
-    ms = []
+    ms, lag = [], ct.ss(ct.tf([1], [0.6, 1]))
     for plant in operating_plants(envelope.points(nominal=True)):
-        wheel = ct.ss(plant.A, plant.B, plant.C[:1], plant.D[:1]) * ct.ss(ct.tf([1], [0.6, 1]))
-        held = ct.sample_system(wheel, period, "zoh")
+        held = ct.sample_system(ct.ss(plant.A, plant.B, plant.C[:1], plant.D[:1]) * lag, period, "zoh")
         ms.append((1 / np.abs(1 + c(z) * held(z) * z ** -round(0.15 / period))).max())
     found = best.judgement
     assert found.sampled_ms[found.points.operating] == pytest.approx(ms, rel=1e-6)

@@ -13,11 +13,10 @@ import pandas as pd
 import pytest
 
 import railslip_ctrl as rs
-from railslip_ctrl import PARK2008, InputError, PIGains, Rail, catalogue, load_scenario, published_law
+from railslip_ctrl import PARK2008, InputError, PIGains, Rail, ReferenceSlip, catalogue, load_scenario, published_law
 from railslip_ctrl import simulation as sim
 from railslip_ctrl.design import PIController, StateSpaceController
 from railslip_ctrl.identification.logs import find_columns
-from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.report.stops import as_run

@@ -80,10 +80,10 @@ def test_what_a_file_lacks_is_the_published_rest_or_follows_from_the_mass_and_is
     notes = " ".join(vehicle.notes)
     for said in ("No load", "radius = 0.43 m", "inertia = 60.35 kg*m^2", "dead_time = 0.15 s", "No travelling"):
         assert said in notes
-    vehicle = load_vehicle(file("mass = 4000\nwheel.radius = 0.5\nactuator.lag = 0\n"))
-    assert (vehicle.wheel.radius, vehicle.wheel.inertia) == (0.5, 60.35)
-    assert (vehicle.actuator.dead_time, vehicle.actuator.lag) == (0.15, 0.0)
-    assert not any("radius" in note or "lag =" in note for note in vehicle.notes)
+    part = load_vehicle(file("mass = 4000\nwheel.radius = 0.5\nactuator.lag = 0\n"))
+    numbers = (part.wheel.radius, part.wheel.inertia, part.actuator.dead_time, part.actuator.lag)
+    assert numbers == (0.5, 60.35, 0.15, 0.0)
+    assert not any("radius" in note or "lag =" in note for note in part.notes)
     loaded = load_vehicle(file('mass = 4000\nmass_loaded = 6000\nwheel_load = "40 kN"\n'))
     assert loaded.wheel_load_loaded == approx(60_000.0)
 
@@ -185,8 +185,8 @@ def test_a_vehicle_is_chosen_by_its_id(file: Any, tmp_path: Path) -> None:
     ):
         found = _message(file('rolling_stock = "stock.yaml"\n' + text))
         assert found == f"vehicle.toml: rolling_stock: stock.yaml: {message}"
-    rows = "".join(f"  - {{name: n, id: V{i}, mass: 40}}\n" for i in range(12))
-    stock = file(f"vehicles:\n{rows}  - {{name: n, id: V3, mass: 40}}\n", "stock.yaml")
+    rows = "".join(f"  - {{name: n, id: V{i}, mass: 40}}\n" for i in (*range(12), 3))
+    stock = file(f"vehicles:\n{rows}", "stock.yaml")
     found = _message(file('rolling_stock = "stock.yaml"\nvehicle_id = "V3"\n'))
     assert found.endswith("vehicle_id: 2 vehicles have the id 'V3'; make it unique")
     assert _message(stock).endswith("'V9' and 3 more")
