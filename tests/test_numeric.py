@@ -1,5 +1,6 @@
 """The plant's statement, the functions generated from it, and its operating points and linear plants."""
 
+import itertools
 import math
 import subprocess
 import sys
@@ -284,22 +285,19 @@ def test_against_python_control(name: str, rail: Rail) -> None:
     tolerance = {"rtol": 2e-6, "atol": 2e-6}
     np.testing.assert_allclose(theirs.A, ours.A, **tolerance)
     np.testing.assert_allclose(theirs.A[1:, 1:], frozen.A, **tolerance)
-    np.testing.assert_allclose(theirs.B[:, :1], ours.B, **tolerance)
-    np.testing.assert_allclose(theirs.B[:, 1], theirs.B[:, 0], **tolerance)  # Td beside Tb in (3)
-    random = {"v": -1 / (0.43 * 3517), "sigma": -1 / (0.43 * 3517) - 0.43 / 60.35, "z": 0.0}  # Tr in (3) and (4)
-    np.testing.assert_allclose(theirs.B[:, 2], [random[name] for name in ours.states], **tolerance)
+    random = [-1 / (0.43 * 3517), -1 / (0.43 * 3517) - 0.43 / 60.35, 0.0][: len(ours.states)]  # Tr in (3) and (4)
+    np.testing.assert_allclose(theirs.B, np.column_stack([ours.B, ours.B, random]), **tolerance)  # Td beside Tb in (3)
     np.testing.assert_allclose(theirs.C[:3], ours.C, **tolerance)
     np.testing.assert_allclose(theirs.C[3:, :2], [[1.0, 0.0], [1 / 0.43, -1 / 0.43]], **tolerance)  # v and omega
     np.testing.assert_array_equal(theirs.D[:3, :1], ours.D)
-    assert system.state_labels == list(ours.states)
-    assert system.output_labels == ["sigma", "lambda", "error", "v", "omega"]
-    for speed in (5.0, 40.0, 100.0):
-        for each in (0.001, 0.05, 0.6):
-            at = operating_point(law, PARK2008, speed * KMH, each)
-            z = [] if at.adhesion_state is None else [at.adhesion_state]
-            rate = system.dynamics(0.0, [at.speed, at.sigma, *z], [at.brake_torque, 0.0, 0.0])
-            # lambda' = (sigma' - lambda v')/v; accelerations of 100 m/s^2 cancel to rounding
-            assert rate[1] - each * rate[0] == pytest.approx(0.0, abs=1e-11)
+    labels = ["sigma", "lambda", "error", "v", "omega"]
+    assert (system.state_labels, system.output_labels) == (list(ours.states), labels)
+    for speed, each in itertools.product((5.0, 40.0, 100.0), (0.001, 0.05, 0.6)):
+        at = operating_point(law, PARK2008, speed * KMH, each)
+        z = [] if at.adhesion_state is None else [at.adhesion_state]
+        rate = system.dynamics(0.0, [at.speed, at.sigma, *z], [at.brake_torque, 0.0, 0.0])
+        # lambda' = (sigma' - lambda v')/v; accelerations of 100 m/s^2 cancel to rounding
+        assert rate[1] - each * rate[0] == pytest.approx(0.0, abs=1e-11)
 
 
 @pytest.mark.parametrize("name", ALL_LAWS)
@@ -307,17 +305,14 @@ def test_against_python_control(name: str, rail: Rail) -> None:
 def test_poles_zeros_and_transfer_function(name: str, speed_state: bool) -> None:
     plant = linearize(operating_point(sample_law(name), PARK2008, V100, 0.12), speed_state=speed_state)
     system = plant.to_control()
-    assert system.state_labels == list(plant.states)
-    assert system.input_labels == ["brake_torque"]
-    assert system.output_labels == ["sigma", "lambda", "error"]
+    assert (system.state_labels, system.input_labels) == (list(plant.states), ["brake_torque"])
+    assert (system.output_labels, plant.speed_state) == (["sigma", "lambda", "error"], speed_state)
     to_sigma = system["sigma", "brake_torque"]
     # two ways to the same eigenvalues: roundings of entries of order 1e3
     np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(ct.poles(to_sigma)), atol=1e-9)
     np.testing.assert_allclose(np.sort_complex(plant.zeros), np.sort_complex(ct.zeros(to_sigma)), atol=1e-9)
-    num, den = plant.transfer_function()
-    s = 0.3 + 1.7j
+    (num, den), s = plant.transfer_function(), 0.3 + 1.7j
     assert np.polyval(num, s) / np.polyval(den, s) == pytest.approx(complex(to_sigma(s)), rel=1e-9)
-    assert plant.speed_state is speed_state
 
 
 def test_the_pole_of_a_static_law_is_its_slope() -> None:

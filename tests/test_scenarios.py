@@ -238,34 +238,27 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
 
 PUBLISHED = published_reference("bristle")
 AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
-TWO_STATES = ((0.0, 1.0), (-1.0, -2.0)), (0.0, 1.0), (3.0, 4.0), 5.0
 STATES = {
     "A = []\nB = []\nC = []\nD = 0.5": ((), (), (), 0.5),
     "A = -1\nB = 2\nC = 3": (((-1.0,),), (2.0,), (3.0,)),
-    "a = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]": TWO_STATES,
+    "a = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]": (((0, 1), (-1, -2)), (0, 1), (3, 4), 5.0),
 }
 DESIGN = PIController(PIGains(kp=0.5, ki=0.5))
-IN_FEW_WORDS = {
-    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(DESIGN, PUBLISHED, **AS_BEFORE),
-    'kind = "pi"\nkp = 0.5\nki = 0.5\ntorque_low = 0.5\ntorque_high = 2.0': LinearControl(  # as written earlier
-        DESIGN, PUBLISHED, torque_low=0.5, torque_high=2.0, **AS_BEFORE
-    ),
-    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
-        LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
-    ),
-    'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5\ndump_slip = 0.3': SlideProtection(
-        PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5, dump_slip=0.3
-    ),
-    **{
-        f'kind = "state-space"\n{text}': LinearControl(StateSpaceController(*matrices), PUBLISHED, "state-space", 0.01)
-        for text, matrices in STATES.items()
-    },
-}
 
 
-@pytest.mark.parametrize("text", IN_FEW_WORDS)
-def test_what_a_file_leaves_out_is_the_controller_s_own(toml, text):
-    assert load_controller(toml(text)) == IN_FEW_WORDS[text]
+@pytest.mark.parametrize(("text", "control"), [
+    ('kind = "pi"\nkp = 0.5\nki = 0.5', LinearControl(DESIGN, PUBLISHED, **AS_BEFORE)),
+    ('kind = "pi"\nkp = 0.5\nki = 0.5\ntorque_low = 0.5\ntorque_high = 2.0',  # as written earlier
+     LinearControl(DESIGN, PUBLISHED, torque_low=0.5, torque_high=2.0, **AS_BEFORE)),
+    ('kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5',
+     SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5)),
+    ('kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5\ndump_slip = 0.3',
+     SlideProtection(PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5, dump_slip=0.3)),
+    *((f'kind = "state-space"\n{text}', LinearControl(StateSpaceController(*own), PUBLISHED, "state-space", 0.01))
+      for text, own in STATES.items()),
+])  # fmt: skip
+def test_what_a_file_leaves_out_is_the_controller_s_own(toml, text, control):
+    assert load_controller(toml(text)) == control
 
 
 def test_what_has_no_file_is_told(tmp_path):

@@ -36,8 +36,6 @@ def test_oracles_md_the_wheel_slip_loop_in_si():
     a = assess(plant(), pi(190.0, 5.0), PARK2008.actuator)
     m = a.margins
     assert (a.stable, a.verdict_line) == (True, "stable but fragile (Ms 5.58)")
-    assert a.plant.poles == pytest.approx([0.82083763, -8.63596062], abs=5.1e-9)
-    assert a.point.brake_torque == pytest.approx(4787.78, abs=0.0051)
     assert (m.gain_increase, m.gain_decrease) == pytest.approx((2.89166823, 0.70170425), abs=5.1e-9)
     assert (m.phase_deg, m.phase_frequency) == pytest.approx((10.2839822, 0.75683443), abs=5.1e-8)
     assert m.delay_s == pytest.approx(0.23715801, abs=5.1e-9)
