@@ -30,21 +30,17 @@ PACKAGE = Path(railslip_ctrl.__file__).parent
 ROOMS = (*("model.adhesion", "design", "loop", "simulation", "simulation.campaign"), "identification.observer")
 
 ENTRIES = {
-    "identification.identify": ("Identification", "Options", "identify", "identify_several"),
-    "identification.virtual_rig": (
-        *("BrakeCourse", "BrakeTrial", "Measurements", "ObserverErrors", "TradeOff"),
-        *("brake_trial", "measured", "observer_errors", "trade_off"),
-    ),
-    "design.controllers": ("SampledController",),
-    "design.specification": ("Specification",),
-    "model.vehicle": (
-        *("GRAVITY", "INITIAL_SPEED_KMH", "PARK2008", "Actuator", "PIGains", "Rail", "Record", "Resistance", "Vehicle"),
-        *("Wheel", "doubts", "remarks", "table4_gains"),
-    ),
-    "model.vehicle_files": ("load_vehicle",),
-    "model.linearization": ("LinearPlant", "OperatingPoint"),
-    "sliding.derivation": ("Derivation",),
-    "verification.joint_verification": ("verify_with_actuator",),
+    "identification.identify": "Identification Options identify identify_several",
+    "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements ObserverErrors TradeOff brake_trial measured "
+    "observer_errors trade_off",
+    "design.controllers": "SampledController",
+    "design.specification": "Specification",
+    "model.vehicle": "GRAVITY INITIAL_SPEED_KMH PARK2008 Actuator PIGains Rail Record Resistance Vehicle Wheel doubts "
+    "remarks table4_gains",
+    "model.vehicle_files": "load_vehicle",
+    "model.linearization": "LinearPlant OperatingPoint",
+    "sliding.derivation": "Derivation",
+    "verification.joint_verification": "verify_with_actuator",
 }
 """What is public of the modules that do not list their names."""
 
@@ -65,7 +61,7 @@ def public() -> dict[str, Any]:
     found = {f"railslip_ctrl.{name}": getattr(railslip_ctrl, name) for name in railslip_ctrl.__all__}
     for room in (*ROOMS, *ENTRIES):
         module = importlib.import_module(f"railslip_ctrl.{room}")
-        found |= {f"{room}.{name}": getattr(module, name) for name in ENTRIES.get(room) or module.__all__}
+        found |= {f"{room}.{name}": getattr(module, name) for name in ENTRIES.get(room, "").split() or module.__all__}
     return found
 
 
