@@ -39,6 +39,7 @@ MATLAB = {
     "delay_s": printed(0.2847),
     "disk": printed(0.4580925),  # RobustAndOptimalControl.jl's 0.458145 is a grid value
     "disk_phase_deg": printed(25.8017),
+    "disk_gain_range": pytest.approx((0.6273, 1.5942), abs=0.5001e-4),
     "disk_frequency": printed(1.95503),
 }
 """MATLAB's page of allmargin, and RobustAndOptimalControl.jl."""
