@@ -40,7 +40,7 @@ def test_plants_without_dead_time_follow_routh():
         assert region.ki_limit(kp) == pytest.approx((6 + kp) * (60 - kp) / 36, rel=1e-12)
     assert stabilizing_pi(1 / S).ki_intervals(0.5) == ((0.0, np.inf),)
     assert stabilizing_pi(1 / S**2).kp_range is None
-    assert stabilizing_pi(Rational(np.array([]), np.array([-1.0]), 1.0)).ki_limit(1e9) == np.inf
+    assert stabilizing_pi(Rational([], [-1.0], 1.0)).ki_limit(1e9) == np.inf
 
 
 def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():

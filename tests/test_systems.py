@@ -35,7 +35,7 @@ SYSTEMS = {
     "scipy.StateSpace": lambda: signal.StateSpace([[-4.5, -5], [1, 0]], [[1], [0]], [[0.75, 3]], [[0]]),
     "scipy.ZerosPolesGain": lambda: signal.ZerosPolesGain([-4], [-2, -2.5], 0.75),
 }
-SAME = Rational(np.array([-4.0]), np.array([-2.0, -2.5]), 0.75)
+SAME = Rational([-4.0], [-2.0, -2.5], 0.75)
 S = np.array([0.3 + 2j, 5j])
 LAG = ct.tf([1], [0.3, 1])
 TIMES = np.linspace(0, 3, 7)
@@ -190,7 +190,7 @@ def rational(num, den) -> Rational:
 
 
 # An unstable wheel-like loop: pole at +0.82 1/s behind 0.6 s of lag and 0.15 s of dead time, PI with a lead.
-WHEEL = Rational(np.array([-7.8]), np.array([0.82, -8.64]), 0.43 / 60.35)
+WHEEL = Rational([-7.8], [0.82, -8.64], 0.43 / 60.35)
 BRAKE = rational([1], [0.6, 1])
 PI_LEAD = rational([229.0, 5.0], [1, 0]) * rational([0.6, 1], [0.06, 1])
 DEAD_TIME = 0.15
@@ -198,7 +198,7 @@ DEAD_TIME = 0.15
 REALISED = {
     "gain": gain(3.0),
     "PI": rational([190.0, 5.0], [1, 0]),
-    "double integrator": Rational(np.array([]), np.array([0.0, 0.0]), 2.0),
+    "double integrator": Rational([], [0.0, 0.0], 2.0),
     "complex poles": rational([3.0], [1, 0.2, 9]),
     "complex poles, one zero": rational([3.0, 5], [1, 0.2, 9]),
     "complex poles, two real zeros": rational([3.0, 5, 1], [1, 0.2, 9]),
@@ -325,7 +325,7 @@ def wheel(**options):
     (lambda: wheel(final_time=1e6), "at most 200000"),
     *((lambda x=x: step_response(ONE, ONE, x, final_time=1.0), "dead time") for x in (-0.1, math.nan, math.inf)),
     (lambda: step_response(gain(-1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0), "algebraic loop"),
-    (lambda: step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0), "overflows"),
+    (lambda: step_response(ONE, Rational([], [20.0], 1.0), 0.1, final_time=100.0), "overflows"),
     *((lambda b=b: frequency_curve(DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
     *((lambda b=b: gang_of_four(ONE, DeadTimeLoop(WHEEL, 0.1), *b), "rad/s") for b in ((0.0, 1.0), (2.0, 2.0))),
 ])  # fmt: skip
@@ -417,7 +417,7 @@ def test_the_map_of_a_judgement_writes_its_numbers():
 
 
 def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
-    plant, lag = Rational(np.array([]), np.array([-0.2]), 2.0), Rational(np.array([]), np.array([-1.0]), 1.0)
+    plant, lag = Rational([], [-0.2], 2.0), Rational([], [-1.0], 1.0)
     for lead, highest in (((0.0, 0.0), 0.5), ((1.0, 0.02), 25.0)):  # kp, and kp times 1/0.02
         c = PIController(PIGains(kp=0.5, ki=0.1), *lead).transfer_function
         steps = {"PI": step_response(c, plant, 0.1, final_time=30.0, actuator=lag)}

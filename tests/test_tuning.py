@@ -222,7 +222,7 @@ def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
     assert design.kp == pytest.approx(kp, abs=0.6)
     assert design.ki == ki_min
     # a brute-force search around and across finds nothing better
-    rng, extra = np.random.default_rng(3), compensator or Rational(np.array([]), np.array([]), 1.0)
+    rng, extra = np.random.default_rng(3), compensator or Rational([], [], 1.0)
     for factor, more in zip(rng.uniform(0.7, 1.5, 10), rng.uniform(1.0, 1.5, 10), strict=True):
         controller = pi_transfer_function(design.kp * factor, ki_min * more) * extra
         worst = worst_of(family_margins([DeadTimeLoop(controller * g, 0.15) for g in twelve_points()]))
@@ -260,7 +260,7 @@ def test_crossover_and_phase_margin_as_an_equality(plant, dead_time, crossover, 
     assert loop.margins().phase_deg == pytest.approx(margin, abs=1e-9)
 
 
-ISLAND = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
+ISLAND = Rational([-0.4], [-0.2 + 2.9j, -0.2 - 2.9j, 0.3], 1.0)
 SLOW_AND_FAST, ICY = [1 / (S - 0.2), 1 / (S - 5)], {"ms_max": 3.0, "names": ("dry", "icy")}
 FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
 
@@ -316,8 +316,8 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: tuned_at_100("pid", lead=0.6), "searches"),
     (lambda: rules.simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
     (lambda: rules.simc_pi(lags(1.0), -0.1), "dead time"),
-    (lambda: rules.simc_pi(Rational(np.array([]), np.array([]), 1.0), 0.1), "must have poles"),
-    (lambda: rules.simc_pi(Rational(np.array([]), np.array([-1 + 2j, -1 - 2j]), 1.0), 0.1), "roots real"),
+    (lambda: rules.simc_pi(Rational([], [], 1.0), 0.1), "must have poles"),
+    (lambda: rules.simc_pi(Rational([], [-1 + 2j, -1 - 2j], 1.0), 0.1), "roots real"),
     (lambda: rules.simc_pi(lags(integrators=2), 0.1), "several poles"),
     (lambda: rules.simc_pi(lags(1.0, 0.1, leads=(0.5,)), 0.1), "slower than the effective dead time"),
     (lambda: rules.simc_pi(lags(5.0, 0.2, 0.2, leads=(0.2, 0.2)), 0.05), "zeros leave a dead time"),
@@ -448,7 +448,7 @@ def test_simc_table_of_examples(plant, theta, time_constant, kp, integral_time):
 
 def test_rotstein_lewin_without_dead_time_places_the_closed_loop_exactly():
     k, t, lam = 3.0, 1.25, 0.7
-    plant = Rational(np.array([]), np.array([1 / t]), k / t)
+    plant = Rational([], [1 / t], k / t)
     tuning = rules.rotstein_lewin(plant, 0.0, closed_loop_time=lam)
     loop, omega = DeadTimeLoop(tuning.transfer_function() * plant), np.array([0.3, 1.0, 4.0])
     expected = (lam * (lam / t + 2) * 1j * omega + 1) / (lam * 1j * omega + 1) ** 2
@@ -457,7 +457,7 @@ def test_rotstein_lewin_without_dead_time_places_the_closed_loop_exactly():
 
 
 def test_rotstein_lewin_pid_is_the_pi_in_series_with_half_the_dead_time():
-    plant, theta, lam = Rational(np.array([]), np.array([0.5]), 0.5 * 4), 0.4, 1.2
+    plant, theta, lam = Rational([], [0.5], 0.5 * 4), 0.4, 1.2
     pi, pid = (rules.rotstein_lewin(plant, theta, closed_loop_time=lam, derivative=d) for d in (False, True))
     s = 1j * np.array([0.2, 1.0, 3.0])
     ideal = pid.gains.kp + pid.gains.ki / s + pid.derivative_gain * s
