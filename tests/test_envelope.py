@@ -4,7 +4,6 @@ import json
 import math
 from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
 
 import control as ct
 import numpy as np
@@ -66,13 +65,14 @@ def test_every_case_is_its_own_combination():
     assert factors == [set(SMALL.dead_time), set(SMALL.lag)]
 
 
-def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
+def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(file):
     rig = published_law("bristle", Rail.DRY)
     parameters = "\n".join(f"{name} = {value!r}" for name, (value, _) in rig.numbers().items())
     told = f'law = "bristle"\nwheel_load = 34500\n[parameters]\n{parameters}\n[reference_slip]\ndry = 0.1\nwet = 0.08\n'
-    (tmp_path / "mine.toml").write_text(told, encoding="utf-8")
-    (tmp_path / "car.toml").write_text('[envelope]\nlaws = ["mine.toml", "bristle"]\nspeeds = ["10 m/s"]', "utf-8")
-    envelope = load_envelope(tmp_path / "car.toml", COACH)
+    file("mine.toml", told)
+    envelope = load_envelope(
+        file("car.toml", '[envelope]\nlaws = ["mine.toml", "bristle"]\nspeeds = ["10 m/s"]'), COACH
+    )
     assert envelope.speeds == (36.0,)
     points = envelope.at(reference={"dry": 0.1, "wet": 0.08}).points(nominal=True)
     by_law = defaultdict(list)
@@ -89,21 +89,19 @@ def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
         assert mu == pytest.approx([operating_point(rig, PARK2008, 10.0, 0.132).adhesion_coefficient] * 2, rel=1e-9)
 
 
-def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Path):
-    (tmp_path / "law.toml").write_text('law = "polach"\n[parameters]\n', "utf-8")
-    path, own = tmp_path / "coach.toml", tmp_path / "own.toml"
+def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(file):
+    file("law.toml", 'law = "polach"\n[parameters]\n')
     axes = 'laws = ["law.toml", "curve"]\nspeeds = ["10 m/s"]\nreference = {dry = 0.1, wet = 0.07}'
-    path.write_text(f"mass = 11000\n[envelope]\n{axes}", "utf-8")
+    path = file("coach.toml", f"mass = 11000\n[envelope]\n{axes}")
     car = load_vehicle(path)
     assert Envelope(car) == load_envelope(path)
     assert Envelope(car, speeds=60) == load_envelope(path).at(speeds=60)  # what is given wins
     assert Envelope(car.model_copy(update={"mass_loaded": 12e3})).speeds == (36.0,)  # a changed one keeps it
     assert Envelope(PARK2008) == Envelope()
-    own.write_text("[envelope]\nspeeds = [20]", "utf-8")
-    assert load_envelope(own, car).reference is None  # a file of its own stands for itself
-    path.write_text("mass = 11000\n[envelope]\nspeeds = [0]", "utf-8")
+    own = load_envelope(file("own.toml", "[envelope]\nspeeds = [20]"), car)
+    assert own.reference is None  # a file of its own stands for itself
     with pytest.raises(InputError, match="speeds: 0 is not allowed"):
-        Envelope(load_vehicle(path))
+        Envelope(load_vehicle(file("coach.toml", "mass = 11000\n[envelope]\nspeeds = [0]")))
 
 
 @pytest.mark.parametrize(("text", "match"), [
@@ -124,11 +122,9 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
     ("rails = ['dry']", r"has no table \[envelope\]"),
     ("rail = 3\n[envelope]", "rail: unknown key"),
 ])  # fmt: skip
-def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, match: str):
-    path = tmp_path / "envelope.toml"
-    path.write_text(text, encoding="utf-8")
+def test_bad_files_are_refused_in_one_line(file, text: str, match: str):
     with pytest.raises(InputError, match=match) as caught:
-        load_envelope(path, PARK2008)
+        load_envelope(file("envelope.toml", text), PARK2008)
     assert "\n" not in str(caught.value)
 
 
@@ -157,9 +153,8 @@ def test_a_law_s_file_that_is_not_there_is_told_with_the_file_that_names_it(tmp_
         load_envelope(path, PARK2008).points()
 
 
-def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what_is_not_reached_left_out(tmp_path):
-    path = tmp_path / "envelope.toml"
-    path.write_text("[envelope]", encoding="utf-8")
+def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what_is_not_reached_left_out(file):
+    path = file("envelope.toml", "[envelope]")
     polach = Envelope(laws="polach")
     (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
     on_it = Envelope(laws="beam", rails="dry", speeds=36, reference={"dry": kink.slip, "wet": 0.1})

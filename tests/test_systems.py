@@ -281,9 +281,8 @@ def test_superposition_and_the_impulse_as_an_initial_state():
     # the response to an impulse of 1 N*m*s is the derivative of the one to a step of 1 N*m
     kick = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, initial_plant_state=realise(WHEEL).b, **options)
     h = 1e-5
-    ahead, behind = (
-        disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=BRAKE, time=t[1:] + s).output for s in (h, -h)
-    )
+    loop = (PI_LEAD, WHEEL, DEAD_TIME)
+    ahead, behind = (disturbance_response(*loop, actuator=BRAKE, time=t[1:] + s).output for s in (h, -h))
     # central difference: h^2 of the third derivative and rounding over h
     assert (ahead - behind) / (2 * h) == pytest.approx(kick.output[1:], abs=1e-8)
     assert kick.output[0] == pytest.approx(0.43 / 60.35, rel=1e-14)
