@@ -23,7 +23,7 @@ from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.specification import load_campaign
 from railslip_ctrl.simulation.catalogue import published_controller, published_reference
-from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
+from railslip_ctrl.simulation.controller_files import PIKeys, SlideProtectionKeys, SlidingKeys, load_controller
 from railslip_ctrl.sliding.law import LawGains
 
 DESIGNS = Path(__file__).resolve().parent.parent / "designs"
@@ -196,6 +196,8 @@ def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(toml):
 @pytest.mark.parametrize(("record", "given", "positive"), [
     (PIKeys, {"kind": "pi", "kp": 1.0, "ki": 1.0}, {"tracking_time"}),
     (SlidingKeys, {"kind": "asmc", "K": 1.0, "D": 1.0, "rho": 1.0}, {"D", "rho", "nominal_mass", "filter_time"}),
+    (SlideProtectionKeys, {"kind": "slide-protection"}, {"fill_slip", "dump_slip", "dump_deceleration", "fill_rate",
+        "dump_rate", "torque_max", "filter_time"}),
     (sim.Disturbances, {}, {"random_hold"}),
     (sim.Measurement, {}, set()),
     (sim.BrakeLimits, {"torque_min": -1.0, "torque_max": 1.0}, {"rate", "dump_lag"}),
@@ -205,7 +207,7 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
     fields = {name: info.json_schema_extra for name, info in record.model_fields.items() if name != "period"}
     for name in (name for name, extra in fields.items() if isinstance(extra, dict) and "unit" in extra):
         for value in (1e-9, 0.0, -1e-9):
-            if value > 0.0 or name in any_sign or (value == 0.0 and name not in positive):
+            if value > 0.0 or (name not in positive and (value == 0.0 or name in any_sign)):
                 assert getattr(record(**{**given, name: value}), name) == value
             else:
                 with pytest.raises(ValueError, match=name):
