@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # what the linear algebra computes with, by processor, and tests of what a last digit may turn
 KERNELS ?= Haswell Prescott SkylakeX Zen
 DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification observer limits sampled \
-	stabilizing tuning loop_oracles certificate sliding_verification))
+	stabilizing tuning loop_oracles sliding_verification))
 
 .PHONY: report test quick test-all test-kernels lint check benchmark generate docs pictures clean
 
@@ -21,7 +21,7 @@ test: $(READY)            ## linter, formatter, types, import contract, tests: t
 	$(MAKE) --no-print-directory --jobs 2 lint quick
 
 quick: $(READY)
-	$(BIN)/python -m pytest -n auto -m "not long"  # tests/conftest.py has the order, and what shares a process
+	$(BIN)/python -m pytest -n auto -m "not long"
 
 test-all: lint            ## every test, then the numerically delicate ones under each kernel
 	$(BIN)/python -m pytest -n auto

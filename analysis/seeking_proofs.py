@@ -92,9 +92,7 @@ def overshoot(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, *, agai
     force = np.minimum((full + vehicle.wheel.viscous_friction * speed / r) / r, vehicle.wheel_load * top)
     slow = np.maximum(speed - STEP * np.cumsum(force / vehicle.mass + still), 0.3 * speed)
 
-    def path(
-        slip: float, first: int, last: int, mu: np.ndarray, *, quick: bool, full: np.ndarray = full
-    ) -> np.ndarray:
+    def path(slip: float, first: int, last: int, mu: np.ndarray, *, quick: bool, full: np.ndarray = full) -> np.ndarray:
         """Slip over steps with a torque, the largest: from above (`quick`, with the least adhesion) or from below."""
         found = [slip]
         for i in range(first, last):

@@ -1,12 +1,10 @@
 """Property tests draw the same examples on every run; HYPOTHESIS_PROFILE=explore draws new ones."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 from hypothesis import Phase, settings
-from project import SMALL, script, show
+from project import script, show
 
 from railslip_ctrl.cli import main
 
@@ -16,41 +14,16 @@ settings.register_profile("mutants", derandomize=True, deadline=None, phases=(Ph
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LONGEST = (
-    *("test_virtual_rig.py", "test_scripts.py", "html report", "test_seeking.py", "test_sliding_verification.py"),
-    *("test_simulation_engine.py", "test_envelope.py", "test_tuning.py", "test_verification.py", "test_campaign.py"),
-    *("test_identification_command.py", "test_docs.py", "test_logs.py"),
-    *("test_controller_files.py", "test_help.py", "test_sliding_code.py", "test_plots.py", "test_sampled.py"),
+    "virtual_rig scripts design_report seeking sliding_verification simulation_engine envelope tuning "
+    "verification campaign identification_command docs logs scenarios help sliding_code sampled"
 )
-"""The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
-
-TOGETHER = dict.fromkeys(("test_design_report.py", "test_report_browser.py"), "html report")
-"""Files that share a worker, for their fixture `full_report`."""
-
-
-def group_of(nodeid):
-    """A file's tests share a worker, so that what its fixtures work out is worked out once."""
-    name = nodeid.partition("::")[0].rpartition("/")[2]
-    return TOGETHER.get(name, name)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config, log):
-    """Whatever --dist says. That of `--dist loadgroup` groups nothing under pytest 9.2: xdist 3.8 sets `_nodeid`."""
-    from xdist.scheduler import LoadScopeScheduling
-
-    class ByGroup(LoadScopeScheduling):
-        def _split_scope(self, nodeid):
-            return group_of(nodeid)
-
-    config.option.loadscopereorder = False  # the order is that below
-    return ByGroup(config, log)
+"""The files that take longest, first: one that begins last leaves the other workers with nothing to do."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """The groups that take longest first."""
-    order = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(group_of(item.nodeid), len(order)))
+    place = {f"test_{name}": i for i, name in enumerate(LONGEST.split())}
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 
 @pytest.fixture
@@ -116,15 +89,3 @@ def _figures_without_defects():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "figure_bytes", looked_at)
         yield
-
-
-@pytest.fixture(scope="session")
-def full_report(tmp_path_factory):
-    """The folder of `railslip report` run once as a user would, and what it printed: standard output and error.
-
-    Files whose tests take it are in `TOGETHER`, so that it is made once.
-    """
-    folder = tmp_path_factory.mktemp("report") / "out"
-    command = [sys.executable, "-m", "railslip_ctrl", "report", *SMALL, "--out", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
-    return folder, done.stdout, done.stderr

@@ -26,7 +26,6 @@ class Page:
         return [["".join(cell.itertext()) for cell in row] for row in self.root.findall(f".//*[@id='{section}']//tr")]
 
     def problems(self) -> list[str]:
-        """What is wrong, a line each."""
         ids = Counter(self.attributes("id"))
         links = [link.get("href", "") for link in self.root.iter("a")]
         loaded = [one for one in self.attributes("href", *_LOADS) if one not in links]
@@ -40,5 +39,4 @@ class Page:
         ]
 
     def attributes(self, *names: str) -> list[str]:
-        """The values that such attributes have anywhere."""
         return [one.attrib[name] for one in self.root.iter() for name in names if name in one.attrib]

@@ -23,7 +23,6 @@ def script(path: str) -> ModuleType:
 
 
 def recipe(name: str) -> str:
-    """A file that CONTRIBUTING shows."""
     (text,) = re.findall(rf"^```\w+ file={re.escape(name)}\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
     return text
 
@@ -42,7 +41,3 @@ def refused(result: tuple[int, str, str]) -> str:
     assert err.startswith("railslip: error: ")
     assert err.count("\n") == 1
     return err
-
-
-SMALL = ["--speed", "10", "--speed", "100", "--kp", "190", "--ki", "5", "--loaded", "--adhesion", "curve"]
-"""Options of a report that is sooner there: two speeds, one load and law, and gains given."""

@@ -5,7 +5,6 @@ from scipy.signal import butter
 
 
 def decades(rng, low, high):
-    """A number between two powers of ten."""
     return float(10 ** rng.uniform(low, high))
 
 

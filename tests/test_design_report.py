@@ -1,8 +1,13 @@
-"""`railslip report`: what is recommended, its numbers, its files and its page."""
+"""`railslip report`: what is recommended, its numbers, its files and its page, that in a real browser too."""
 
+import base64
 import json
 import math
+import re
 import shlex
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import product
 
@@ -12,7 +17,7 @@ import pytest
 from html_page import LARGEST_BYTES, Page
 from project import ROOT
 from test_envelope import COACH, own_loop
-from test_law_files import LAW
+from test_laws import LAW
 
 from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.margins import given_controller
@@ -33,7 +38,7 @@ from railslip_ctrl.simulation.catalogue import published_controller, seeking_con
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
 ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")
-"""Of `SMALL`."""
+SMALL = "--speed 10 --speed 100 --kp 190 --ki 5 --loaded --adhesion curve"  # over ENVELOPE, with gains given
 SOURCE = "railslip report"
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
@@ -54,13 +59,22 @@ def swinging(one, **more):
 
 
 @pytest.fixture(scope="module")
+def full_report(tmp_path_factory):
+    """The folder of `railslip report` run once as a user would, and what it printed: standard output and error."""
+    folder = tmp_path_factory.mktemp("report") / "out"
+    command = [sys.executable, "-m", "railslip_ctrl", "report", *SMALL.split(), "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
+    return folder, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
 def content(full_report):
     return json.loads((full_report[0] / "report.json").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module")
-def recommended(full_report):
-    return load_controller(full_report[0] / "recommended.toml")
+def shown(full_report):
+    return Page((full_report[0] / "report.html").read_text("utf-8"))
 
 
 def rendered(report):
@@ -69,65 +83,58 @@ def rendered(report):
     return page(first_page(report), design_sections(report), names, SOURCE, report.date, 1.0)
 
 
-def test_the_first_page_is_printed_and_the_page_is_well_formed_loads_nothing_and_is_short(full_report, content):
+def test_the_first_page_is_printed_and_the_page_is_well_formed_loads_nothing_and_is_short(full_report, content, shown):
     folder, out, err = full_report
     assert len(out.splitlines()) <= MOST_LINES
     assert (folder / "report.txt").read_text("utf-8") == out
     assert f"{folder / 'report.html'}" in out.replace("\n", "")
     assert {path.name for path in folder.iterdir()} == set(content["files"])
     assert "in a browser" in err
-    text = (full_report[0] / "report.html").read_text("utf-8")
-    shown = Page(text)
-    assert len(text.encode()) < LARGEST_BYTES
+    assert (folder / "report.html").stat().st_size < LARGEST_BYTES
     assert shown.problems() == []
     assert len(shown.pictures) == sum(name.endswith(".png") for name in content["files"]) >= 4
     assert len(shown.text.split()) <= MOST_WORDS
 
 
-def test_the_recommendation_is_what_judge_says_of_its_file(content, recommended):
-    said, judged = content["recommended"], judge(recommended, ENVELOPE)
-    above = recommended.cut_out_speed * 3.6
+def test_the_recommendation_is_what_judge_says_of_its_file(content, full_report):
+    control = load_controller(full_report[0] / "recommended.toml")
+    said, judged, above = content["recommended"], judge(control, ENVELOPE), control.cut_out_speed * 3.6
     assert (said["verdict"], said["stable_from_kmh"]) == (judged.verdict, judged.usable_from_kmh)
     assert said["usable_from_kmh"] == pytest.approx(max(judged.robust_from_kmh, above), rel=1e-9)
     assert content["envelope"]["speeds"] == pytest.approx(judged.envelope.speeds)  # with its own
+    assert said["map"]["operating"] == judged.map.operating.tolist()
     judged = restricted(judged, above * (1 - 1e-9))
     assert said["worst"] == judged.worst.table()
     assert said["worst_with_tolerances"] == judged.worst_with_tolerances.table()
-    assert said["map"]["operating"] == judge(recommended, ENVELOPE).map.operating.tolist()
 
 
-def test_the_command_that_is_printed_gives_the_stop_that_is_printed_digit_for_digit(full_report, content, railslip):
+def test_the_command_that_is_printed_gives_the_stop_to_the_digit(full_report, content, shown, railslip):
     """The longest of all laws, loads and seeds; text and page have the same command."""
-    folder, out, _ = full_report
+    out = full_report[1]
     command = " ".join(out.partition(" stop again: ")[2].split())
-    assert command in Page((folder / "report.html").read_text("utf-8")).text
+    assert command in shown.text
     run = json.loads(railslip(*shlex.split(command)[1:], "--json")[1])
     said = max((one for one in content["stops"] if one["rail"] == "dry"), key=lambda one: one["braking_distance_m"])
     longest = said["braking_distance_m"]
     assert longest == max(said["distances_m"]) == said["distances_m"][said["seed"]]
-    numbers = ("braking_distance_m", "braking_time_s", "max_slip")
-    assert {name: run[name] for name in numbers} == {name: said[name] for name in numbers}
+    assert all(run[name] == said[name] for name in ("braking_distance_m", "braking_time_s", "max_slip"))
     assert f"{longest:.4g} m " in out.partition("Stop, dry")[2].partition("Stop, wet")[0]
 
 
-def test_given_gains_are_judged_and_run_beside(full_report, content):
+def test_given_gains_are_judged_and_run_beside(content, shown):
     (given,) = content["given"]
     judged = judge(SampledController(GIVEN, 0.01), ENVELOPE)  # as it runs
     assert (given["verdict"], given["worst"]) == (judged.verdict, judged.worst.table())
     assert {one["rail"] for one in given["stops"]} == {"dry", "wet"}
-    rows = Page((full_report[0] / "report.html").read_text("utf-8")).rows("given")
-    assert [row[0] for row in rows[1:]] == ["recommended", "given PI"]
+    assert [row[0] for row in shown.rows("given")[1:]] == ["recommended", "given PI"]
 
 
 @pytest.mark.long
-def test_a_law_of_one_s_own_in_a_python_file_is_reported_on(railslip, tmp_path, monkeypatch):
+def test_a_law_of_one_s_own_in_a_python_file_is_reported_on(railslip, file):
     """Its class cannot be sent to another process."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").write_text(LAW)
-    status, out, _ = railslip("report", "--adhesion", "mine.py", "--speed", "100", "--rail", "dry", "--out", "out")
-    assert (status, "USE" in out) == (0, True)
-    (stop_again,) = json.loads((tmp_path / "out/report.json").read_text("utf-8"))["stops"][:1]
-    assert stop_again["adhesion"] != "bristle"
+    narrow = ("--speed", "100", "--rail", "dry", "--no-html", "--out", "out", "--json")
+    status, out, _ = railslip("report", "--adhesion", file("mine.py", LAW), *narrow)
+    assert (status, json.loads(out)["stops"][0]["adhesion"]) == (0, "kalker")
 
 
 MINE = """
@@ -147,10 +154,9 @@ OWN = (
 
 
 @pytest.mark.long
-def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(railslip, tmp_path):
-    (tmp_path / "tf.toml").write_text(OWN)
-    case = ("--adhesion", "curve", "--rail", "dry", "--controller", tmp_path / "tf.toml")
-    narrow = ("--speed", "100", "--loaded", "--nominal", "--no-html", "--out", tmp_path / "out")
+def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(railslip, file):
+    case = ("--adhesion", "curve", "--rail", "dry", "--controller", file("tf.toml", OWN))
+    narrow = ("--speed", "100", "--loaded", "--nominal", "--no-html", "--out", "out")
     status, out, err = railslip("report", *case, *narrow, "--json")
     assert status == 0, err
     (given,) = json.loads(out)["given"]
@@ -163,22 +169,20 @@ def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(railslip,
     assert first["braking_distance_m"] == json.loads(again)["braking_distance_m"]
 
 
-def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robust, tmp_path):
-    (tmp_path / "mute.py").write_text(MINE + "CONTROLLER = Mine()\n")
-    given = {"mute.py": load_controller(tmp_path / "mute.py"), "sliding": published_controller("asmc")}
+def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robust, file):
+    mute = load_controller(file("mute.py", MINE + "CONTROLLER = Mine()\n"))
+    given = {"mute.py": mute, "sliding": published_controller("asmc")}
     rivals = [recommendation._rival(name, one, robust.envelope, False) for name, one in given.items()]
     beside = replace(robust, rivals=tuple(rivals))
     lines = [text for name, text in first_page(beside).lines if name == "Yours"]
     assert [text.split(" is ")[0] for text in lines] == [f"NOT JUDGED: {name}" for name in given]
     found = design_report_json(beside)["given"]
-    assert [(one["reason"], one["verdict"]) for one in found] == [
-        ("known by its step alone", None), ("not linear", None),
-    ]  # fmt: skip
+    assert [one["reason"] for one in found] == ["known by its step alone", "not linear"]
+    assert [one["verdict"] for one in found] == [None, None]
     assert all({stop["rail"] for stop in one["stops"]} == {"dry", "wet"} for one in found)
     first = found[0]["stops"][0]
     scenario = stop(PARK2008, first["rail"], speed_kmh=robust.envelope.initial_speed)
-    again = simulate(scenario, given["mute.py"], seed=first["seed"])
-    assert first["braking_distance_m"] == again.braking_distance
+    assert first["braking_distance_m"] == simulate(scenario, mute, seed=first["seed"]).braking_distance
     judged = recommendation._rival("seeking", seeking_control(), robust.envelope, True).judgement
     assert judged.worst.ms == robust.seeking.judgement.worst.ms
 
@@ -195,27 +199,21 @@ def test_an_unstable_controller_is_told_on_the_first_page_with_its_stops(robust)
     assert (shown.head[-1], shown.rows[-1][:2]) == ("Longest stops, curve, empty", ("wild", "unstable"))
 
 
-def test_a_controller_that_has_no_reference_holds_the_envelope_s(tmp_path):
-    (tmp_path / "mine.py").write_text(MINE + "CONTROLLER = SYSTEM\n")
+def test_a_controller_that_has_no_reference_holds_the_envelope_s(file):
+    name, held = file("mine.py", MINE + "CONTROLLER = SYSTEM\n"), ReferenceSlip(dry=0.1, wet=0.07)
     point = operating_point(published_law("curve", "dry"), PARK2008, 100 / 3.6, 0.1)
-    held, file = ReferenceSlip(dry=0.1, wet=0.07), str(tmp_path / "mine.py")
-    assert given_controller(file, point, None, held).reference == held
-    assert given_controller(file, point, None).reference == point.law.reference
+    assert given_controller(name, point, None, held).reference == held
+    assert given_controller(name, point, None).reference == point.law.reference
 
 
-VEHICLES = {
-    "published": PARK2008,
-    "coach of the project": load_vehicle(ROOT / "designs" / "vehicles" / "coach.toml"),
-    "railcar of the project": load_vehicle(ROOT / "designs" / "vehicles" / "desiro_classic.toml"),
-    "coach of an edge of the peak": COACH,
-}
+PROJECT_S = [load_vehicle(ROOT / "designs" / "vehicles" / name) for name in ("coach.toml", "desiro_classic.toml")]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", VEHICLES)
-def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(name):
+@pytest.mark.parametrize("vehicle", [PARK2008, *PROJECT_S, COACH], ids=["published", "coach", "railcar", "at the peak"])
+def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(vehicle):
     """2 000 loops anywhere within the ranges of the envelope in use, each linearised and solved by itself."""
-    found = design_report(Envelope(VEHICLES[name]), sliding=False)
+    found = design_report(Envelope(vehicle), sliding=False)
     judged, envelope, rng = found.in_use, found.in_use.envelope, np.random.default_rng(4)
     worst, seeks = {True: judged.worst, False: judged.worst_with_tolerances}, isinstance(found.control, SeekingControl)
     controller = found.control if seeks else found.control.design
@@ -313,17 +311,15 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
     assert (content["recommended"], len(content["seeking"])) == (None, len(hopeless.seeking.stops))
 
 
-@pytest.mark.parametrize(("kp", "ki", "verdict", "headline"), [
-    *((804.0, 694.0, "fragile", "DO NOT USE: fragile"), (1e6, 2.0, "unstable", "DO NOT USE")),
-])  # fmt: skip
-def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, ki, verdict, headline):
+@pytest.mark.parametrize(("kp", "ki", "verdict"), [(804.0, 694.0, "fragile"), (1e6, 2.0, "unstable")])
+def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, ki, verdict):
     """Were the judgement that of gains without margin: headline, reason, table and JSON say the same."""
     weak = judge(PIController(PIGains(kp=kp, ki=ki), lead=0.6, lead_filter=0.03), robust.envelope)
     assert (weak.verdict, weak.robust_from_kmh) == (verdict, None)
     best = replace(robust.best, design=replace(robust.best.design, judgement=weak))
     report = replace(robust, above_kmh=None, in_use=weak, selection=replace(robust.selection, choices=(best,)))
     (first, lines, _), said = told(report), design_report_json(report)["recommended"]
-    assert first.headline == headline
+    assert first.headline == {"fragile": "DO NOT USE: fragile", "unstable": "DO NOT USE"}[verdict]
     assert (said["verdict"], said["usable_from_kmh"], said["stable_from_kmh"]) == (verdict, None, weak.usable_from_kmh)
     assert said["worst"] == weak.worst.table()
     why, (name, worst, _) = lines["Why"], first.rows[0]
@@ -382,9 +378,8 @@ def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
 
 
 def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
-    bounded = [one for one in robust.stops if one.bound is not None]
-    assert bounded
-    for one in bounded:
+    assert any(one.bound for one in robust.stops)
+    for one in (one for one in robust.stops if one.bound is not None):
         assert one.run.braking_distance > one.bound.braking_distance
         signals = one.run.signals
         controlled = signals.slip[signals.speed * 3.6 > 10.0]  # below, the file holds a torque
@@ -443,11 +438,9 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
     assert same.runs[0].braking_distance == alone.braking_distance
     assert {one["reference_slip"] for one in design_report_json(robust)["seeking"]} == {None}
     others, first = [one for one in robust.trials if one is not trial], trial.stops[0]
-    locked, longer = (
-        replace(first, run=replace(first.run, **one)) for one in ({"locked_fraction": 0.1}, {"braking_distance": 1e4})
-    )
-    for one, named, locks in ((first, True, False), (locked, True, True), (longer, False, False)):
-        again = replace(trial, stops=(one, *trial.stops[1:]))
+    changes = (({}, True, False), ({"locked_fraction": 0.1}, True, True), ({"braking_distance": 1e4}, False, False))
+    for change, named, locks in changes:
+        again = replace(trial, stops=(replace(first, run=replace(first.run, **change)), *trial.stops[1:]))
         rows = first_page(replace(robust, trials=(*others, again))).rows
         (where,) = [where for name, _, where in rows if name == "Shortest mean"] if named else [""]
         assert ("seeking" in where, "locks" in where) == (named, locks)
@@ -462,9 +455,8 @@ def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     only = {"laws": "curve", "speeds": 60, "loads": "empty", "slip": 1.0, "radius": 1.0, "dead_time": 1.0, "lag": 1.0}
     found = design_report(Envelope(PARK2008, **only), sliding=False)
     assert (found.best.structure, found.above_kmh, found.in_use.verdict) == ("seeking", 60.0, "robust")
-    others = [trial for trial in found.trials if trial is not found.seeking]
-    assert others
-    assert all(found.seeking.distance() < trial.distance() for trial in others)
+    others = [trial.distance() for trial in found.trials if trial is not found.seeking]
+    assert found.seeking.distance() < min(others)
     (tmp_path / "seeking.toml").write_text(found.control.toml, "utf-8")
     assert load_controller(tmp_path / "seeking.toml") == seeking_control(PARK2008)
     page, content = first_page(found), design_report_json(found)
@@ -494,10 +486,94 @@ def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     spring = alpha * (car.wheel.radius**2 / car.wheel.inertia + 1 / car.mass)
     assert found.frequency == pytest.approx(math.sqrt(spring), rel=1e-6)  # but for the friction
     s = 1j * found.frequency
-    lead = (design.lead * s + 1) / (design.lead_filter * s + 1)
-    control = (design.gains.kp + design.gains.ki / s) * lead
+    control = (design.gains.kp + design.gains.ki / s) * (design.lead * s + 1) / (design.lead_filter * s + 1)
     assert found.stable == ((control * np.exp(-s * actuator.dead_time) / (actuator.lag * s + 1)).real > 0)
     blocks = pages._stops(replace(robust, rolling=(found,))).blocks
     text = [block.text for block in blocks if isinstance(block, Paragraph)]
     assert len(text) == 2
     assert f"{found.frequency / (2 * math.pi):.2g} Hz" in text[1]
+
+
+A4 = 794  # CSS pixels
+
+# A browser without a network: it looks for nothing by itself.
+FLAGS = (
+    *("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "no-first-run"),
+    *("disable-background-networking", "disable-component-update", "disable-sync"),
+)
+WIDER = "return document.documentElement.scrollWidth > document.documentElement.clientWidth"
+CUT = """return [...document.querySelectorAll(".scroll")].filter((one) => one.offsetParent !== null
+  && one.scrollWidth > one.clientWidth + 1).map((one) => one.innerText.slice(0, 60))"""
+UNSEEN = """return [...document.images].filter((one) => {
+  const box = one.getBoundingClientRect();
+  return !one.complete || one.naturalWidth === 0 || box.width < 100 || box.height < 50;
+}).map((one) => one.alt)"""
+LOADED = """return performance.getEntriesByType("resource").map((one) => one.name)
+  .filter((name) => !name.startsWith("data:"))"""
+TORN = """const style = (names, key) => [...document.querySelectorAll(names)].map((one) => getComputedStyle(one)[key]);
+return [...style("h2, h3, caption, summary", "breakAfter"), ...style("figure, .short, .finding, tr", "breakInside")]
+  .filter((value) => value !== "avoid").concat(style("figure", "float").filter((value) => value !== "left"))"""
+OPEN = 'return [...document.querySelectorAll("details")].filter((one) => one.open).length'
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options, names = webdriver.ChromeOptions(), ("chromium", "chromium-browser", "google-chrome")
+    options.binary_location, driver = next(filter(None, map(shutil.which, names)), ""), shutil.which("chromedriver")
+    if not (options.binary_location and driver):
+        pytest.skip("no chromium with chromium-driver")
+    for flag in (*FLAGS, f"user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(f"--{flag}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with webdriver.Chrome(options=options, service=Service(driver)) as found:
+        yield found
+
+
+@pytest.fixture
+def show(browser, full_report):
+    """Shows the page at a width in CSS pixels, and runs scripts in it; nothing is complained of."""
+
+    def shown(width):
+        screen = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+        browser.get((full_report[0] / "report.html").as_uri())
+        assert [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")] == []
+        return browser.execute_script
+
+    return shown
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("width", [390, A4, 1200])  # of a phone, of a page, of a desk
+def test_the_page_in_a_browser_fits_shows_every_figure_and_loads_nothing(show, width):
+    """That each link has a target is looked at in the page's text, `html_page`."""
+    run = show(width)
+    assert (run("return innerWidth"), run(WIDER), run(UNSEEN), run(LOADED)) == (width, False, [], [])
+    assert run("return document.images.length") >= 4
+    assert run(CUT) == []
+    run("document.querySelector('nav a[href=\"#stops\"]').click()")
+    # the section is where the eye is; a pixel of rounding
+    assert abs(run("return document.getElementById('stops').getBoundingClientRect().top")) < 2
+
+
+@pytest.mark.long
+def test_prints_on_a4_with_everything_opened_and_together_what_belongs_together(browser, show):
+    run = show(A4)
+    before = run(OPEN)
+    run("dispatchEvent(new Event('beforeprint'))")
+    assert run(OPEN) == run("return document.querySelectorAll('details').length")
+    run("dispatchEvent(new Event('afterprint'))")
+    assert run(OPEN) == before == 0
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", base64.b64decode(printed["data"]))
+    assert 3 <= len(boxes) <= 12  # beyond, pages are left half-empty, as those before a figure once were
+    for width, height in boxes:
+        # points; a browser rounds A4 to its own pixels, three quarters of a point each
+        assert (float(width), float(height)) == pytest.approx((595.0, 842.0), abs=1.0)
+    run = show(680)  # CSS pixels between the margins of A4, 180 mm: a wider page is printed smaller
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    run("dispatchEvent(new Event('beforeprint'))")
+    assert (run(WIDER), run(TORN)) == (False, [])

@@ -2,8 +2,8 @@
 
 import json
 import math
+from collections import defaultdict
 from dataclasses import replace
-from pathlib import Path
 
 import control as ct
 import numpy as np
@@ -17,7 +17,7 @@ from railslip_ctrl.design.assessment import Verdict, assess
 from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope_tuning import REACH_SHARE, held_slips, operating_plants, select, tune
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, PIGains, Rail, Resistance, Vehicle, Wheel
 
 COACH = Vehicle(
@@ -50,38 +50,34 @@ def test_the_default_is_the_documented_one_and_operating_points_are_there_whatev
     assert points.case(2).words == "curve, dry, loaded, 60 km/h, slip -50 %, lag -30 %, radius -6 %"
 
 
-def test_every_case_is_its_own_combination_linearised():
+def test_every_case_is_its_own_combination():
     points = SMALL.points()
-    tables = [points.case(i).table() for i in range(len(points))]
-    assert len({tuple(table.values()) for table in tables}) == len(points) == 2 * 2 * 2 * 2 * 2 * 2 * 2 * 2
-    for i in range(0, len(points), 37):
-        case, table = points.case(i), tables[i]
-        loaded = COACH.loaded() if table["load"] == "loaded" else COACH
+    cases = [points.case(i) for i in range(len(points))]
+    tables = [case.table() for case in cases]
+    assert len({tuple(table.values()) for table in tables}) == len(points) == 2**8
+    for i, (case, table) in enumerate(zip(cases, tables, strict=True)):
+        loaded, point = COACH.loaded() if table["load"] == "loaded" else COACH, case.point
         assert (table["mass_kg"], table["wheel_load_n"]) == (loaded.mass, loaded.wheel_load)
-        worn = loaded.model_copy(update={"wheel": loaded.wheel.model_copy(update={"radius": table["radius_m"]})})
-        law = published_law(table["adhesion"], table["rail"], wheel_load=loaded.wheel_load)
-        own = linearize(operating_point(law, worn, table["speed_kmh"] / 3.6, table["slip"]))
-        assert np.array_equal(case.plant.A, own.A)
-        assert np.array_equal(points.plants[points.plant[i]].A, own.A)
-        assert case.actuator == case.point.vehicle.actuator == points.actuators[points.actuator[i]]
-        assert table["slip"] == pytest.approx(case.slip_factor * law.reference_slip(law.rail), rel=1e-12)
+        assert (table["radius_m"], case.actuator) == (point.vehicle.wheel.radius, points.actuators[points.actuator[i]])
+        assert np.array_equal(points.plants[points.plant[i]].A, case.plant.A)
+        assert table["slip"] == pytest.approx(case.slip_factor * point.law.reference_slip(point.rail), rel=1e-12)
     factors = [{round(table[key] / of, 9) for table in tables} for key, of in (("dead_time_s", 0.12), ("lag_s", 0.4))]
     assert factors == [set(SMALL.dead_time), set(SMALL.lag)]
 
 
-def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
+def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(file):
     rig = published_law("bristle", Rail.DRY)
     parameters = "\n".join(f"{name} = {value!r}" for name, (value, _) in rig.numbers().items())
     told = f'law = "bristle"\nwheel_load = 34500\n[parameters]\n{parameters}\n[reference_slip]\ndry = 0.1\nwet = 0.08\n'
-    (tmp_path / "mine.toml").write_text(told, encoding="utf-8")
-    (tmp_path / "car.toml").write_text('[envelope]\nlaws = ["mine.toml", "bristle"]\nspeeds = ["10 m/s"]', "utf-8")
-    envelope = load_envelope(tmp_path / "car.toml", COACH)
+    file("mine.toml", told)
+    envelope = load_envelope(
+        file("car.toml", '[envelope]\nlaws = ["mine.toml", "bristle"]\nspeeds = ["10 m/s"]'), COACH
+    )
     assert envelope.speeds == (36.0,)
     points = envelope.at(reference={"dry": 0.1, "wet": 0.08}).points(nominal=True)
-    by_law = {}
-    for i in range(len(points)):
-        point = points.case(i).point
-        by_law.setdefault((point.rail, points.case(i).load), []).append(point.adhesion_coefficient)
+    by_law = defaultdict(list)
+    for case in map(points.case, range(len(points))):
+        by_law[case.point.rail, case.load].append(case.point.adhesion_coefficient)
     assert len(by_law) == 4
     for first, second in by_law.values():
         assert first == pytest.approx(second, rel=1e-9)
@@ -93,21 +89,19 @@ def test_laws_of_files_follow_the_wheel_load_with_mu_as_it_was(tmp_path: Path):
         assert mu == pytest.approx([operating_point(rig, PARK2008, 10.0, 0.132).adhesion_coefficient] * 2, rel=1e-9)
 
 
-def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Path):
-    (tmp_path / "law.toml").write_text('law = "polach"\n[parameters]\n', "utf-8")
-    path, own = tmp_path / "coach.toml", tmp_path / "own.toml"
+def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(file):
+    file("law.toml", 'law = "polach"\n[parameters]\n')
     axes = 'laws = ["law.toml", "curve"]\nspeeds = ["10 m/s"]\nreference = {dry = 0.1, wet = 0.07}'
-    path.write_text(f"mass = 11000\n[envelope]\n{axes}", "utf-8")
+    path = file("coach.toml", f"mass = 11000\n[envelope]\n{axes}")
     car = load_vehicle(path)
     assert Envelope(car) == load_envelope(path)
     assert Envelope(car, speeds=60) == load_envelope(path).at(speeds=60)  # what is given wins
     assert Envelope(car.model_copy(update={"mass_loaded": 12e3})).speeds == (36.0,)  # a changed one keeps it
     assert Envelope(PARK2008) == Envelope()
-    own.write_text("[envelope]\nspeeds = [20]", "utf-8")
-    assert load_envelope(own, car).reference is None  # a file of its own stands for itself
-    path.write_text("mass = 11000\n[envelope]\nspeeds = [0]", "utf-8")
+    own = load_envelope(file("own.toml", "[envelope]\nspeeds = [20]"), car)
+    assert own.reference is None  # a file of its own stands for itself
     with pytest.raises(InputError, match="speeds: 0 is not allowed"):
-        Envelope(load_vehicle(path))
+        Envelope(load_vehicle(file("coach.toml", "mass = 11000\n[envelope]\nspeeds = [0]")))
 
 
 @pytest.mark.parametrize(("text", "match"), [
@@ -128,21 +122,18 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
     ("rails = ['dry']", r"has no table \[envelope\]"),
     ("rail = 3\n[envelope]", "rail: unknown key"),
 ])  # fmt: skip
-def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, match: str):
-    path = tmp_path / "envelope.toml"
-    path.write_text(text, encoding="utf-8")
+def test_bad_files_are_refused_in_one_line(file, text: str, match: str):
     with pytest.raises(InputError, match=match) as caught:
-        load_envelope(path, PARK2008)
+        load_envelope(file("envelope.toml", text), PARK2008)
     assert "\n" not in str(caught.value)
 
 
-def test_too_many_cases_are_told_with_the_file_and_the_count_of_each_list(tmp_path, railslip):
-    path, slips = tmp_path / "mine.toml", [round(0.7 + 0.01 * i, 2) for i in range(60)]  # 1 is one of them
-    path.write_text(f"[envelope]\nspeeds = {list(range(1, 101))}\nslip = {slips}", encoding="utf-8")
+def test_too_many_cases_are_told_with_the_file_and_the_count_of_each_list(file, railslip):
+    slips = [round(0.7 + 0.01 * i, 2) for i in range(60)]  # 1 is one of them
+    path = file("mine.toml", f"[envelope]\nspeeds = {list(range(1, 101))}\nslip = {slips}")
     err = refused(railslip("margins", "--envelope", path))
-    cases = 2 * 2 * 2 * 100 * 60 * 3 * 3 * 2
-    assert err.startswith(f"railslip: error: --envelope: {path}: envelope: rails 2 x ")
-    assert f"speeds 100 x slip 60 x dead_time 3 x lag 3 x radius 2 values make {cases} cases, more than 500000;" in err
+    assert err.startswith("railslip: error: --envelope: mine.toml: envelope: rails 2 x ")
+    assert "speeds 100 x slip 60 x dead_time 3 x lag 3 x radius 2 values make 864000 cases, more than 500000;" in err
     with pytest.raises(InputError, match="more than 500000"):  # 489600 with one slip less
         Envelope(speeds=range(1, 101), slip=slips[:34]).at(slip=slips[:35])
 
@@ -162,9 +153,8 @@ def test_a_law_s_file_that_is_not_there_is_told_with_the_file_that_names_it(tmp_
         load_envelope(path, PARK2008).points()
 
 
-def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what_is_not_reached_left_out(tmp_path):
-    path = tmp_path / "envelope.toml"
-    path.write_text("[envelope]", encoding="utf-8")
+def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what_is_not_reached_left_out(file):
+    path = file("envelope.toml", "[envelope]")
     polach = Envelope(laws="polach")
     (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
     on_it = Envelope(laws="beam", rails="dry", speeds=36, reference={"dry": kink.slip, "wet": 0.1})
@@ -179,9 +169,8 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused_and_what
     assert len(polach.at(reference={"dry": 0.02, "wet": 0.02}, speeds=60, loads="empty").points(nominal=True)) == 2
     slips = {"dry": 2 * kink.slip, "wet": 0.1}
     points = Envelope(laws=("bristle", "beam"), rails="dry", speeds=36, slip=(0.5, 1.0), reference=slips).points()
-    assert points.skipped
+    assert min(len(points), len(points.skipped)) > 0
     assert all("slip 0.5 times the reference: " in told and "kink" in told for told in points.skipped)
-    assert len(points) > 0
 
 
 def test_a_reference_slip_beside_the_peak_is_told():
@@ -243,7 +232,6 @@ def test_every_case_has_the_margins_of_its_loop_and_the_worst_are_the_worst_of_t
 def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     on_bristle = Envelope(laws="bristle", speeds=(20, 60, 100))
     judged = judge(PI_LEAD, on_bristle)
-    assert judged.verdict == "robust"
     assert judged.verdict_line == (
         "robust: Ms 1.43 (Ms 1.45 sampled every 0.01 s) at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 (Ms "
         "2.05 sampled every 0.01 s) at bristle, dry, empty, 100 km/h, slip +25 %, dead time +30 %, lag +30 %"
@@ -330,11 +318,6 @@ def selection():
     return select(ONE_LAW)
 
 
-def choice(selection, structure, factor):
-    (found,) = (c for c in selection.choices if (c.structure, c.reference_factor) == (structure, factor))
-    return found
-
-
 def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge(selection):
     best = selection.best
     assert (best.structure, best.reference_factor) == ("pi", 0.75)
@@ -348,13 +331,11 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
 
 
-@pytest.mark.parametrize(
-    ("envelope", "factor"), [(ONE_LAW, 1.0), pytest.param(Envelope(speeds=40.0), 1.0, marks=pytest.mark.long)]
-)
-def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope, factor):
+@pytest.mark.parametrize("envelope", [ONE_LAW, pytest.param(Envelope(speeds=40.0), marks=pytest.mark.long)])
+def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope):
     """None is robust from a lower speed, or from the same one with a larger ki."""
-    selected = selection if envelope is ONE_LAW else select(envelope, ["pi-lead"], [factor])
-    found = choice(selected, "pi-lead", factor)
+    selected = selection if envelope is ONE_LAW else select(envelope, ["pi-lead"], [1.0])
+    (found,) = (one for one in selected.choices if (one.structure, one.reference_factor) == ("pi-lead", 1.0))
     mine, gains = found.design.judgement.robust_from_kmh, found.design.gains
     assert mine is not None
     for kp in gains.kp * np.geomspace(0.2, 5.0, 9):
@@ -384,7 +365,7 @@ def test_where_none_is_robust_the_least_ms_is_given_up_by_a_twentieth_for_ki(mon
 
 
 def test_the_time_to_the_reference_is_that_of_the_integral(selection):
-    found = choice(selection, "pi-lead", 1.0)
+    (found,) = (one for one in selection.choices if (one.structure, one.reference_factor) == ("pi-lead", 1.0))
     points = [plant.point for plant in found.design.judgement.points.plants if plant.point.slip == 0.132]
     start = 0.8 * min(point.brake_torque for point in points)
     times = []
@@ -415,19 +396,14 @@ wheel = {radius = 0.46, inertia = 90, viscous_friction = 0.25}
 actuator = {dead_time = "120 ms", lag = "0.4 s"}
 resistance = {constant = 100, linear = 0, quadratic = 0.6}
 """
-GAINS = ("--kp", "1100", "--ki", "60", "--lead", "0.4")
 
 
-@pytest.fixture
-def coach(tmp_path):
-    path = tmp_path / "coach.toml"
-    path.write_text(COACH_FILE, encoding="utf-8")
-    return path
+def test_options_narrow_the_envelope_and_files_have_it(railslip, file):
+    file("coach.toml", COACH_FILE)
 
-
-def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path):
     def found(*more):
-        return json.loads(railslip("margins", "--vehicle", coach, *GAINS, *more, "--json")[1])
+        gains = ("--kp", "1100", "--ki", "60", "--lead", "0.4")
+        return json.loads(railslip("margins", "--vehicle", "coach.toml", *gains, *more, "--json")[1])
 
     named = ("--rail", "wet", "--speed", "60", "--slip", "0.07", "--loaded", "--adhesion", "curve")
     narrow = found(*named, "--envelope", "default")
@@ -436,10 +412,8 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path
     assert envelope["reference"]["wet"] == case["slip"] == 0.07
     assert case["wheel_load_n"] == COACH.wheel_load_loaded
     axes = 'rails = ["wet"]\nlaws = "curve"\nspeeds = 60\nloads = "loaded"\nreference = {dry = 0.07, wet = 0.07}\n'
-    file = tmp_path / "envelope.toml"
-    file.write_text(f"[envelope]\n{axes}", encoding="utf-8")
-    assert found("--envelope", file) == narrow
-    coach.write_text(f"{COACH_FILE}[envelope]\n{axes}", encoding="utf-8")  # of the vehicle's own file
+    assert found("--envelope", file("envelope.toml", f"[envelope]\n{axes}")) == narrow
+    file("coach.toml", f"{COACH_FILE}[envelope]\n{axes}")  # of the vehicle's own file
     assert found("--envelope", "default") == narrow
     for arguments, message in (
         (("--mass", "4000"), "--mass: changes M alone, and the loads of an envelope are mass and wheel load"),
@@ -476,10 +450,9 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
     z, gains = np.exp(1j * np.geomspace(1e-3, np.pi, 20_000)), control.design.gains
     lead = (control.design.lead * S + 1) / (control.design.lead_filter * S + 1)
     c = ct.sample_system((gains.kp + gains.ki / S) * lead, period, "tustin")
-    ms = []
+    ms, lag = [], ct.ss(ct.tf([1], [0.6, 1]))
     for plant in operating_plants(envelope.points(nominal=True)):
-        wheel = ct.ss(plant.A, plant.B, plant.C[:1], plant.D[:1]) * ct.ss(ct.tf([1], [0.6, 1]))
-        held = ct.sample_system(wheel, period, "zoh")
+        held = ct.sample_system(ct.ss(plant.A, plant.B, plant.C[:1], plant.D[:1]) * lag, period, "zoh")
         ms.append((1 / np.abs(1 + c(z) * held(z) * z ** -round(0.15 / period))).max())
     found = best.judgement
     assert found.sampled_ms[found.points.operating] == pytest.approx(ms, rel=1e-6)

@@ -23,16 +23,10 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import law_names, published_law
 
 COMMANDS = {name: railslip.get_command(click.Context(railslip, **HELP), name) for name in _COMMANDS}
-OPTIONS = [
-    pytest.param(option, id=f"{name} {option.opts[0]}")
-    for name, command in COMMANDS.items()
-    for option in command.params
-    if isinstance(option, click.Option)
-]
+OPTIONS = {f"{name} {one.opts[0]}": one for name, command in COMMANDS.items() for one in command.params}
 
 
 def example(text: str) -> str:
-    """The one example of a help text, on one line."""
     (found,) = re.findall(r"Example: (railslip .+?)(?:\n\n|\Z)", text, flags=re.S)
     return " ".join(found.split())
 
@@ -44,12 +38,8 @@ PASTED = dict.fromkeys(re.findall(r"`(railslip [^`]+)`", README))
 SHOWN = [line for line in PASTED if not re.search(r"\b[A-Z]{3,}\b|reproduce", line)]  # without a file of the reader
 TUNE = next(line for line in SHOWN if line.startswith("railslip tune"))
 LONG = ("campaign", "identify", "report", "reproduce", "verify")
-CAMPAIGN = """
-scenario = "park2008"
-runs = 2
-controller = [{controller = "pi"}]
-quantity = [{path = "vehicle.mass", distribution = "uniform", low = 3400.0, high = 3600.0}]
-"""
+MASSES = '{path = "vehicle.mass", distribution = "uniform", low = 3400.0, high = 3600.0}'
+CAMPAIGN = f'scenario = "park2008"\nruns = 2\ncontroller = [{{controller = "pi"}}]\nquantity = [{MASSES}]\n'
 # the page has tests of its own
 SHORTER = {"report": ["--no-html"], "campaign": ["--workers", "1"], "identify": ["--model", "beam"]}
 
@@ -58,25 +48,20 @@ def words_of(line: str) -> list[str]:
     return [str(ROOT / word) if word.startswith("designs/") else word for word in shlex.split(line)[1:]]
 
 
-def prepare(line: str, file, railslip) -> None:
-    """Put the files that a command names into the working folder."""
-    if "my_train.toml" in line:
-        for path in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
-            Path("my_train.toml" if path.suffix == ".toml" else path.name).write_bytes(path.read_bytes())
-    file("tolerances.toml", CAMPAIGN)
-    if line.startswith("railslip identify"):
-        write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
-    if "best.toml" in line and line != TUNE:
-        assert railslip(*words_of(TUNE))[0] == 0
-
-
 @pytest.mark.parametrize("line", [
     pytest.param(line, marks=[pytest.mark.long] * (line.split()[1] in LONG))
     for line in dict.fromkeys([*SHOWN, *EXAMPLES.values()])
 ])  # fmt: skip
 @pytest.mark.usefixtures("without_lag_search")
 def test_a_command_that_the_readme_or_its_help_shows_runs(line, file, railslip):
-    prepare(line, file, railslip)
+    file("tolerances.toml", CAMPAIGN)
+    if "my_train.toml" in line:
+        for path in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
+            Path("my_train.toml" if path.suffix == ".toml" else path.name).write_bytes(path.read_bytes())
+    if line.startswith("railslip identify"):
+        write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
+    if "best.toml" in line and line != TUNE:
+        assert railslip(*words_of(TUNE))[0] == 0
     before, words = set(Path.cwd().iterdir()), words_of(line)
     status, out, err = railslip(*words, *SHORTER.get(words[0], ()))
     assert status == (words[0] == "verify"), err  # the layered law has a condition that fails
@@ -121,14 +106,14 @@ def test_the_help_of_the_program_lists_the_commands():
     assert CliRunner().invoke(railslip, ["--version"]).output == f"railslip, version {__version__}\n"
 
 
-@pytest.mark.parametrize("option", OPTIONS)
-def test_an_option_says_its_unit_or_choice_and_its_default(option):
+@pytest.mark.parametrize("name", [name for name, one in OPTIONS.items() if isinstance(one, click.Option)])
+def test_an_option_says_its_unit_or_choice_and_its_default(name):
+    option = OPTIONS[name]
     text = option.help or ""
     assert re.match(r"[A-Za-z0-9].*\S", text)
     if option.is_flag:
         return
-    default = option.required or (option.show_default and option.default is not None) or "[default: " in text
-    assert default, "no default"
+    assert option.required or (option.show_default and option.default is not None) or "[default: " in text
     assert option.metavar
     if isinstance(option.type, Number):
         unit = r"\b([Ff]actor|[Rr]atio|[Ss]lip)\b" if option.type.unit == "1" else re.escape(option.type.unit)

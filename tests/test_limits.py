@@ -7,7 +7,7 @@ import control as ct
 import numpy as np
 import pytest
 import random_loops
-from test_assessment import plant as wheel
+from test_tuning import plant as wheel
 
 from railslip_ctrl import PARK2008, InputError, PIController, PIGains, Rail, UnstableLoopError, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
@@ -19,10 +19,6 @@ from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, count_right, stable
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 
 
-def real(zeros, poles, gain=1.0):
-    return Rational(np.array(zeros, dtype=complex), np.array(poles, dtype=complex), gain)
-
-
 def test_each_unstable_pole_and_zero_costs_its_factor_and_without_any_there_is_no_limit():
     pair = np.array([2 + 3j, 2 - 3j])
     for poles, zeros, tau, peak in (
@@ -32,25 +28,27 @@ def test_each_unstable_pole_and_zero_costs_its_factor_and_without_any_there_is_n
         ([1.0], pair, 0.0, abs((pair[0] + 1) / (pair[0] - 1)) ** 2),
     ):
         assert least_peak(np.array(poles), np.array(zeros), tau) == pytest.approx(peak, rel=1e-13)
-    limits = fundamental_limits(real([], [-1.0]), 2.0)
-    assert (limits.mt_bound, limits.ms_bound, limits.unstable_pole, limits.bode_integral) == (1, 1, 0, 0)
-    assert (limits.doubling_time, limits.pi) == (math.inf, None)
+    none = fundamental_limits(Rational([], [-1.0], 1.0), 2.0)
+    assert (none.mt_bound, none.ms_bound, none.unstable_pole, none.bode_integral) == (1, 1, 0, 0)
+    assert (none.doubling_time, none.pi, none.longest_dead_time(2.0)) == (math.inf, None, math.inf)
     for tau in (1e-6, 2.0, 1e6):
-        assert fundamental_limits(real([], [-1.0]), tau).crossover_range == (0.0, pytest.approx(math.pi / (2 * tau)))
-    assert fundamental_limits(real([], [-1.0]), 0.0).crossover_range == (0.0, math.inf)
+        assert fundamental_limits(Rational([], [-1.0], 1.0), tau).crossover_range == (
+            0.0,
+            pytest.approx(math.pi / (2 * tau)),
+        )
+    assert fundamental_limits(Rational([], [-1.0], 1.0), 0.0).crossover_range == (0.0, math.inf)
 
 
 def test_longest_dead_time_is_where_the_least_peak_passes_an_ms():
-    one = fundamental_limits(real([], [1.3, -2.0]), 0.7)
+    one = fundamental_limits(Rational([], [1.3, -2.0], 1.0), 0.7)
     assert one.ms_bound == pytest.approx(math.exp(0.91), rel=1e-12)
     # exp(p tau) = 2 at the doubling time, whatever the dead time that the limits were asked for
     assert one.longest_dead_time(2.0) == pytest.approx(math.log(2) / 1.3, rel=1e-12)
     assert one.longest_dead_time(2.0) == pytest.approx(one.doubling_time, rel=1e-12)
     for poles, zeros in (([0.5, 1.5], []), ([1.0], [8.0]), ([0.4 + 2j, 0.4 - 2j], [])):
-        limits = fundamental_limits(real(zeros, poles), 0.3)
+        limits = fundamental_limits(Rational(zeros, poles, 1.0), 0.3)
         assert least_peak(np.array(poles), np.array(zeros), limits.longest_dead_time(3.0)) == pytest.approx(3.0)
-    assert fundamental_limits(real([], [-1.0]), 2.0).longest_dead_time(2.0) == math.inf
-    assert fundamental_limits(real([2.0], [1.0]), 0.0).longest_dead_time(2.0) == 0.0  # the zero alone costs 3
+    assert fundamental_limits(Rational([2.0], [1.0], 1.0), 0.0).longest_dead_time(2.0) == 0.0  # the zero alone costs 3
     with pytest.raises(InputError, match="ms: 1 is not allowed"):
         one.longest_dead_time(1.0)
 
@@ -79,7 +77,7 @@ def test_wheel_limits_and_the_best_pi_known_for_it(rail):
     assert limits.actuator_product == pytest.approx(p * 0.75, rel=1e-13)
     assert limits.bode_integral == pytest.approx(math.pi * p, rel=1e-13)
     low, high = limits.crossover_range
-    for edge in (low, high):
+    for edge in limits.crossover_range:
         assert 2 * math.atan(p / edge) + TAU * edge == pytest.approx(math.pi / 2, rel=1e-10)
     assert p < low < high < math.pi / 2 / TAU
     if rail is Rail.DRY:
@@ -90,13 +88,10 @@ def test_wheel_limits_and_the_best_pi_known_for_it(rail):
 
 
 def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
-    for zeros, poles, tau in (
-        *(([2.0], [0.5, -1.0], 0.1), ([], [0.5, 0.2, -1.0], 0.1)),
-        ([], [0.5], 0.0),  # the phase only rises
-        ([-0.3], [1.0, -0.2], 0.01),  # it falls first, and rises then
-    ):
-        assert fundamental_limits(real(zeros, poles), tau).pi is None
-    assert fundamental_limits(real([], [3.0, 0.4]), 0.9).crossover_range is None  # no crossover is sensible
+    rises, falls_first = ([], [0.5], 0.0), ([-0.3], [1.0, -0.2], 0.01)
+    for zeros, poles, tau in (([2.0], [0.5, -1.0], 0.1), ([], [0.5, 0.2, -1.0], 0.1), rises, falls_first):
+        assert fundamental_limits(Rational(zeros, poles, 1.0), tau).pi is None
+    assert fundamental_limits(Rational([], [3.0, 0.4], 1.0), 0.9).crossover_range is None  # no crossover is sensible
 
 
 @pytest.mark.long
@@ -104,9 +99,9 @@ def test_no_pi_beats_the_limits_of_its_structure():
     rng, checked = np.random.default_rng(4), 0
     while checked < 100:
         p, lags = rng.uniform(0.1, 1.2), rng.uniform(0.02, 0.5, rng.integers(1, 4))
-        tau, plant = rng.uniform(0.0, 0.3), real([], [p, *(-1 / lags)], float(np.prod(1 / lags)))
+        tau, plant = rng.uniform(0.0, 0.3), Rational([], [p, *(-1 / lags)], float(np.prod(1 / lags)))
         limits = fundamental_limits(plant, tau, lag=lags[0])
-        shape = DeadTimeLoop(real([-rng.uniform(0.0, 0.3)], [0.0]) * plant, tau)
+        shape = DeadTimeLoop(Rational([-rng.uniform(0.0, 0.3)], [0.0], 1.0) * plant, tau)
         usable = shape.stabilizing_gain_range
         if usable is None or limits.pi is None:
             continue
@@ -127,7 +122,6 @@ def actuated(rail=Rail.DRY):
 
 
 def delayed(loop):
-    """A dead-time loop as a ratio of quasi-polynomials."""
     system, tau = loop.system, loop.dead_time
     num, den = system.gain * np.atleast_1d(np.poly(system.zeros).real), np.atleast_1d(np.poly(system.poles).real)
     return DelayedLoop(DelayedRatio(QuasiPolynomial([[0.0], num], tau), QuasiPolynomial([den], tau)))
@@ -158,10 +152,9 @@ def test_margins_and_certificates_by_parts_of_the_axis_are_those_by_polynomials(
         return
     one, other = loop.certificate(), delayed(loop).certificate()
     assert (one.stable, one.unstable_poles) == (other.stable, other.unstable_poles)
-    pairs = list(zip(one.gain_crossovers, other.gain_crossovers, strict=True))
     names = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt") if one.stable else ()
-    pairs += [(getattr(one, name), getattr(other, name)) for name in names]
-    for (low, high), (least, most) in pairs:
+    pairs = [(getattr(one, name), getattr(other, name)) for name in names]
+    for (low, high), (least, most) in (*pairs, *zip(one.gain_crossovers, other.gain_crossovers, strict=True)):
         room = 1e-12 * abs(high) if math.isfinite(high) else 0.0  # coefficients made from roots are rounded
         assert most - least <= 1.01e-9 * abs(most) or least == most
         assert low - room <= most
@@ -172,7 +165,7 @@ def test_a_gain_margin_beyond_a_nearer_one_is_not_certified(monkeypatch):
     """That of the next phase crossover, and no lower one where there is one."""
     monkeypatch.setattr(certificate, "_MOST_DELAYED", 600)
     monkeypatch.setattr(certificate, "_BITS", (80,))
-    loop = delayed(DeadTimeLoop(real([-0.125], [0.0, 0.25, -1 / 0.6], 2.0), 0.15))
+    loop = delayed(DeadTimeLoop(Rational([-0.125], [0.0, 0.25, -1 / 0.6], 2.0), 0.15))
     m = loop.margins()
     assert loop.certificate().gain_increase[0] <= m.gain_increase < m.phase_crossover_gains[2]
     farther = {"gain_increase": m.phase_crossover_gains[2], "gain_increase_frequency": m.phase_crossovers[2]}
@@ -191,7 +184,7 @@ def test_loops_in_a_batch_are_those_of_their_transfer_functions():
     den = QuasiPolynomials((np.column_stack([none + 1, none - 1]),), (none,))
     assert count_right(num + den)[0].tolist() == [right for *_, right in cases]
     stable, ms = stable_and_peak(num, den)
-    alone = [DeadTimeLoop(Rational(np.array([]), np.array([1.0]), k), late) for k, late, _ in cases]
+    alone = [DeadTimeLoop(Rational([], [1.0], k), late) for k, late, _ in cases]
     assert stable.tolist() == [loop.is_stable() for loop in alone]
     np.testing.assert_allclose(ms, [loop.margins().ms if loop.is_stable() else np.inf for loop in alone], rtol=1e-8)
 
@@ -203,7 +196,7 @@ def test_delays_commensurate_or_not_count_as_the_product_of_their_factors(delays
     for constant, weight, delay in ((1.0, 0.5, delays[0]), (-0.3, 1.0, delays[1]), (0.2, 3.0, delays[2])):
         late = QuasiPolynomial([[0.0], *product.times([weight]).terms], [0.0, *(x + delay for x in product.delays)])
         product = product.times([1.0, constant]) + late
-        expected += DeadTimeLoop(Rational(np.array([]), np.array([-constant]), weight), delay).root_count.right
+        expected += DeadTimeLoop(Rational([], [-constant], weight), delay).root_count.right
     assert product.count_right().right == expected == 2
     s = 0.3 + 1.1j
     difference = (product(s + 1e-6) - product(s - 1e-6)) / 2e-6
@@ -226,8 +219,8 @@ def test_classic_smith_predictor_keeps_the_unstable_pole_as_a_hidden_mode(rail):
 
 
 def test_smith_predictor_of_a_stable_plant_has_the_delay_free_poles():
-    plant = Rational(np.array([]), np.array([-0.5, -2.0]), 1.0)
-    controller = Rational(np.array([-0.5]), np.array([0.0]), 1.0)  # L0 = 1/(s (s + 2)): T = q/(s + 1)^2
+    plant = Rational([], [-0.5, -2.0], 1.0)
+    controller = Rational([-0.5], [0.0], 1.0)  # L0 = 1/(s (s + 2)): T = q/(s + 1)^2
     design = smith_predictor(plant, 1.5, controller)
     assert (design.is_stable(), design.reason) == (True, "")
     omega = np.array([0.1, 1.0, 3.0])
@@ -273,18 +266,16 @@ def test_observer_design_has_the_finite_spectrum_asked_for(rail):
 
 def test_effort_without_dead_time_equals_state_space():
     lag, kp, filtered = 0.6, 300.0, 0.2
-    plant = Rational(np.array([]), np.array([0.5, -1 / lag]), 0.007 / lag)
-    controller = Rational(np.array([]), np.array([-1 / filtered]), kp / filtered)
+    plant = Rational([], [0.5, -1 / lag], 0.007 / lag)
+    controller = Rational([], [-1 / filtered], kp / filtered)
     effort = control_effort(controller, plant, 0.0, lag=lag)
     s = ct.tf("s")
     c, actuator, slip = kp / (filtered * s + 1), 1 / (lag * s + 1), 0.007 / (s - 0.5)
     closed = ct.ss((c * actuator / (1 + c * actuator * slip)).minreal(1e-9))
-    t = np.linspace(0, 14, 140_001)
-    rate = np.abs(ct.impulse_response(closed, t).outputs).max()
-    assert effort.reference_rate == pytest.approx(rate / 3.6, rel=1e-5)
     jump = ct.ss((c * actuator / (1 + c * actuator * slip) * s / (s - 0.5)).minreal(1e-6))
-    rate = np.abs(ct.impulse_response(jump, t).outputs).max()
-    assert effort.disturbance_rate == pytest.approx(rate / 3.6, rel=1e-5)
+    for found, system in ((effort.reference_rate, closed), (effort.disturbance_rate, jump)):
+        rate = np.abs(ct.impulse_response(system, np.linspace(0, 14, 140_001)).outputs).max()
+        assert found == pytest.approx(rate / 3.6, rel=1e-5)
     assert effort.high_frequency_gain == pytest.approx(0.0, abs=1e-6)
     # noise: the whole spectrum's variance by the closed loop's Gramian; beyond the Nyquist frequency falls little
     command = ct.ss((c / (1 + c * actuator * slip)).minreal(1e-9))
@@ -309,15 +300,15 @@ def observed(plant, feedback, observer=OBSERVER):
     (lambda g: QuasiPolynomial([[1.0, 0.0], [0.5, 0.0]], 0.1).count_right(), "neutral"),
     (lambda g: DelayedLoop(DelayedRatio(*[QuasiPolynomial([[1.0, 1.0]], 0.1)] * 2)), "tend to 0"),
     (lambda g: smith_predictor(g, -0.1, PI_LEAD), "dead time: -0.1 s"),
-    (lambda g: smith_predictor(real([], []), 0.1, real([], [])), "strictly proper"),
+    (lambda g: smith_predictor(Rational([], [], 1.0), 0.1, Rational([], [], 1.0)), "strictly proper"),
     (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.0), "filter time: 0 s"),
     (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.1, roll_off=-1), "roll-off: -1"),
-    (lambda g: filtered_smith_predictor(real([], [0.5, 0.5]), 0.1, PI_LEAD, filter_time=0.1), "coincide"),
+    (lambda g: filtered_smith_predictor(Rational([], [0.5, 0.5], 1.0), 0.1, PI_LEAD, filter_time=0.1), "coincide"),
     (lambda g: observed(g, [-1]), "1 given; give 4"),
     (lambda g: observed(g, [0.1, -1, -1, -1]), "not all left"),
     (lambda g: observed(g, FEEDBACK, [-1, -2 + 1j, -2]), "conjugate pairs"),
-    (lambda g: observed(real([-2.0], [-1.0]), [-1, -2], [-3]), "not strictly proper"),
-    (lambda g: observed(real([0.0], [-1.0, 0.5]), [-1, -2, -3], [-3, -4]), "not reachable"),
+    (lambda g: observed(Rational([-2.0], [-1.0], 1.0), [-1, -2], [-3]), "not strictly proper"),
+    (lambda g: observed(Rational([0.0], [-1.0, 0.5], 1.0), [-1, -2, -3], [-3, -4]), "not reachable"),
     (lambda g: control_effort(PI_LEAD, g, -0.1, lag=0.6), "dead time: -0.1 s"),
     (lambda g: control_effort(PI_LEAD, g, TAU, lag=math.inf), "lag: inf"),
     (lambda g: control_effort(PI_LEAD, g, TAU, lag=0.6, sampling_period=0.0), "sampling period: 0 s"),

@@ -1,20 +1,23 @@
-"""Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
+"""Published and independently computed loops, exact dead time, loops once answered wrongly or refused; certificates."""
 
+import itertools
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import control as ct
 import numpy as np
 import pytest
 import random_loops
-from loop_checker import poles_right
+from loop_checker import poles_right, refused
 from scipy import signal
 from scipy.optimize import brentq
 from scipy.optimize.elementwise import find_root
 from scipy.special import lambertw
 
-from railslip_ctrl import DeadTimeLoop, InputError, UnstableLoopError
-from railslip_ctrl.loop import Rational, stability
+from railslip_ctrl import DeadTimeLoop, InputError, Rational, UnstableLoopError
+from railslip_ctrl.loop import stability
+from railslip_ctrl.loop.certificate import CertificateError, certify
 from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
 from railslip_ctrl.loop.rational import pade
 
@@ -23,7 +26,6 @@ MODES = Rational([0.5, -2 + 3j, -2 - 3j], [0.3, -0.1 + 4j, -0.1 - 4j, 0.2 + 1j, 
 
 
 def printed(value: float, *, places: int | None = None):
-    """A printed number, to be met within half a unit of its last place."""
     digits = f"{value!r}".rstrip("0").partition(".")[2]
     return pytest.approx(value, abs=0.5001 * 10.0 ** -(len(digits) if places is None else places), rel=0)
 
@@ -37,6 +39,7 @@ MATLAB = {
     "delay_s": printed(0.2847),
     "disk": printed(0.4580925),  # RobustAndOptimalControl.jl's 0.458145 is a grid value
     "disk_phase_deg": printed(25.8017),
+    "disk_gain_range": pytest.approx((0.6273, 1.5942), abs=0.5001e-4),
     "disk_frequency": printed(1.95503),
 }
 """MATLAB's page of allmargin, and RobustAndOptimalControl.jl."""
@@ -121,8 +124,7 @@ def test_a_real_pole_through_infinity_bounds_the_gain_and_a_positive_gain_there_
 def test_static_loops_and_ill_posed_ones():
     for system in (1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])):
         assert DeadTimeLoop(system).margins().ms == pytest.approx(0.5)
-    for system in (-1.0, (1 - S) / (1 + S)):
-        loop = DeadTimeLoop(system)
+    for loop in (DeadTimeLoop(-1.0), DeadTimeLoop((1 - S) / (1 + S))):
         assert not loop.is_well_posed
         with pytest.raises(UnstableLoopError, match="not well posed"):
             loop.margins()
@@ -189,17 +191,14 @@ def test_root_counts_and_gain_ranges_of_random_loops(kind):
         loop = DeadTimeLoop(Rational(zeros, poles, gain), dead_time)
         told, usable = loop.root_count, loop.stabilizing_gain_range
         try:
-            assert poles_right(zeros, poles, gain, dead_time) == told.right
-            assert not told.marginal
+            assert (poles_right(zeros, poles, gain, dead_time), False) == (told.right, told.marginal)
         except ArithmeticError:
             assert told.marginal
         if usable is None:
             continue
-        low, high = usable
-        for factor in {low * (1 + 1e-9), high * (1 - 1e-9)} - {0.0, np.inf}:
-            assert poles_right(zeros, poles, gain * factor, dead_time) == 0
-        for factor in {low * (1 - 1e-9), high * (1 + 1e-9)} - {0.0, np.inf}:
-            assert poles_right(zeros, poles, gain * factor, dead_time) > 0
+        for near, stable in ((1e-9, True), (-1e-9, False)):
+            for factor in {usable[0] * (1 + near), usable[1] * (1 - near)} - {0.0, np.inf}:
+                assert (poles_right(zeros, poles, gain * factor, dead_time) == 0) == stable
 
 
 @pytest.mark.parametrize(("zeros", "poles", "gain", "value"), [
@@ -269,9 +268,8 @@ def test_neutral_loop_is_decided_by_its_chain():
     assert stable.is_stable()
     assert stable.margins().gain_increase <= 2.0  # at 1/|G(inf)| the chain reaches the axis
     chain = DeadTimeLoop(1.1 * (S + 2) / (S + 1), dead_time=1.0)
-    assert chain.unstable_closed_loop_poles == np.inf
-    assert chain.stabilizing_gain_range[0] == 0.0
-    assert chain.stabilizing_gain_range[1] < 1 / 1.1
+    low, high = chain.stabilizing_gain_range
+    assert (chain.unstable_closed_loop_poles, low, high < 1 / 1.1) == (np.inf, 0.0, True)
     with pytest.raises(UnstableLoopError, match="infinitely many"):
         chain.margins()
     with pytest.raises(InputError, match="chain of poles"):
@@ -295,3 +293,125 @@ def test_neutral_loop_is_decided_by_its_chain():
 def test_unsuitable_systems_are_refused(system, dead_time, match):
     with pytest.raises(InputError, match=match):
         DeadTimeLoop(system, dead_time)
+
+
+MARGINS = ("gain_increase", "gain_decrease", "phase_deg", "delay_s", "ms", "mt")
+PER_KIND = 6
+
+
+def made(zeros, poles, gain, dead_time):
+    return DeadTimeLoop(Rational(zeros, poles, gain), dead_time)
+
+
+@pytest.fixture(scope="module")
+def certified():
+    """Stable loops of every kind, as (kind, parameters, loop, certificate)."""
+    found = []
+    for kind in random_loops.KINDS:
+        stable = (one for one in random_loops.loops(kind, 100) if made(*one).is_stable())
+        found += [(kind, one, made(*one), made(*one).certificate()) for one in itertools.islice(stable, PER_KIND)]
+    return found
+
+
+def test_the_checker_accepts_certificates(certified):
+    assert len(certified) == PER_KIND * len(random_loops.KINDS)
+    for kind, one, _, certificate in certified[::PER_KIND]:  # the checker takes up to a second
+        assert (certificate.stable, certificate.unstable_poles) == (True, 0)
+        assert refused(*one, certificate) == [], (kind, one, certificate)
+
+
+def test_the_checker_refuses_a_certificate_with_a_margin_moved(certified):
+    # by a millionth, a thousand times the width of an enclosure
+    _, one, _, certificate = next(one for one in certified if one[0] is random_loops.wheel_slip)
+    for name, factor in zip(MARGINS, (1 - 1e-6, 1 + 1e-6) * 3, strict=True):
+        low, high = getattr(certificate, name)
+        moved = replace(certificate, **{name: (low * factor, high * factor)})
+        assert refused(*one, moved), (name, factor)
+
+
+@pytest.mark.parametrize("name", ["ms_frequency", "mt_frequency"])
+def test_a_peak_that_another_part_of_the_axis_exceeds_is_not_certified(name, monkeypatch):
+    """|S| and |T| in the limit are below their peaks, which the bounds of the parts have to tell by themselves."""
+    monkeypatch.setattr("railslip_ctrl.loop.certificate._MOST_PARTS", 300)
+    loop = made([-0.125], [0.0, 0.25, -1 / 0.6], 2.0, 0.15)
+    with pytest.raises(CertificateError):
+        certify(loop._response, replace(loop.margins(), **{name: math.inf}))
+
+
+def test_enclosures_are_narrow_and_hold_the_margins(certified):
+    for kind, one, loop, certificate in certified:
+        margins = loop.margins()
+        for name in MARGINS:
+            (low, high), value = getattr(certificate, name), getattr(margins, name)
+            assert high == low or high - low <= 1e-9 * abs(high)
+            # peaks are evaluated in balls; 1e-12: what refined doubles promise
+            slack = 0.0 if name in ("ms", "mt") else 1e-12
+            assert low * (1 - slack) <= value <= high * (1 + slack), (kind, one, name)
+
+
+def test_unstable_loops_have_their_poles_counted_and_no_margins():
+    for kind in random_loops.KINDS:
+        unstable = (one for one in random_loops.loops(kind, 100) if not made(*one).is_stable())
+        for one in itertools.islice(unstable, 2):
+            certificate = made(*one).certificate()
+            assert (certificate.stable, certificate.unstable_poles) == (False, poles_right(*one)), (kind, one)
+            assert all(getattr(certificate, name) is None for name in MARGINS)
+
+
+def test_a_loop_without_gain_and_one_of_next_to_none_are_certified():
+    none = DeadTimeLoop(Rational([], [-1.0], 0.0), 1.0).certificate()
+    assert (none.stable, none.ms, none.mt, none.gain_increase) == (True, (1.0, 1.0), (0.0, 0.0), (np.inf, np.inf))
+    least = DeadTimeLoop(Rational([], [-1.0], 1e-150), 1.0)
+    low, high = least.certificate().gain_increase
+    most = np.hypot(1, brentq(lambda w: np.arctan(w) + w - np.pi, 1.0, 3.0, xtol=1e-15)) * 1e150
+    assert low * (1 - 1e-14) <= most <= high * (1 + 1e-14)  # rounding of brentq's omega
+    assert least.margins().mt == pytest.approx(1e-150)
+    # no dead time may be added to a loop of gain above one at infinity
+    assert made([-0.5], [-1.0], 2.0, 0.0).certificate().delay_s == (0.0, 0.0)
+    assert made([-0.5], [-1.0], 0.5, 0.1).certificate().delay_s == (np.inf, np.inf)  # |L| < 1 everywhere
+
+
+def companion(num, den):
+    """A realisation of num/den, den monic and of the higher degree."""
+    order = len(den) - 1
+    a = np.vstack([-np.array(den[1:], dtype=float), np.eye(order)[:-1]])
+    return ct.ss(a, np.eye(order)[:, :1], np.array([[0.0] * (order - len(num)) + list(num)]), 0.0)
+
+
+@pytest.mark.parametrize(("num", "den", "dead_time"), [
+    *(([-1], [1, 3, 1], 0.0), ([-1], [1, 3, 1], 0.1), ([1, -1], [1, 3, 1], 0.1), ([-1], [1, 0.3, 1], 0.1)),
+    *(([-1], [1, 4, 2, 1], 0.2), ([-3], [1, 7, 5, 3], 0.0), ([-1], [1, 7, 1], 0.5), ([-2], [1, 5, 3, 2], 0.2)),
+    *(([3], [1, 1, 3, 0], 0.0), ([1, 0, 2], [1, 3, 2, 6], 0.3)),  # +-j sqrt 3; a hidden +-j sqrt 2
+])  # fmt: skip
+@pytest.mark.parametrize("form", [ct.tf, companion], ids=["tf", "ss"])
+def test_coefficients_that_put_a_pole_on_the_axis_are_told(num, den, dead_time, form):
+    certificate = DeadTimeLoop(form(num, den), dead_time).certificate()
+    assert (certificate.stable, certificate.marginal) == (False, True)
+    assert certificate.unstable_poles >= 1
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("den", [[1, 3, 1], [1, 5, 11, 1]])
+def test_the_last_bit_of_a_coefficient_decides(den, dead_time):
+    # D(0) + N(0) changes its sign; up to there |L| < 1, and the real pole through the origin is the first
+    for gain, stable in ((np.nextafter(1.0, 0.0), True), (1.0, False), (np.nextafter(1.0, 2.0), False)):
+        loop = DeadTimeLoop(ct.tf([-gain], den), dead_time)
+        assert loop.certificate().stable is loop.is_stable() is stable
+        if stable:
+            assert loop.margins().ms == 2.0**53
+            assert loop.certificate().gain_increase[0] >= 1
+
+
+@pytest.mark.parametrize(("zeros", "poles", "gain", "margins"), [
+    # S = (s - 1/4)/(s + 1/4): |S| is 1 everywhere
+    ([], [0.25], 0.5, {"ms": 1.0, "mt": 2.0, "gain_decrease": 0.5, "phase_deg": 60.0}),
+    # S and T have their peaks at omega^2 = 7/8, where L is real: a phase crossover at an extremum
+    ([0.0], [0.875, 1.0], 2.625, {"ms": 2.5, "mt": 3.5, "gain_decrease": 5 / 7, "gain_increase": np.inf}),
+])  # fmt: skip
+def test_peaks_without_dead_time_in_closed_form(zeros, poles, gain, margins):
+    for loop in (made(zeros, poles, gain, 0.0), DeadTimeLoop(ct.tf(gain * np.poly(zeros), np.poly(poles)))):
+        certificate = loop.certificate()
+        for name, value in margins.items():
+            low, high = getattr(certificate, name)
+            assert low * (1 - 1e-15) <= value <= high * (1 + 1e-15), name  # rounding of the closed form
+            assert getattr(loop.margins(), name) == pytest.approx(value, rel=1e-15), name

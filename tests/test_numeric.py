@@ -1,20 +1,25 @@
-"""The plant's statement, and the functions generated from it: for arrays, for kernels, and as committed."""
+"""The plant's statement, the functions generated from it, and its operating points and linear plants."""
 
+import itertools
 import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
+import control as ct
 import mpmath
 import numpy as np
 import pytest
 import sympy as sp
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
-from railslip_ctrl import InputError, KinkError, linearize, operating_point
+from railslip_ctrl import PARK2008, DomainError, InputError, KinkError, Rail, published_law
 from railslip_ctrl.core.notation import NOTATION, latex_names, symbol
-from railslip_ctrl.core.units import quantity
+from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.model import numeric as written
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.adhesion.base import Statement
@@ -22,18 +27,9 @@ from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.adhesion.lugre import Dahl
 from railslip_ctrl.model.kernels import module_of, module_text
-from railslip_ctrl.model.numeric import (
-    GENERATED,
-    PACKAGE,
-    WORKS,
-    adhesion_table,
-    generate,
-    has_table,
-    numeric_plant,
-    peak,
-    plant_parameters,
-)
-from railslip_ctrl.model.vehicle import PARK2008, Resistance
+from railslip_ctrl.model.linearization import linearize, linearize_rolling, nonlinear_plant, operating_point
+from railslip_ctrl.model.numeric import adhesion_coefficient, adhesion_table, has_table, numeric_plant, plant_parameters
+from railslip_ctrl.model.vehicle import Resistance
 from railslip_ctrl.sliding import generate as sliding
 
 # all terms of the resistance at work
@@ -133,53 +129,51 @@ def test_functions_in_a_kernel_are_the_same_and_powers_the_whole_loss_of_kinetic
     law = sample_law(name)
     numeric, table = numeric_plant(type(law)), adhesion_table(law, VEHICLE.wheel_load)
     kernel = module_of(module_text(type(law), compiled=False), compiled=False)  # in the interpreter
-    p, (wheel_radius, J_, M_) = plant_parameters(law, VEHICLE), (0.43, 60.35, 3517.0)
+    p, (radius, J_, M_) = plant_parameters(law, VEHICLE), (0.43, 60.35, 3517.0)
     points = states(law, 100, seed=3)
     largest = max(float(np.max(np.abs([numeric.force(*row, p) for row in points]))), 1.0)
     assert has_table(type(law)) == (name in ("curve", "table"))
     # of a force from a table the cubic's error is below 1e-11 of the largest force; the others are the same text
     share = 1e-11 if has_table(type(law)) else 1e-15
-    per_force = wheel_radius**2 / J_ + 1 / M_
+    tolerance = 10 * share * largest * (radius**2 / J_ + 1 / M_)
     for row in points:
         speed, slip, _, torque, disturbance, random = row
         force = float(numeric.force(*row, p))
         assert kernel.adhesion_force(*row, p, table) == pytest.approx(force, rel=1e-12, abs=share * largest)
         rates = [float(x) for x in numeric.rates(*row, p)]
-        tolerance = 10 * share * largest * per_force
         assert kernel.rates(*row, p, table) == pytest.approx(rates, rel=1e-11, abs=tolerance)
         jacobian = np.array(numeric.jacobian(*row, p), dtype=float)
         # the curve's slope is alpha times the difference of 1 and h F, which cancels: 1e-11 of its terms is left
-        scale = np.abs(jacobian).max() + 1e3
-        entries = jacobian[1:, 1:3].ravel()
-        assert kernel.stiffness(*row, p, table) == pytest.approx(entries, rel=1e-9, abs=1e-9 * scale)
+        near = {"rel": 1e-9, "abs": 1e-9 * (np.abs(jacobian).max() + 1e3)}
+        assert kernel.stiffness(*row, p, table) == pytest.approx(jacobian[1:, 1:3].ravel(), **near)
         found = kernel.rates_and_powers(*row, p, table)
         assert found[:3] == pytest.approx(rates, rel=1e-11, abs=tolerance)
-        omega, resistance = (speed - slip) / wheel_radius, 210.0 + 13.0 * speed + 0.63 * speed**2
+        omega, resistance = (speed - slip) / radius, 210.0 + 13.0 * speed + 0.63 * speed**2
         expected = (torque * omega, force * slip, 0.25 * omega**2, resistance * speed)
-        expected += (random / wheel_radius * slip, disturbance * omega)
-        assert len(WORKS) == len(found[3:])
+        expected += (random / radius * slip, disturbance * omega)
+        assert len(written.WORKS) == len(found[3:])
         # a force from a table is within 1e-11 of 1e4 N: times the slip velocity at most 3e-6 W
         assert found[3:] == pytest.approx(expected, rel=1e-12, abs=3e-6)
-        loss = -(M_ * speed * rates[0] + J_ * omega * (rates[0] - rates[1]) / wheel_radius)
+        loss = -(M_ * speed * rates[0] + J_ * omega * (rates[0] - rates[1]) / radius)
         assert math.fsum(found[3:]) == pytest.approx(loss, rel=1e-9, abs=3e-5)  # some 1e6 W cancel in it
 
 
 @pytest.mark.parametrize("name", law_names())
 def test_committed_code_is_what_the_statement_generates(name: str) -> None:
-    committed = (GENERATED / f"{name}.py").read_text(encoding="utf-8")
-    assert committed == generate(law_class(name)), "run `make generate`"
-    assert numeric_plant(law_class(name)).__file__ == str(GENERATED / f"{name}.py")
-    assert {path.stem for path in GENERATED.glob("*.py")} == {*law_names(), "__init__", "sliding_law"}
+    committed = (written.GENERATED / f"{name}.py").read_text(encoding="utf-8")
+    assert committed == written.generate(law_class(name)), "run `make generate`"
+    assert numeric_plant(law_class(name)).__file__ == str(written.GENERATED / f"{name}.py")
+    assert {path.stem for path in written.GENERATED.glob("*.py")} == {*law_names(), "__init__", "sliding_law"}
 
 
 def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A change of the statement must reach the numbers, without generating by hand; else SymPy is not loaded."""
     for name in ("model/plant.py", "core/notation.toml"):
-        path, content = tmp_path / name, (PACKAGE / name).read_bytes()
+        path, content = tmp_path / name, (written.PACKAGE / name).read_bytes()
         path.parent.mkdir()
         path.write_bytes(content)
     monkeypatch.setattr("railslip_ctrl.model.numeric.PACKAGE", tmp_path)
-    assert numeric_plant.__wrapped__(Dahl).__file__ == str(GENERATED / "dahl.py")
+    assert numeric_plant.__wrapped__(Dahl).__file__ == str(written.GENERATED / "dahl.py")
     path.write_bytes(content + b"\n")
     assert numeric_plant.__wrapped__(Dahl).__name__ == "generated_dahl"
     monkeypatch.undo()
@@ -188,14 +182,11 @@ def test_code_that_does_not_fit_its_sources_is_generated_anew(tmp_path: Path, mo
     monkeypatch.setattr(sliding, "_derived", str)
     sliding.main()
     for name in law_names():
-        assert (sliding.LAW_FILE.parent / f"{name}.py").read_text() == (GENERATED / f"{name}.py").read_text()
-    code = f"{LINEARIZED}print([name for name in ('sympy', 'control', 'matplotlib', 'scipy') if name in sys.modules])"
+        assert (sliding.LAW_FILE.parent / f"{name}.py").read_text() == (written.GENERATED / f"{name}.py").read_text()
+    code = "import sys, railslip_ctrl as rs\n"
+    code += 'rs.linearize(rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, 27.0, 0.132))\n'
+    code += "print([name for name in ('sympy', 'control', 'matplotlib', 'scipy') if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout == "[]\n"
-
-
-LINEARIZED = """import sys, railslip_ctrl as rs
-rs.linearize(rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, 27.0, 0.132))
-"""
 
 
 class NewLaw(Burckhardt):
@@ -214,7 +205,7 @@ class NewLaw(Burckhardt):
 def test_a_law_that_is_not_the_package_s_is_printed_and_linearised() -> None:
     law = NewLaw(c1=0.86, c2=33.82, c3=0.35)
     assert not hasattr(numeric_plant(NewLaw), "__file__")
-    found = peak(law, 20.0, 34_500.0)
+    found = written.peak(law, 20.0, 34_500.0)
     # oracle: Burckhardt wet, peak 0.80391 at 0.13069; tolerance half a unit of the last digit
     assert (found.slip, found.coefficient) == pytest.approx((0.13069, 0.80391), abs=0.5e-5)
     # SymPy's derivative drops the jump of sign(sigma) at 0: a silent -b3 instead of b1 b2 - b3
@@ -226,3 +217,170 @@ def test_a_law_that_is_not_the_package_s_is_printed_and_linearised() -> None:
         exact = numeric_plant(NewLaw).force(20.0, slip * 20.0, 0.0, 0.0, 0.0, 0.0, p)
         assert kernel.run(20.0, slip * 20.0, p, np.zeros(1)) == pytest.approx(exact, rel=1e-14)
         assert exact == pytest.approx(34_500.0 * (0.86 * (1 - np.exp(-33.82 * slip)) - 0.35 * slip + more))
+
+
+V100 = 100.0 * KMH
+BRISTLE = published_law("bristle", Rail.DRY)
+
+
+def bristle_point(slip: float = 0.132):
+    return operating_point(BRISTLE, PARK2008, V100, slip)
+
+
+def static_pole(slope: float) -> float:
+    """Of a force with a slope over the slip velocity, N/(m/s)."""
+    return -(1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35  # system.md, section 2
+
+
+def test_the_published_operating_point() -> None:
+    """Dry, 100 km/h, slip 0.132, 3517 kg; tolerance half a unit of the last digit."""
+    point = bristle_point()
+    assert point.brake_torque == pytest.approx(4787.78, abs=0.005)
+    assert point.adhesion_coefficient == pytest.approx(0.29850, abs=0.5e-5)
+    assert (point.adhesion, point.rail, point.slip) == ("bristle", Rail.DRY, 0.132)
+    assert point.speed_kmh == pytest.approx(100.0, rel=1e-15)
+    assert point.residual < 1e-14  # a few roundings
+    plant = linearize(point)
+    assert plant.poles.real == pytest.approx([0.82083763, -8.63596062], abs=0.5e-8)
+    assert (plant.poles.imag == 0.0).all()
+    np.testing.assert_allclose(plant.C, [[1, 0], [1 / V100, 0], [-1, 0]], rtol=1e-15)
+    np.testing.assert_allclose(plant.B, [[0.43 / 60.35], [0.0]], rtol=1e-14)  # r/J
+    # z eliminated at rest: the slope of the static characteristic Fa = (gamma - sigma)/beta
+    reduced = plant.A[0, 0] - plant.A[0, 1] * plant.A[1, 0] / plant.A[1, 1]
+    assert reduced == pytest.approx(static_pole(-1.0 / BRISTLE.parameters()[1]), rel=1e-12)  # closed form
+    assert reduced == pytest.approx(0.91, abs=0.005)
+    full = linearize(point, speed_state=True)
+    assert full.states == ("v", "sigma", "z")
+    np.testing.assert_allclose(full.C, [[0, 1, 0], [-0.132 / V100, 1 / V100, 0], [0.132, -1, 0]], rtol=1e-15)
+    np.testing.assert_array_equal(plant.A, full.A[1:, 1:])
+    # Freezing the speed is a good approximation of the slip mode: v moves by (Fa + Fr)/M = 3 m/s^2 only through
+    # the 1/M terms, 5 % of r^2/J; here the unstable pole moves by less than 1e-3 of itself.
+    assert full.poles[0].real == pytest.approx(plant.poles[0].real, rel=1e-3)
+
+
+def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> None:
+    """mu would be that of other forces: 0.084 in place of 0.2985 at the coach's load."""
+    coach = PARK2008.model_copy(update={"wheel_load": 122.6e3})
+    with pytest.raises(InputError, match=r"a wheel load of 34500 N, and the vehicle has 122600 N; give published_law"):
+        operating_point(BRISTLE, coach, V100, 0.132)
+    mu = bristle_point().adhesion_coefficient
+    own = published_law("bristle", Rail.DRY, wheel_load=coach.wheel_load)
+    for law in (own, BRISTLE.at_wheel_load(coach.wheel_load / PARK2008.wheel_load)):
+        assert operating_point(law, coach, V100, 0.132).adhesion_coefficient == pytest.approx(mu, rel=1e-12)
+    # one without forces is of any load
+    assert operating_point(published_law("burckhardt", Rail.DRY), coach, V100, 0.132).adhesion_coefficient > 0.2
+
+
+@pytest.mark.parametrize("rail", Rail)
+@pytest.mark.parametrize("name", ALL_LAWS)
+def test_against_python_control(name: str, rail: Rail) -> None:
+    law = sample_law(name, rail)
+    slip = law.reference_slip(rail) or 0.11
+    point = operating_point(law, PARK2008, 70.0 * KMH, slip)
+    ours, frozen = linearize(point, speed_state=True), linearize(point)
+    system = nonlinear_plant(law, PARK2008, reference_slip=slip)
+    z = [] if point.adhesion_state is None else [point.adhesion_state]
+    theirs = ct.linearize(system, [point.speed, point.sigma, *z], [point.brake_torque, 0.0, 0.0], eps=1e-6)
+    # forward differences with step 1e-6: truncation 1e-6 f''/2 and rounding 1e-16 * 1e2/1e-6
+    tolerance = {"rtol": 2e-6, "atol": 2e-6}
+    np.testing.assert_allclose(theirs.A, ours.A, **tolerance)
+    np.testing.assert_allclose(theirs.A[1:, 1:], frozen.A, **tolerance)
+    random = [-1 / (0.43 * 3517), -1 / (0.43 * 3517) - 0.43 / 60.35, 0.0][: len(ours.states)]  # Tr in (3) and (4)
+    np.testing.assert_allclose(theirs.B, np.column_stack([ours.B, ours.B, random]), **tolerance)  # Td beside Tb in (3)
+    np.testing.assert_allclose(theirs.C[:3], ours.C, **tolerance)
+    np.testing.assert_allclose(theirs.C[3:, :2], [[1.0, 0.0], [1 / 0.43, -1 / 0.43]], **tolerance)  # v and omega
+    np.testing.assert_array_equal(theirs.D[:3, :1], ours.D)
+    labels = ["sigma", "lambda", "error", "v", "omega"]
+    assert (system.state_labels, system.output_labels) == (list(ours.states), labels)
+    for speed, each in itertools.product((5.0, 40.0, 100.0), (0.001, 0.05, 0.6)):
+        at = operating_point(law, PARK2008, speed * KMH, each)
+        z = [] if at.adhesion_state is None else [at.adhesion_state]
+        rate = system.dynamics(0.0, [at.speed, at.sigma, *z], [at.brake_torque, 0.0, 0.0])
+        # lambda' = (sigma' - lambda v')/v; accelerations of 100 m/s^2 cancel to rounding
+        assert rate[1] - each * rate[0] == pytest.approx(0.0, abs=1e-11)
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+@pytest.mark.parametrize("speed_state", [False, True])
+def test_poles_zeros_and_transfer_function(name: str, speed_state: bool) -> None:
+    plant = linearize(operating_point(sample_law(name), PARK2008, V100, 0.12), speed_state=speed_state)
+    system = plant.to_control()
+    assert (system.state_labels, system.input_labels) == (list(plant.states), ["brake_torque"])
+    assert (system.output_labels, plant.speed_state) == (["sigma", "lambda", "error"], speed_state)
+    to_sigma = system["sigma", "brake_torque"]
+    # two ways to the same eigenvalues: roundings of entries of order 1e3
+    np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(ct.poles(to_sigma)), atol=1e-9)
+    np.testing.assert_allclose(np.sort_complex(plant.zeros), np.sort_complex(ct.zeros(to_sigma)), atol=1e-9)
+    (num, den), s = plant.transfer_function(), 0.3 + 1.7j
+    assert np.polyval(num, s) / np.polyval(den, s) == pytest.approx(complex(to_sigma(s)), rel=1e-9)
+
+
+def test_the_pole_of_a_static_law_is_its_slope() -> None:
+    for name, slip in (("polach", 0.05), ("burckhardt", 0.05), ("curve", 0.2), ("beam", 0.02)):
+        law, h = published_law(name, Rail.WET), 1e-6
+        high, low = (adhesion_coefficient(law, V100, s, PARK2008.wheel_load) for s in (slip + h, slip - h))
+        plant = linearize(operating_point(law, PARK2008, V100, slip))
+        slope = PARK2008.wheel_load * (high - low) / (2 * h * V100)
+        assert plant.poles == pytest.approx([static_pole(slope)], rel=1e-6)  # truncation h^2 and rounding eps/h
+    # dFa/dlambda at 0: Kx for the beam (9); 0 for the curve, which starts as alpha s^2/(2 R); Polach's whatever mu is
+    polach, tyre = (published_law(other, Rail.WET) for other in ("polach", "burckhardt"))
+    slopes = {"beam": 274_360.0, "curve": 0.0, "burckhardt": 34_500.0 * (tyre.c1 * tyre.c2 - tyre.c3)}
+    slopes["polach"] = (polach.kA + polach.kS) / 2 * polach.G * polach.a * polach.b * polach.c11
+    for other, slope in slopes.items():
+        at_zero = linearize(operating_point(published_law(other, Rail.WET), PARK2008, V100, 0.0))
+        assert at_zero.poles[0].real == pytest.approx(static_pole(slope / V100), rel=1e-12)  # rounding
+
+
+def test_points_out_of_range() -> None:
+    for slip in (1.0, -0.1, 1.5, math.nan, math.inf):
+        with pytest.raises(DomainError, match="locked wheel" if slip == 1.0 else "0 <= slip < 1"):
+            bristle_point(slip)
+    for speed in (0.0, -3.0, math.nan, math.inf):
+        with pytest.raises(DomainError, match="speed"):
+            operating_point(published_law("beam", Rail.DRY), PARK2008, speed, 0.1)
+    with pytest.raises(DomainError, match="gamma"):
+        operating_point(published_law("bristle", Rail.DRY, 140.0), PARK2008, 140 * KMH, 0.83)
+    for name in DYNAMIC_LAWS:
+        with pytest.raises(KinkError, match="undefined"):
+            operating_point(sample_law(name), PARK2008, V100, 0.0)
+
+
+@pytest.mark.parametrize("name", DYNAMIC_LAWS)
+def test_a_rolling_wheel_swings_against_its_bristles(name: str) -> None:
+    """Closed form: with z' = sigma and F = F_z z + F_s sigma, s^2 + (k F_s + B/J) s + k F_z, k = 1/M + r^2/J."""
+    law, k = sample_law(name), 1 / 3517 + 0.43**2 / 60.35
+    plant = linearize_rolling(law, PARK2008, V100)
+    load = PARK2008.wheel_load if name == "tyre_lugre" else 1.0  # its coefficients are normalised
+    friction = load * (getattr(law, "alpha1", 0.0) + getattr(law, "alpha2", 0.0))
+    expected = np.roots([1.0, k * friction + 0.25 / 60.35, k * load * law.alpha])
+    np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(expected), rtol=1e-9)
+    assert (plant.point.slip, plant.point.adhesion_state, plant.point.adhesion_force) == (0.0, 0.0, 0.0)
+    static = published_law("curve", Rail.DRY)
+    at_0 = linearize(operating_point(static, PARK2008, V100, 0.0))
+    np.testing.assert_array_equal(linearize_rolling(static, PARK2008, V100).A, at_0.A)
+
+
+@pytest.mark.parametrize("rail", Rail)
+def test_kink_of_the_beam(rail: Rail) -> None:
+    law = published_law("beam", rail)
+    (kink,) = law.kinks(V100, PARK2008.wheel_load)
+    for off in (-0.5e-9, 0.0, 0.5e-9):
+        with pytest.raises(KinkError, match="whole footprint"):
+            linearize(operating_point(law, PARK2008, V100, kink.slip * (1 + off)))
+    below, above = (linearize(operating_point(law, PARK2008, V100, kink.slip * (1 + off))) for off in (-3e-9, 3e-9))
+    assert abs(below.poles[0] - above.poles[0]) > 0.1  # the derivative does jump there
+
+
+def test_a_law_with_a_wrong_rest_state_is_found_out() -> None:
+    class WrongRest(Dahl):
+        name: ClassVar[str] = "wrong_rest"
+
+        @classmethod
+        def statement(cls) -> Statement:
+            right = super().statement()
+            return replace(right, steady_state=right.steady_state / 2)
+
+    law = WrongRest(alpha=1e4, Fc=9e3)
+    for slip in (0.1, 0.01):
+        with pytest.raises(DomainError, match=r"not at rest \(residual 5.0e-01"):  # z'/sigma = 1 - alpha z/Fc, z halved
+            operating_point(law, PARK2008, V100, slip)

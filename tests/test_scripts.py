@@ -19,69 +19,51 @@ def test_a_design_script_needs_names_from_the_top_alone(path):
 
 # numbers of oracles.md of the project's specification among them, in the digits that are printed
 PRINTED = {
-    "designs/pi_published": (3, [
-        *("unstable: 2 closed-loop poles", "0.05859 to 0.2288 times this loop gain", "0.02832 to 0.3106 times"),
-        *("Phase margin 6.37644 deg", "Phase margin 8.23774 deg"),
-    ]),
-    "designs/pi_dry": (0, [
-        *("kp between 127.4 and 573.1", "most phase at 0.7982 rad/s", "Phase margin 10.0144 deg"),
-        *("Ms = max |S| 5.73152", "Ms = max |S| 5.57903", "stable but fragile"),
-    ]),
-    "designs/pi_wet": (0, ["Ms = max |S| 2.18385", "unstable: 2 closed-loop poles", "both rails", "worst Ms 5.502."]),
-    "designs/pi_robust": (1, [
-        *("kp in (127.4, 573.1)", "ki >= 5: 5.416 at kp = 21", "as ki vanishes 4.693: a PI alone is fragile"),
-        *("100.0 % of the loops stable fragile: Ms 5.42 (Ms 5.55", "Ms 42.09", "89.3 % of the loops stable unstable"),
-    ]),
-    "designs/pi_lead": (4, [
-        *("kp 229.4 N*m/(m/s), ki 5: worst Ms 1.4291", "0.02 s: worst Ms 1.325", "0.06 s: worst Ms 1.429"),
-        *("0.12 s: worst Ms 1.606", "0.30 s: worst Ms 2.345", "sampled every 59 ms: Ms 1.515 at dry"),
-    ]),
-    "designs/pi_scheduled": (1, [
-        *("dry 20 335.6 326.5 1.800", "wet 100 313.5 226.9 1.800", "does not suffice for Ms <= 1.8: worst Ms 1.997"),
-        *("any PI holds the loop down to 14.3 km/h", "behind the lead to 4.02 km/h", "this gain set to 11.8 km/h"),
-        "worst Ms 1.817 between its entries",
-    ]),
-    "designs/compare_designs": (2, [
-        *("no controller gets Ms or Mt below 1.13; PI: phase margin <= 12.3 deg, Ms >= 4.67", "best PI dry 5.42 10.7"),
-        *("PI-lead dry 1.43 41.3", "Smith predictor dry does not hold", "filtered Smith predictor dry 1.32"),
-        *("observer with prediction dry 1.41 42.9", "SIMC rule dry does not hold", "as a hidden mode"),
-    ]),
-    "designs/asmc_published": (1, [
-        *("gain on e: (J/r) rho + D 221.6 N m/(m/s), of it (J/r) rho 216.1", "gain on the integral of e: D rho 8.5"),
-        *("gain on e: (J/r) rho + D 783.6", "least K, at e = 0 , 1 and 3 sigma 484.5 and 910.6 N m"),
-        *("least K, whole run, 1 and 3 sigma 656.7 and", "takes 6.5 s to vanish", "takes 23.3 s to vanish"),
-        "K is far too small to make it slide",
-    ]),
-    "designs/asmc_robust": (1, [
-        *("bristle wet, inertia x 1 70 3.563 0.887 0.0244", "bristle dry, inertia x 1 2 1.03e-08 9.6 2.19 21.1 15.6"),
-        *("dry 1.694 20 0.209 0.190 79", "wet 1.603 20 0.157 0.124 63"),
-        *("worst case 0.174 68 0.144 60 bound 0.209 79 0.157 63", "dry 1.424 72 0.200 0.193 165"),
-    ]),
-    "analysis/errata": (0, ["12 agree, 18 do not"]),
-    "analysis/lyapunov_asmc": (1, ["11 of 28 conditions do not hold in SI", "As published (M, J and B times 3.6) the"]),
-    "analysis/observer_tradeoff": (3, [  # rms errors in N*m by formula, simulated, and in adhesion: Table 3 has 0.0138
-        *("printed (27): 100 % of a step of the brake torque", "corrected: 0 % of a step"),
-        *("380 383 0.0256 corrected", "234 236 0.0158 Kalman", "132 132 0.0089"),
-    ]),
-    "analysis/model_curves": (2, [  # [Park2008] p. 52: less adhesion at higher initial speed, with either model
-        *("30 km/h: peak 0.3547 at slip 0.1319", "100 km/h: peak 0.2483 at slip 0.0897, published reference 0.119"),
-        *("30 km/h: peak 0.3390", "100 km/h: peak 0.2992 at slip 0.1288, published reference 0.132"),
-        *("bristle v0 = 100 km/h: falls from 0.3274 at no slip", "Table 3: bristle over beam 23.0 %"),
-    ]),
-    "analysis/figures_17_to_21": (5, [
-        *("curve dry: peak 0.299 at slip 0.129", "curve wet: peak 0.153 at slip 0.096"),
-        # p. 56: the PI keeps a large error, the ASMC stays near its reference; its burst after 25 s is the larger one
-        *("PI beam: 58.9 s, 699 m", "slip -0.030 from its reference on dry rail, up to 0.36", "slip -0.054 from its"),
-        *("ASMC bristle: 50.2 s, 581 m", "slip +0.008 from", "up to 0.42", "slip +0.009 from its", "up to 0.45"),
-    ]),
-    "analysis/pade_order": (0, [
-        *("gain increase PI-lead +9.6e-02 +1.7e-03 +1.4e-05", "phase margin PI +6.8e-04 +1.5e-07"),
-        "largest kp 0.15 s +9.1e-03 +1.5e-05 +1.1e-08",
-    ]),
-    "analysis/margin_map": (1, [
-        *("PI 211/5: 6804 cases, 92.83 % stable; unstable: curve", "PI-lead 229/5: 6804 cases, 94.14 % stable; un"),
-        *("stable from 80 km/h up, there Ms 3.88", "bristle: 100 % / 2.09"),
-    ]),
+    "designs/pi_published": (3, "unstable: 2 closed-loop poles", "0.05859 to 0.2288 times this loop gain",
+        "0.02832 to 0.3106 times", "Phase margin 6.37644 deg", "Phase margin 8.23774 deg"),
+    "designs/pi_dry": (0, "kp between 127.4 and 573.1", "most phase at 0.7982 rad/s", "Phase margin 10.0144 deg",
+        "Ms = max |S| 5.73152", "Ms = max |S| 5.57903", "stable but fragile"),
+    "designs/pi_wet": (0, "Ms = max |S| 2.18385", "unstable: 2 closed-loop poles", "both rails", "worst Ms 5.502."),
+    "designs/pi_robust": (1, "kp in (127.4, 573.1)", "ki >= 5: 5.416 at kp = 21",
+        "as ki vanishes 4.693: a PI alone is fragile", "100.0 % of the loops stable fragile: Ms 5.42 (Ms 5.55",
+        "Ms 42.09", "89.3 % of the loops stable unstable"),
+    "designs/pi_lead": (4, "kp 229.4 N*m/(m/s), ki 5: worst Ms 1.4291", "0.02 s: worst Ms 1.325",
+        "0.06 s: worst Ms 1.429", "0.12 s: worst Ms 1.606", "0.30 s: worst Ms 2.345",
+        "sampled every 59 ms: Ms 1.515 at dry"),
+    "designs/pi_scheduled": (1, "dry 20 335.6 326.5 1.800", "wet 100 313.5 226.9 1.800",
+        "does not suffice for Ms <= 1.8: worst Ms 1.997", "any PI holds the loop down to 14.3 km/h",
+        "behind the lead to 4.02 km/h", "this gain set to 11.8 km/h", "worst Ms 1.817 between its entries"),
+    "designs/compare_designs": (2, "no controller gets Ms or Mt below 1.13; PI: phase margin <= 12.3 deg, Ms >= 4.67",
+        "best PI dry 5.42 10.7", "PI-lead dry 1.43 41.3", "Smith predictor dry does not hold",
+        "filtered Smith predictor dry 1.32", "observer with prediction dry 1.41 42.9", "SIMC rule dry does not hold",
+        "as a hidden mode"),
+    "designs/asmc_published": (1, "gain on e: (J/r) rho + D 221.6 N m/(m/s), of it (J/r) rho 216.1",
+        "gain on the integral of e: D rho 8.5", "gain on e: (J/r) rho + D 783.6",
+        "least K, at e = 0 , 1 and 3 sigma 484.5 and 910.6 N m", "least K, whole run, 1 and 3 sigma 656.7 and",
+        "takes 6.5 s to vanish", "takes 23.3 s to vanish", "K is far too small to make it slide"),
+    "designs/asmc_robust": (1, "bristle wet, inertia x 1 70 3.563 0.887 0.0244",
+        "bristle dry, inertia x 1 2 1.03e-08 9.6 2.19 21.1 15.6", "dry 1.694 20 0.209 0.190 79",
+        "wet 1.603 20 0.157 0.124 63", "worst case 0.174 68 0.144 60 bound 0.209 79 0.157 63",
+        "dry 1.424 72 0.200 0.193 165"),
+    "analysis/errata": (0, "12 agree, 18 do not"),
+    "analysis/lyapunov_asmc": (1, "11 of 28 conditions do not hold in SI", "As published (M, J and B times 3.6) the"),
+    # rms errors in N*m by formula, simulated, and in adhesion: Table 3 has 0.0138
+    "analysis/observer_tradeoff": (3, "printed (27): 100 % of a step of the brake torque", "corrected: 0 % of a step",
+        "380 383 0.0256 corrected", "234 236 0.0158 Kalman", "132 132 0.0089"),
+    # [Park2008] p. 52: less adhesion at higher initial speed, with either model
+    "analysis/model_curves": (2, "30 km/h: peak 0.3547 at slip 0.1319",
+        "100 km/h: peak 0.2483 at slip 0.0897, published reference 0.119", "30 km/h: peak 0.3390",
+        "100 km/h: peak 0.2992 at slip 0.1288, published reference 0.132",
+        "bristle v0 = 100 km/h: falls from 0.3274 at no slip", "Table 3: bristle over beam 23.0 %"),
+    # p. 56: the PI keeps a large error, the ASMC stays near its reference; its burst after 25 s is the larger one
+    "analysis/figures_17_to_21": (5, "curve dry: peak 0.299 at slip 0.129", "curve wet: peak 0.153 at slip 0.096",
+        "PI beam: 58.9 s, 699 m", "slip -0.030 from its reference on dry rail, up to 0.36", "slip -0.054 from its",
+        "ASMC bristle: 50.2 s, 581 m", "slip +0.008 from", "up to 0.42", "slip +0.009 from its", "up to 0.45"),
+    "analysis/pade_order": (0, "gain increase PI-lead +9.6e-02 +1.7e-03 +1.4e-05", "phase margin PI +6.8e-04 +1.5e-07",
+        "largest kp 0.15 s +9.1e-03 +1.5e-05 +1.1e-08"),
+    "analysis/margin_map": (1, "PI 211/5: 6804 cases, 92.83 % stable; unstable: curve",
+        "PI-lead 229/5: 6804 cases, 94.14 % stable; un", "stable from 80 km/h up, there Ms 3.88",
+        "bristle: 100 % / 2.09"),
 }  # fmt: skip
 QUICK = ("designs/pi_dry", "designs/pi_wet")
 
@@ -89,7 +71,7 @@ QUICK = ("designs/pi_dry", "designs/pi_wet")
 @pytest.mark.parametrize("path", [pytest.param(x, marks=[pytest.mark.long] * (x not in QUICK)) for x in PRINTED])
 def test_a_script_prints_its_numbers_and_draws_its_pictures(ran, path):
     _, out, pictures = ran(f"{path}.py")
-    printed, (drawn, words) = " ".join(out.split()), PRINTED[path]
+    printed, (drawn, *words) = " ".join(out.split()), PRINTED[path]
     assert ([one for one in words if one not in printed], len(pictures)) == ([], drawn)
 
 

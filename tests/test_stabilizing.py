@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import random_loops
 from flint import fmpq_poly
-from test_tuning import twelve_points
+from test_tuning import ISLAND, twelve_points
 
 from railslip_ctrl import PARK2008, DeadTimeLoop, InputError, Rational, stabilizing_pi
 from railslip_ctrl.design import intersection, margin_grid, outline, stabilizing_pid
@@ -17,7 +17,6 @@ from railslip_ctrl.loop.stability import RootCount
 S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))
 LAGS = 1 / ((S + 1) * (S + 2) * (S + 3))  # s^4 + 6 s^3 + 11 s^2 + (6 + kp) s + ki: ki < (6 + kp)(60 - kp)/36
-ISLAND = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
 NEAR = 1e-6  # relative distance at which inside and outside are told apart
 PID = {"derivative_filter": 0.06}
 
@@ -41,7 +40,7 @@ def test_plants_without_dead_time_follow_routh():
         assert region.ki_limit(kp) == pytest.approx((6 + kp) * (60 - kp) / 36, rel=1e-12)
     assert stabilizing_pi(1 / S).ki_intervals(0.5) == ((0.0, np.inf),)
     assert stabilizing_pi(1 / S**2).kp_range is None
-    assert stabilizing_pi(Rational(np.array([]), np.array([-1.0]), 1.0)).ki_limit(1e9) == np.inf
+    assert stabilizing_pi(Rational([], [-1.0], 1.0)).ki_limit(1e9) == np.inf
 
 
 def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():
@@ -94,19 +93,15 @@ def random_region(rng):
     zeros, poles, gain, dead_time = of_kind[rng.integers(4)](rng)
     dead_time = min(dead_time, 1.0)
     plant = Rational(zeros[: len(poles) - 1], poles, float(gain * rng.choice([1, 1, 1, -1])))
-    lag = 10 ** rng.uniform(-2, 0)
-    kind = rng.integers(3)
+    lag, td, kd, kind = 10 ** rng.uniform(-2, 0), rng.uniform(0, 2), rng.uniform(-2, 2), rng.integers(3)
     if kind == 0:
         return stabilizing_pi(plant, dead_time), (0.0, 0.0, 0.0)
     if kind == 1:
-        td = rng.uniform(0, 2)
         return stabilizing_pid(plant, dead_time, derivative_time=td, derivative_filter=lag), (td, 0.0, lag)
-    kd = rng.uniform(-2, 2)
     return stabilizing_pid(plant, dead_time, derivative_gain=kd, derivative_filter=lag), (0.0, kd, lag)
 
 
 def columns(rng, region):
-    """kp inside and outside the set, and just inside and just outside its ends."""
     ends = np.array([e for pair in region.p_intervals for e in pair if np.isfinite(e) and e != 0])
     scale = np.abs(ends).max() if ends.size else 10 ** rng.uniform(-1, 1)
     found = list(rng.normal(size=3) * scale)
@@ -141,13 +136,14 @@ def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
     region, (td, kd, lag) = random_region(rng)
     s = 1j * np.geomspace(1e-2, 5.0, 60)
     derivative = s / (lag * s + 1)
-    for kp, ki in (rng.normal(size=2), (rng.normal(), 0.0), (0.0, 1.0)):
-        expected = kp * (1 + td * derivative) + ki / s + kd * derivative
-        assert region.decomposition.controller(kp, ki)(s) == pytest.approx(expected, rel=1e-9)
-    kp, ki = region.decomposition.curve(s.imag)
-    c = kp * (1 + td * derivative) + ki / s + kd * derivative
+
+    def pid(kp, ki):
+        return kp * (1 + td * derivative) + ki / s + kd * derivative
+
+    for gains in (rng.normal(size=2), (rng.normal(), 0.0), (0.0, 1.0)):
+        assert region.decomposition.controller(*gains)(s) == pytest.approx(pid(*gains), rel=1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        loop = c * region.plant(s) * np.exp(-s * region.dead_time)
+        loop = pid(*region.decomposition.curve(s.imag)) * region.plant(s) * np.exp(-s * region.dead_time)
     usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
     assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
 
@@ -156,11 +152,9 @@ def test_intersection_over_operating_points():
     regions = [stabilizing_pi(plant, PARK2008.actuator.dead_time) for plant in twelve_points()]
     common = intersection(regions)
     low, high = common.kp_range
-    assert low == max(r.kp_range[0] for r in regions)
-    assert high == min(r.kp_range[1] for r in regions)
+    assert (low, high) == (max(r.kp_range[0] for r in regions), min(r.kp_range[1] for r in regions))
     assert common.reason == ""
-    rng = np.random.default_rng(1)
-    for kp in rng.uniform(low, high, 10):
+    for kp in np.random.default_rng(1).uniform(low, high, 10):
         limit = common.ki_limit(kp)
         assert limit == min(r.ki_limit(kp) for r in regions)
         assert common.contains(kp, limit * (1 - NEAR))
@@ -196,7 +190,6 @@ def test_unsuitable_input_is_refused(make, match):
 
 FASTER = 1 / ((S - 1) * (0.5 * S + 1))  # s^3 + s^2 + 2 (kp - 1) s + 2 ki: ki < kp - 1
 BIPROPER = (S + 2) / (S + 1)  # (1 + kp) s^2 + (1 + 2 kp + ki) s + 2 ki: ki > -1 - 2 kp
-OUTSIDE, INSIDE = 1e-9, 1e-4  # relative distance of the outermost corner from the boundary
 
 
 @pytest.mark.parametrize(("plant", "dead_time", "kp", "ki", "corner"), [
@@ -216,7 +209,7 @@ def test_a_rectangle_is_certified_until_a_corner_passes_the_boundary(plant, dead
     column, row = corner
     if ki[row] is None:
         ki = [end or region.ki_intervals(kp[column])[0][row] for end in ki]
-    for side, certain in ((OUTSIDE, False), (-INSIDE, True)):
+    for side, certain in ((1e-9, False), (-1e-4, True)):  # relative distance of the outermost corner from the boundary
         moved = list(ki)
         moved[row] *= 1 + side * (1 if row else -1)
         assert region.certified_rectangle(kp, tuple(moved)) is certain
@@ -230,12 +223,11 @@ def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(mar
     assert stable_intervals(critical, 1.0, lambda k: RootCount(0, marginal and k == 1), signed=False) == stable
 
 
-X = fmpq_poly([0, 1])
-NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])
+X, ONE = fmpq_poly([0, 1]), fmpq_poly([1])
 
 
 @pytest.mark.parametrize(("factor", "other", "dead_time", "highest"), [
-    (-((1 + X) ** 3), NOTHING, 1.0, 30.0),
+    (-((1 + X) ** 3), 0 * X, 1.0, 30.0),
     (ONE, -X / 5, 1.0, 30.0),
     (1 + X, -(X**3) / 50, 2.0, 10.0),  # |kappa| 1 to 1.4 at the end
     ((1 + 4 * X**2) * (X + 3), X, 0.7, 25.0),  # F is 0 at 0.5 rad/s

@@ -2,6 +2,8 @@
 
 import math
 import re
+from pathlib import Path
+from unittest.mock import Mock
 
 import control as ct
 import numba
@@ -21,10 +23,10 @@ SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
 DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
-BUILT_IN = LinearControl(DESIGN, REFERENCE, name="built-in", rule="backward", tracking_time=math.inf)
+BUILT_IN = LinearControl(DESIGN, REFERENCE, rule="backward", tracking_time=math.inf)
 
 
-def as_run(controller: object, name: str | None = None) -> object:
+def as_run(controller, name=None):
     return as_control(controller, SCENARIO.vehicle, SCENARIO.adhesion.reference, name)
 
 
@@ -56,10 +58,7 @@ def proportional(t, v, omega):
     return 1210.0 * (0.132 * v - (v - RADIUS * omega))
 
 
-NUMBA_PI = StepControl(pi, REFERENCE, "numba", start_numbers=(0.0,))
-
-
-@pytest.mark.parametrize("controller", [PI(), NUMBA_PI], ids=["object", "numba"])
+@pytest.mark.parametrize("controller", [PI(), StepControl(pi, REFERENCE, start_numbers=(0.0,))], ids=["own", "numba"])
 def test_one_law_in_every_form_makes_one_run(controller):
     expected, found, again = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller, controller))
     # sums in another order, over 48 s of a stable loop
@@ -94,7 +93,9 @@ def test_a_linear_system_runs_as_it_is_given(form):
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
 
 
-FILE = """
+@pytest.mark.long
+def test_a_campaign_runs_them_in_other_processes(file, tmp_path):
+    text = """
 import numba
 
 class Mine:
@@ -106,23 +107,14 @@ class Mine:
 @numba.njit
 def p(t, v, omega):
     return 1210.0 * (0.43 * omega - 0.868 * v)
-
-CONTROLLER = {}
 """
-
-
-@pytest.mark.long
-def test_a_campaign_runs_them_in_other_processes(tmp_path):
-    loaded = []
-    for name, controller in (("a", "Mine()"), ("b", "p")):
-        (tmp_path / f"{name}.py").write_text(FILE.replace("{}", controller))
-        loaded.append(as_run(load_controller(tmp_path / f"{name}.py"), name))
+    files = [file(f"{name}.py", f"{text}CONTROLLER = {one}\n") for name, one in (("a", "Mine()"), ("b", "p"))]
+    loaded = [as_run(load_controller(name), name[0]) for name in files]
     short = SCENARIO.with_changes(longest_time=2.0, events=())
     campaign = Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
     assert campaign.controller_names == ("a", "b", "transfer-function-of-order-1")
     one, two = (execute(campaign, tmp_path / str(n), workers=n, part_runs=4) for n in (1, 2))
-    for i in (0, 7):
-        assert one.row(i) == two.row(i)
+    assert [one.row(i) for i in (0, 7)] == [two.row(i) for i in (0, 7)]
     assert Campaign(short, campaign.controllers, 8).fingerprint == campaign.fingerprint
 
 
@@ -131,7 +123,7 @@ def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, las
     class Failing(PI):
         runs = 0
 
-        def reset(self, t: float, v: float, omega: float) -> None:
+        def reset(self, t, v, omega):
             super().reset(t, v, omega)
             Failing.runs += 1
             if Failing.runs > lasts:
@@ -162,12 +154,9 @@ COMPILED += "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = 
     (COMPILED, "if t > 0.3:\n        raise ValueError('no')\n    return 0.0", "line 7: step at t = 0.31 s "),
     (COMPILED, "if 30 < omega < 60:\n        raise ValueError('no')\n    return 4e3", "line 7: step at t = "),
 ])  # fmt: skip
-def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, text, body, told):
-    path = tmp_path / "mine.py"
-    path.write_text(text.replace("BODY", body))
-    status, out, err = railslip("simulate", "--controller", path)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert f"{path}, {told}" in err
+def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, file, text, body, told):
+    err = refused(railslip("simulate", "--controller", file("mine.py", text.replace("BODY", body))))
+    assert f"mine.py, {told}" in err
     assert "Failed in" not in err  # the reason, not where Numba was
 
 
@@ -176,22 +165,20 @@ def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interru
         count = 0
         reference = REFERENCE
 
-        def step(self, t: float, v: float, omega: float) -> float:
+        def step(self, t, v, omega):
             if self.count == 100:
                 raise KeyboardInterrupt
             self.count += 1
             return 10.0 * self.count
+
+    class Held(PI):
+        __deepcopy__ = Mock(side_effect=TypeError("one line\nto the valve"))
 
     one, briefly = Counting(), SCENARIO.with_changes(longest_time=0.5, events=())
     first, second = (simulate(briefly, one, seed=None).signals.command for _ in range(2))
     assert (one.count, first[1], first.tolist()) == (0, 20.0, second.tolist())
     with pytest.raises(KeyboardInterrupt):
         simulate(SCENARIO, one)
-
-    class Held(PI):
-        def __deepcopy__(self, memo: object) -> object:
-            raise TypeError("one line\nto the valve")
-
     first, second = (simulate(briefly, Held(), seed=None).signals.torque for _ in range(2))
     assert first.tolist() == second.tolist()
     Counting.__deepcopy__ = Held.__deepcopy__
@@ -199,19 +186,16 @@ def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interru
         simulate(SCENARIO, one)
 
 
-@pytest.mark.parametrize(
-    ("period", "told"), [(0, r"0 s is not allowed; give a finite value >= 1e-05"), (1e9, "<= 180$")]
-)
-def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, tmp_path, period, told):
-    path = tmp_path / "mine.py"
-    path.write_text(KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
+@pytest.mark.parametrize(("period", "told"), [(0, "0 s is not allowed; give a finite value >= 1e"), (1e9, "<= 180$")])
+def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, file, period, told):
+    path = file("mine.py", KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
     with pytest.raises(InputError, match=f"^controller Timed: period: .*{told}"):  # 180 s: once a run, and no more
         simulate(SCENARIO, load_controller(path))
     if not period:
-        for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "stop", "--out", tmp_path / "out")):
+        for command in ("margins --rail dry", "simulate --scenario stop --out out"):
             begins = f"railslip: error: --controller: {path}: controller mine: period: 0 s is not allowed"
-            assert refused(railslip(*command, "--controller", path)).startswith(begins)
-        assert not (tmp_path / "out").exists()
+            assert refused(railslip(*command.split(), "--controller", path)).startswith(begins)
+        assert not Path("out").exists()
 
 
 KINDS = """
@@ -258,11 +242,9 @@ ALONE = "is known by its step alone and has no margins"
     ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
     ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
 ])  # fmt: skip
-def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
+def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controller, margins, run):
     """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
-    path = tmp_path / "mine.py"
-    path.write_text(KINDS.replace("{}", controller))
-    mine = record_in(path, "CONTROLLER", ())
+    mine = record_in(Path(file("mine.py", KINDS.replace("{}", controller))), "CONTROLLER", ())
     short = SCENARIO.with_changes(longest_time=0.1, events=())
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):

@@ -1,6 +1,5 @@
 /* The published braking run with a PI as a plain C loop: the arithmetic of railslip_ctrl/simulation/kernel.py for a
-   run without distance events, sensor imperfections or log. The plant's functions, `rates_and_powers` and
-   `stiffness`, are generated from the SymPy statement (see test_simulation_speed.py). */
+   run without distance events, sensor imperfections or log. */
 
 #include <math.h>
 
@@ -14,7 +13,29 @@ static double tabulated(double x, const double *table) {
     return x >= 0.0 ? value : -value;
 }
 
-/* GENERATED */
+/* [Park2008] (3) and (4) with the force of the curve: v', sigma', z', and the powers that each torque or force takes.
+   p: M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0. */
+static void rates_and_powers(double v, double sigma, double torque, double disturbance, double random_torque,
+                             const double *p, const double *table, double *out) {
+    double force = tabulated(sigma / v, table), resistance = p[4] + v * (p[5] + v * p[6]);
+    double r = p[3], omega = (v - sigma) / r;
+    out[0] = -(force + resistance + random_torque / r) / p[0];
+    out[1] = out[0] + r / p[1] * (torque + disturbance + p[2] * omega - random_torque - r * force);
+    out[2] = 0.0;
+    out[3] = torque * omega;
+    out[4] = force * sigma;
+    out[5] = p[2] * omega * omega;
+    out[6] = resistance * v;
+    out[7] = random_torque / r * sigma;
+    out[8] = disturbance * omega;
+}
+
+/* d sigma'/d sigma, with the curve's slope by its differential equation. */
+static double stiffness(double v, double sigma, const double *p, const double *table) {
+    double slip = fabs(sigma) / v, force = fabs(tabulated(sigma / v, table));
+    double slope = p[8] * slip * p[12] * p[12] / (p[11] * v) * (1.0 - p[9] * force / (p[10] - slip * p[12]));
+    return -p[2] / p[1] - (p[3] * p[3] / p[1] + 1.0 / p[0]) * slope;
+}
 
 enum { V, SIGMA, Z, TORQUE, DISTANCE, WORK, STATES = 11 };
 
@@ -40,7 +61,7 @@ static void derivative(double t, const double *y, double *p, const double *table
                        double delayed, double random_torque, double *out) {
     double values[9];
     p[2] = a->viscous + a->viscous_rate * t;
-    rates_and_powers(y[V], y[SIGMA], y[Z], y[TORQUE], disturbance(t, y[TORQUE], a), random_torque, p, table, values);
+    rates_and_powers(y[V], y[SIGMA], y[TORQUE], disturbance(t, y[TORQUE], a), random_torque, p, table, values);
     out[V] = values[0];
     out[SIGMA] = locked ? values[0] : values[1];
     out[Z] = values[2];
@@ -65,13 +86,8 @@ static int happened(const double *y, const Settings *a) {
     return (y[V] <= a->final_speed ? 1 : 0) | (y[SIGMA] >= y[V] ? 2 : 0);
 }
 
-static double fastest(const double *y, double random_torque, const double *p, const double *table, const Settings *a) {
-    double s[4];
-    stiffness(y[V], y[SIGMA], y[Z], y[TORQUE], 0.0, random_torque, p, table, s);
-    double half_trace = 0.5 * (s[0] + s[3]), determinant = s[0] * s[3] - s[1] * s[2];
-    double discriminant = half_trace * half_trace - determinant;
-    double radius = discriminant >= 0.0 ? fabs(half_trace) + sqrt(discriminant) : sqrt(determinant);
-    return fmax(radius, 1.0 / a->lag_time);
+static double fastest(const double *y, const double *p, const double *table, const Settings *a) {
+    return fmax(fabs(stiffness(y[V], y[SIGMA], p, table)), 1.0 / a->lag_time);
 }
 
 static double energy(const double *y, const double *p) {
@@ -128,7 +144,7 @@ int run(const Settings *a, const double *forces, double *p, const double *tables
             long known = sample - delay - (t < change - tiny ? 1 : 0);
             double delayed = known >= 0 ? history[known % size] : 0.0; /* nothing was asked for before */
             double random_torque = p[3] * forces[(long)(t / a->hold + 1e-9)];
-            double span = until - t, rate = fmax(1.0 / a->step, fastest(y, random_torque, p, table, a) / 0.5);
+            double span = until - t, rate = fmax(1.0 / a->step, fastest(y, p, table, a) / 0.5);
             double count = fmax(ceil(span * rate - 1e-6), 1.0), h = span / count;
             for (long n = 0; n < (long)count; n++) {
                 double now = t + n * h, share = 1.0;
