@@ -188,6 +188,9 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
     angle = speed * np.abs(1 - back) ** 2 / INTERVAL**2
     for gain, density in ((gains.torque, torque), (gains.speed, speed), (gains.angle, angle)):
         assert gain == pytest.approx(trapezoid(density, omega) * INTERVAL / math.pi, rel=1e-6)
+    noisy = TorqueSensor(noise=2000.0)  # as much as the encoder's
+    expected = math.hypot(math.sqrt(gains.angle * ENCODER.angle_variance), 2000.0 * math.sqrt(gains.torque))
+    assert observers.noise_deviation(form, ENCODER, noisy) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("observer", OBSERVERS)
