@@ -23,7 +23,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
-from railslip_ctrl.loop.quasi import QuasiPolynomial
+from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
@@ -231,6 +231,8 @@ def test_zeros_removed_at_the_origin():
         right = int(np.sum((roots.real > 0) & (np.abs(roots) < 150)))  # as far as Pade of order 12 serves
         assert sum_.count_right().right == right
         assert (right > 0) == bool(expected)
+    lag = QuasiPolynomial([[1.0, 1.0], [0.5]], 1.0)  # s + 1 + 0.5 exp(-s)
+    assert DelayedLoop(DelayedRatio(QuasiPolynomial([[2.0]], 0.0), lag)).dc_gain == pytest.approx(2 / 1.5)
 
 
 @pytest.mark.parametrize("late", [1.0, 1.3, math.sqrt(0.5)])
