@@ -58,6 +58,7 @@ ROOMS = {
     "design/envelope_tuning": "envelope seeking",
     "design/judging": "envelope seeking",
     "design/limits": "limits",
+    "design/schedule": "tuning simulation_controllers",
     "design/seeking": "seeking",
     "design/stabilizing": "stabilizing",
     "model/linearization": "numeric",

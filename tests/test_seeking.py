@@ -178,6 +178,7 @@ def test_a_start_slows_down_where_adhesion_rises_little_with_slip(row, state, sl
         (0.05, 0.03, 0.02, False),  # it is not low
         (0.02, 0.08, 0.02, False),  # little adhesion is gained by slip
         (0.02, 0.0, 0.0, False),  # without noise nothing is known
+        (0.009, 0.03, 0.02, False),  # the slip comes back from past the peak
     ],
 )
 def test_a_low_reference_is_raised_where_slip_scatters_little(
@@ -369,6 +370,8 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     control = seeking_control(car)
     found = judge(control, Envelope(car), nominal=True)
     assert (found.stable.all(), min(found.points.speed_kmh)) == (True, 10.0)
+    own = {round(3.6 * speed) for speed in (control.gains.hand_over_speed, control.gains.fade_speed)}
+    assert own < set(np.round(found.points.speed_kmh, 6))
     assert found.ms.max() <= 2
     case = found.worst.case
     omega = np.geomspace(0.5, 40.0, 1500)
@@ -533,10 +536,15 @@ def test_bad_gains_are_refused():
         SeekingGains(**{**GAINS.model_dump(), "least_slip": 0.2})
     with pytest.raises(InputError, match="kappa"):
         SeekingGains(**{**GAINS.model_dump(), "kappa": -1.0})
+    with pytest.raises(InputError, match="last_speed < hand_over_speed < fade_speed"):
+        SeekingGains(**{**GAINS.model_dump(), "fade_speed": GAINS.hand_over_speed})
+    with pytest.raises(InputError, match=r"period: 0\.1 s"):
+        replace(CONTROL, period=0.1)
 
 
 def test_a_sample_that_is_not_finite_keeps_the_command(row, state):
     assert step.seeking(state, 0.0, math.nan, 60.0, 1234.0, row, None) == 1234.0
+    assert step.seeking(state, 0.0, 27.0, 60.0, math.nan, row, None) == 0.0
     assert not state.any()
 
 
@@ -551,6 +559,12 @@ def test_sampling_periods_of_others(row):
     other = replace(CONTROL, period=0.02)
     assert len(other.start(0.0)) < len(CONTROL.start(0.0))
     assert over(stop(PARK2008, "dry"), other, seeds=(0,)) < 0.08
+    assert over(stop(PARK2008, "dry"), replace(CONTROL, period=0.001), seeds=(2,)) < 0.08  # noise ended this start
+
+
+def test_a_brake_without_lag():
+    car = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.15, lag=0.0)})
+    assert over(stop(car, "dry"), seeking_control(car), seeds=(0,)) < 0.08
 
 
 # --- C99 ------------------------------------------------------------------------------------------------------------

@@ -98,9 +98,12 @@ class SeekingGains(Record):
     def _in_order(self) -> Self:
         for names in (("least_slip", "first_slip", "largest_slip"), ("last_speed", "hand_over_speed", "fade_speed")):
             values = [getattr(self, name) for name in names]
-            if values != sorted(values):
+            apart = names[-1] == "fade_speed"  # it divides by the differences
+            if values != sorted(values) or (apart and len(set(values)) < len(values)):
                 told = ", ".join(f"{value:g}" for value in values)
-                raise InputError(f"{names[0]}: {told} are not in order; give {' <= '.join(names)}")
+                raise InputError(
+                    f"{names[0]}: {told} are not in order; give {(' < ' if apart else ' <= ').join(names)}"
+                )
         return self
 
 
@@ -109,7 +112,7 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     """The gains for a vehicle, by rules in its dead time theta: kappa = 0.16 x/theta, torque time
     0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta; hand-over below
     N r^2 theta/(4.4 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors
-    were searched for over stops, x for Ms <= 1.9 on light and heavy vehicles, stable with their tolerances.
+    were searched for over stops, x for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
 
     x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
     peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be

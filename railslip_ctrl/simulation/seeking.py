@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.core.arguments import check_fields
+from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.design.controllers import PERIOD
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -32,7 +32,7 @@ class SeekingControl(Filed):
     reference : ReferenceSlip
         Slip ratio that its error is taken against, by rail; it finds its own.
     name, period
-        As of `LinearControl`; period in s.
+        As of `LinearControl`; period in s, at most the 0.05 s of its quickest filter.
     model_law, knows_rail
         None and False.
     """
@@ -46,6 +46,7 @@ class SeekingControl(Filed):
 
     def __post_init__(self) -> None:
         check_fields(self)
+        number("period", self.period, "s", gt=0, le=seeking_step.QUICK_TIME)
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -86,19 +86,21 @@ RADIUS = 1
 ) = range(34)
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
-_QUICK_TIME = 0.05  # s
+QUICK_TIME = 0.05  # s
 _GROWTH = 0.7  # 1/s, largest relative rate of the reference slip, upwards: slip follows it no faster where it is low
 AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the first start, 0: none
 _LOW_SLIP = 0.6  # of the first reference: a new start is worth its price to a slip that is lower
 _START_SPEED = 1.1  # of that at which the reference fades: below, a start anew would lock more than it gains
 _LOG_STEP = 0.05  # of slip, over which the elasticity of a rail just met is judged: its noise is high
-_FLAT_STEPS = 2.0  # in turn
-_SLOW_ELASTICITY, _SLOW_STEP = 0.4, 0.1  # at which a start slows down: the peak is near; step of slip that it is over
+_FLAT_STEPS, _FLAT_TIME = 2.0, 0.01  # in turn; s, of a step at least
+_SLOW_ELASTICITY = 0.4  # below which the peak is near, and a start slows down
+_SLOW_STEP = 0.1  # of ln slip, that it is taken over
 SLOW_FROM = 0.003  # slip from which it does: below, bristles bend
 SLOW_SHARE = 2.0  # of the holding torque, that a slow start takes
 _SCATTER_TIME = 0.4  # s, of the means that scatter is taken from, and for which a reference is in doubt
 _STIFF = 3.0  # relative scatter of slip over that of adhesion torque: with less the peak is far
 _LEAST_SCATTER = 0.003  # relative, of adhesion torque: with less there is no noise to go by
+_FAR = 2.0  # of the reference: a slip above comes back from past the peak
 _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
 _KEPT_TIME = 0.6  # s, for which the map does not lower it
@@ -278,17 +280,21 @@ def fading(v, c):
 @compiled
 def quick_torque(x, c, wanted):
     """The command that gives the acting torque the time constant tau_c towards what is wanted."""
-    return x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
+    quick = max(c[LAG] / c[TAU_C], 1.0 - math.exp(-c[PERIOD] / c[TAU_C]))  # the latter of a brake without lag
+    return x[TORQUE_AHEAD] + quick * (wanted - x[TORQUE_AHEAD])
 
 
 @compiled
 def fast_start(x, c, v, sigma, reference):
-    """The largest torque, less where that would throw a heavy wheel past the peak, or adhesion rises little with slip.
-    It ends where the slip is about to pass the start's, or adhesion rises no more with it."""
+    """The largest torque; less where it would throw a heavy wheel past the peak, and at most twice the holding torque
+    once adhesion rises little with slip. It ends where the slip is about to pass the start's, or adhesion rises no
+    more with it."""
     if sigma + c[START_LEAD] * x[SLIP_RATE] >= min(c[START_SLIP], 0.85 * reference) * v:
         x[STARTING] = 0.0
     slip, step = x[FILTERED_SIGMA] / x[FILTERED_SPEED], _LOG_STEP if x[STARTING] == RISEN else 1e-3
-    if x[ADHESION_TORQUE] > 0.1 * c[WHEEL_LOAD] * c[RADIUS] and slip > _LOWEST_SLIP:
+    every = int(_FLAT_TIME / c[PERIOD] + 0.5)
+    due = every < 2 or int(x[SAMPLES]) % every == 0
+    if due and x[ADHESION_TORQUE] > 0.1 * c[WHEEL_LOAD] * c[RADIUS] and slip > _LOWEST_SLIP:
         log_torque, log_slip = math.log(x[ADHESION_TORQUE]), math.log(slip)
         if x[LAST_LOG_SLIP] == 0.0 or log_slip < x[LAST_LOG_SLIP] - step:
             x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP], x[FLAT_SAMPLES] = log_torque, log_slip, 0.0
@@ -298,7 +304,8 @@ def fast_start(x, c, v, sigma, reference):
             x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP] = log_torque, log_slip
         gained, stepped = log_torque - x[STEP_LOG_TORQUE], log_slip - x[STEP_LOG_SLIP]
         if x[STEP_LOG_SLIP] == 0.0 or not -_SLOW_STEP <= stepped <= _SLOW_STEP:
-            if x[STEP_LOG_SLIP] != 0.0 and slip > SLOW_FROM and gained < _SLOW_ELASTICITY * stepped:
+            rose = x[STEP_LOG_SLIP] != 0.0 and stepped > 0.0 and slip > SLOW_FROM
+            if rose and gained < _SLOW_ELASTICITY * stepped:
                 x[SLOW] = 1.0
             x[STEP_LOG_TORQUE], x[STEP_LOG_SLIP] = log_torque, log_slip
     if x[FLAT_SAMPLES] >= _FLAT_STEPS and x[STARTING] > 0.0:
@@ -341,8 +348,8 @@ def hand_over(x, c, v, torque, reference):
 
 @compiled
 def doubt(x, c):
-    """Raise a low reference where slip scatters little for the scatter of the adhesion torque: random forces move the
-    slip far near the peak, little far before it. There the map sees their slope, and would leave it low for good."""
+    """Triple a low reference where slip scatters little compared with the adhesion torque: the peak is then far. The
+    map cannot tell, as at a constant reference its slope is that of the random force."""
     slip, torque = x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[ADHESION_TORQUE]
     if not x[MEAN_SLIP] / _CALM < slip < x[MEAN_SLIP] * _CALM:
         x[MEAN_SLIP], x[MEAN_ADHESION], x[SLIP_SCATTER], x[ADHESION_SCATTER] = slip, torque, 0.0, 0.0
@@ -355,11 +362,12 @@ def doubt(x, c):
     x[ADHESION_SCATTER] = (1.0 - blend) * (x[ADHESION_SCATTER] + blend * torque_error**2)
     stiff = x[SLIP_SCATTER] * x[MEAN_ADHESION] ** 2 < _STIFF**2 * x[ADHESION_SCATTER] * x[MEAN_SLIP] ** 2
     stiff = stiff and x[ADHESION_SCATTER] > (_LEAST_SCATTER * x[MEAN_ADHESION]) ** 2
+    stiff = stiff and slip < _FAR * x[REFERENCE_SLIP]
     stiff = stiff and x[KEPT] == 0.0 and x[REFERENCE_SLIP] < _LOW_REFERENCE * c[FIRST_SLIP]
     x[STIFF_TIME] = x[STIFF_TIME] + c[PERIOD] if stiff else 0.0
     x[KEPT] = max(x[KEPT] - c[PERIOD], 0.0) if slip < 0.85 * x[REFERENCE_SLIP] else 0.0
     if x[STIFF_TIME] > _SCATTER_TIME:
-        x[REFERENCE_SLIP], x[KEPT] = _HIGHER * x[REFERENCE_SLIP], _KEPT_TIME
+        x[REFERENCE_SLIP], x[KEPT] = min(_HIGHER * x[REFERENCE_SLIP], c[LARGEST_SLIP]), _KEPT_TIME
 
 
 @compiled
@@ -367,17 +375,18 @@ def readhesion(x, c, v, slip, reference):
     """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before, and
     nothing is known of its peak."""
     x[LOW_TIME] = x[LOW_TIME] + c[PERIOD] if slip < 0.69 * reference else 0.0
-    x[QUICK_TORQUE] += c[PERIOD] / _QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
+    x[QUICK_TORQUE] += c[PERIOD] / QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
     if slip < 1.2 * reference:
         x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
     else:  # what rises as the slip comes back from past the peak is no news of the rail
         x[MEAN_TORQUE] = x[QUICK_TORQUE]
     rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
-    # with a slip above a low reference: the wheel spins up, and no torque on its way to it holds it
+    # with a slip above a low reference: the wheel spins up, and adhesion is more than any torque on its way can hold
     spins = c[INERTIA] / c[RADIUS] * x[SLIP_RATE] < -0.2 * x[MEAN_TORQUE]
     if spins and 0.85 * reference < slip < _LOW_SLIP * c[FIRST_SLIP]:
         rises = x[ADHESION_TORQUE] > max(1.08 * x[MEAN_TORQUE], 1.03 * x[TORQUE_AHEAD])
     if v <= _START_SPEED * c[FADE_SPEED]:
+        x[KEPT] = 0.0
         return
     doubt(x, c)
     if x[LOW_TIME] > c[DEAD_TIME] or rises:
@@ -391,6 +400,8 @@ def readhesion(x, c, v, slip, reference):
 @compiled
 def seeking(x, t, v, omega, applied, c, table):
     """The seeking controller; x: what the names above say, the history of torque, then the map."""
+    if not math.isfinite(applied):
+        return x[TORQUE_AHEAD]
     if not (math.isfinite(v) and math.isfinite(omega)) or v <= 0.0:
         return applied
     if x[SAMPLES] == 0.0:
