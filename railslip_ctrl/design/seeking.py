@@ -96,14 +96,15 @@ class SeekingGains(Record):
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
-        for names in (("least_slip", "first_slip", "largest_slip"), ("last_speed", "hand_over_speed", "fade_speed")):
+        orders = (
+            (" <= ", ("least_slip", "first_slip", "largest_slip")),
+            (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # it divides by their differences
+        )
+        for order, names in orders:
             values = [getattr(self, name) for name in names]
-            apart = names[-1] == "fade_speed"  # it divides by the differences
-            if values != sorted(values) or (apart and len(set(values)) < len(values)):
+            if values != sorted(values if order == " <= " else set(values)):
                 told = ", ".join(f"{value:g}" for value in values)
-                raise InputError(
-                    f"{names[0]}: {told} are not in order; give {(' < ' if apart else ' <= ').join(names)}"
-                )
+                raise InputError(f"{names[0]}: {told} are not in order; give {order.join(names)}")
         return self
 
 
