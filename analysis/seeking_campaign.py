@@ -5,12 +5,12 @@ quicker and 30 % slower. Every stop is compared with the clairvoyant one through
 asserted in the tests:
 
 - on curve, bristle and beam the median is about 6 % and 95 in 100 stops are below 10 % with the brake as believed,
-  where two wheels in a thousand lock above 5 km/h and two below (of seeds 100 to 131 none and three); 7 % and 12 % with
-  one that is 30 % slower, where none locks above and four in a thousand below (three and five), all below on bristle;
-- the worst there are 11 % and 15 %, of seeds 100 to 131 13 % and 23 %, this from dry to wet at 90 m, which with such a
+  where no wheel locks (of seeds 100 to 131 three in a thousand below 5 km/h); 7 % and 12 % with one 30 % slower,
+  where none locks above and two in a thousand below (seven and four); all below are on bristle;
+- the worst there are 11 % and 15 %, of seeds 100 to 131 13 % and 22 %, this from dry to wet at 90 m, which with such a
   brake nobody who holds curve's dry peak comes over without a lock;
 - polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it: there and on a LuGre law
-  the stops are longer; on polach wheels lock after a change from dry to wet, and one of 32 on dry rail;
+  the stops are longer, and on polach wheels lock after a change from dry to wet;
 - a change from dry to wet costs most: what the brake holds at that moment cannot be let go within its dead time.
 
     python analysis/seeking_campaign.py [SEEDS, 16 unless given] [FIRST SEED, 0 unless given]

@@ -110,7 +110,7 @@ class SeekingGains(Record):
 
 @checked
 def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
-    """The gains for a vehicle, by rules in its dead time theta: kappa = 0.16 x/theta, torque time
+    """The gains for a vehicle, by rules in its dead time theta: kappa = 0.152 x/theta, torque time
     0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta; hand-over below
     N r^2 theta/(4.4 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors
     were searched for over stops, x for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
@@ -146,7 +146,7 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
         dead_time=dead_time,
         lag=vehicle.actuator.lag,
         torque_high=torque_high,
-        kappa=0.16 * quick / dead_time,
+        kappa=0.152 * quick / dead_time,
         torque_time=0.75 * quick * dead_time,
         observer_time=0.34 * quick * dead_time,
         deceleration_time=0.52 * dead_time,
