@@ -237,7 +237,7 @@ def sought(curve: Callable[[float], float], seconds: float) -> np.ndarray:
         slip = GAINS.first_slip * max(started, 0.0) if started < 1 else float(x[seeking_step.REFERENCE_SLIP])
         x[seeking_step.SAMPLES], x[seeking_step.STARTING] = k, float(started < 1)
         x[seeking_step.FILTERED_SIGMA], x[seeking_step.ADHESION_TORQUE] = slip, curve(slip) * GAINS.wheel_load
-        seeking_step.seek(x, row)
+        seeking_step.seek(x, row, x[seeking_step.REFERENCE_SLIP])
         slips.append(slip)
     return np.array(slips)
 

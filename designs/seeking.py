@@ -17,7 +17,7 @@ import railslip_ctrl as rs
 from railslip_ctrl import bound, plots
 
 VEHICLE = rs.PARK2008
-ENVELOPE = rs.Envelope(VEHICLE, speeds=(20, 60, 100))  # it hands over below 13 km/h
+ENVELOPE = rs.Envelope(VEHICLE, speeds=(20, 60, 100))  # it hands over below 14 km/h
 LAWS, RAILS = ("curve", "bristle", "beam"), ("dry", "wet")
 SEED = 0
 

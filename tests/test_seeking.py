@@ -123,7 +123,7 @@ def test_the_map_is_regularised_least_squares(row, state):
 def test_the_reference_rises_by_its_rate_and_where_it_is_low_by_less(row, state, slip, rate):
     state[step.STARTING], state[step.PEAK], state[step.REFERENCE_SLIP], state[step.FILTERED_SPEED] = 0, 0.11, slip, 20.0
     state[step.SAMPLES] = 101  # the map is not solved
-    step.seek(state, row)
+    step.seek(state, row, slip)
     assert state[step.REFERENCE_SLIP] == pytest.approx(slip + rate * PERIOD, rel=1e-12)
 
 
@@ -175,29 +175,38 @@ def test_a_start_slows_down_where_adhesion_rises_little_with_slip(row, state, sl
 
 
 @pytest.mark.parametrize(
-    ("reference", "slip_scatter", "torque_scatter", "raised"),
+    ("reference", "slip_scatter", "torque_scatter", "samples", "raised"),
     [
-        (0.02, 0.03, 0.02, True),
-        (0.04, 0.03, 0.02, True),  # to the largest
-        (0.05, 0.03, 0.02, False),  # it is not low
-        (0.02, 0.08, 0.02, False),  # little adhesion is gained by slip
-        (0.02, 0.0, 0.0, False),  # without noise nothing is known
-        (0.009, 0.03, 0.02, False),  # the slip comes back from past the peak
+        (0.02, 0.03, 0.02, 80, True),
+        (0.04, 0.03, 0.02, 80, True),  # to the largest
+        (0.05, 0.03, 0.02, 80, False),  # it is not so low
+        (0.05, 0.03, 0.02, 180, True),  # but for long
+        (0.05, 0.05, 0.02, 180, False),
+        (0.09, 0.03, 0.02, 180, False),  # it is not low
+        (0.02, 0.08, 0.02, 80, False),  # little adhesion is gained by slip
+        (0.02, 0.0, 0.0, 80, False),  # without noise nothing is known
+        (0.009, 0.03, 0.02, 80, False),  # the slip comes back from past the peak
     ],
 )
 def test_a_low_reference_is_raised_where_slip_scatters_little(
-    row, state, reference, slip_scatter, torque_scatter, raised
+    row, state, reference, slip_scatter, torque_scatter, samples, raised
 ):
     """Relative standard deviations of a random slip and adhesion torque."""
-    noise = np.random.default_rng(1).normal(size=(2, 80))
+    noise = np.random.default_rng(1).normal(size=(2, samples))
     state[step.REFERENCE_SLIP], state[step.FILTERED_SPEED] = reference, 20.0
     for slip, torque in zip(1 + slip_scatter * noise[0], 1 + torque_scatter * noise[1], strict=True):
         state[step.FILTERED_SIGMA], state[step.ADHESION_TORQUE] = 20.0 * 0.02 * slip, 2000.0 * torque
         step.doubt(state, row)
     assert state[step.REFERENCE_SLIP] == pytest.approx(min(3 * reference, 0.11) if raised else reference)
-    before, state[step.SAMPLES], state[step.PEAK] = state[step.REFERENCE_SLIP], 101, 0.01  # the map would lower it
-    step.seek(state, row)
-    assert (state[step.REFERENCE_SLIP] == before) == raised
+
+
+@pytest.mark.parametrize(("share", "lowered"), [(0.84, False), (0.86, True)])
+def test_the_map_lowers_a_reference_that_the_slip_has_reached(row, state, share, lowered):
+    """85 % of it, as it fades; by its rate."""
+    faded, state[step.STARTING], state[step.PEAK], state[step.REFERENCE_SLIP] = 0.08, 0, 0.05, 0.11
+    state[step.SAMPLES], state[step.FILTERED_SPEED], state[step.FILTERED_SIGMA] = 101, 8.0, 8.0 * share * faded
+    step.seek(state, row, faded)
+    assert state[step.REFERENCE_SLIP] == pytest.approx(0.11 - lowered * GAINS.fall * PERIOD, rel=1e-12)
 
 
 # --- the loop -------------------------------------------------------------------------------------------------------

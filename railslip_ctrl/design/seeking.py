@@ -33,7 +33,7 @@ FADED = 0.7
 
 _RUN_AWAY = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
 _QUICKEST = 0.44  # of x: with less, a brake 30 % quicker than believed makes the loop unstable
-_HAND_OVER = 4.4  # that, over the speed below which the slip ratio is not held: 13 km/h for the published vehicle
+_HAND_OVER = 4.2  # that, over the speed below which the slip ratio is not held: 14 km/h for the published vehicle
 _FADE = 27 / 13  # the speed below which the reference fades, over that
 _LEAST_HAND_OVER_KMH = 5
 _SLIPS = 1001  # up to the peak, among which the slip held is looked for
@@ -73,8 +73,8 @@ class SeekingGains(Record):
     rise: float = quantity("1/s", "largest rate of the reference slip, upwards", gt=0, default=0.022)
     fall: float = quantity("1/s", "largest rate of the reference slip, downwards", gt=0, default=0.36)
 
-    fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=27 * KMH)
-    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=13 * KMH)
+    fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=29 * KMH)
+    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=14 * KMH)
     last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
     hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.88)
     last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.5)
@@ -112,13 +112,13 @@ class SeekingGains(Record):
 def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     """The gains for a vehicle, by rules in its dead time theta: kappa = 0.152 x/theta, torque time
     0.75 x theta, observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta; hand-over below
-    N r^2 theta/(4.4 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors
+    N r^2 theta/(4.2 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors
     were searched for over stops, x for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
 
     x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
     peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need be
     filtered.
-    N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at the hand-over 4.4
+    N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at the hand-over 4.2
     times the train's speed.
 
     Parameters

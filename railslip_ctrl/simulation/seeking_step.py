@@ -81,9 +81,8 @@ RADIUS = 1
     SLIP_SCATTER,
     ADHESION_SCATTER,
     STIFF_TIME,
-    KEPT,
     HISTORY,
-) = range(34)
+) = range(33)
 
 _MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
 QUICK_TIME = 0.05  # s
@@ -103,7 +102,8 @@ _LEAST_SCATTER = 0.003  # relative, of adhesion torque: with less there is no no
 _FAR = 2.0  # of the reference: a slip above comes back from past the peak
 _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
-_KEPT_TIME = 0.6  # s, for which the map does not lower it
+_STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0  # as these, of one less low: past beam's wet peak it may be right
+_REACHED = 0.85  # of the reference: with less slip the map does not lower it
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
@@ -256,8 +256,9 @@ def peak_of_map(x, c):
 
 
 @compiled
-def seek(x, c):
-    """Move the reference slip towards the peak of the map, at most at its rates."""
+def seek(x, c, reference):
+    """Move the reference slip towards the peak of the map, at most at its rates; not down before the slip has reached
+    it: the map knows nothing of the adhesion there."""
     learn(x, c)
     if int(x[SAMPLES]) % 5 == 0 and x[SAMPLES] * c[PERIOD] > 2.0 * c[DEAD_TIME]:
         solve_map(x, c)
@@ -265,7 +266,8 @@ def seek(x, c):
     if x[PEAK] > 0.0 and x[STARTING] == 0.0:
         goal = min(max(x[PEAK], c[LEAST_SLIP]), c[LARGEST_SLIP])
         rise = min(c[RISE], _GROWTH * x[REFERENCE_SLIP])
-        fall = 0.0 if x[KEPT] > 0.0 else c[FALL]
+        reached = x[FILTERED_SIGMA] >= _REACHED * reference * x[FILTERED_SPEED]
+        fall = c[FALL] if reached else 0.0
         x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -fall * c[PERIOD]), rise * c[PERIOD])
 
 
@@ -353,21 +355,22 @@ def doubt(x, c):
     slip, torque = x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[ADHESION_TORQUE]
     if not x[MEAN_SLIP] / _CALM < slip < x[MEAN_SLIP] * _CALM:
         x[MEAN_SLIP], x[MEAN_ADHESION], x[SLIP_SCATTER], x[ADHESION_SCATTER] = slip, torque, 0.0, 0.0
-        x[STIFF_TIME], x[KEPT] = 0.0, 0.0
+        x[STIFF_TIME] = 0.0
     blend = c[PERIOD] / _SCATTER_TIME
     slip_error, torque_error = slip - x[MEAN_SLIP], torque - x[MEAN_ADHESION]
     x[MEAN_SLIP] += blend * slip_error
     x[MEAN_ADHESION] += blend * torque_error
     x[SLIP_SCATTER] = (1.0 - blend) * (x[SLIP_SCATTER] + blend * slip_error**2)
     x[ADHESION_SCATTER] = (1.0 - blend) * (x[ADHESION_SCATTER] + blend * torque_error**2)
-    stiff = x[SLIP_SCATTER] * x[MEAN_ADHESION] ** 2 < _STIFF**2 * x[ADHESION_SCATTER] * x[MEAN_SLIP] ** 2
+    low = x[REFERENCE_SLIP] < _LOW_REFERENCE * c[FIRST_SLIP]
+    limit = _STIFF if low else _STIFFER
+    stiff = x[SLIP_SCATTER] * x[MEAN_ADHESION] ** 2 < limit**2 * x[ADHESION_SCATTER] * x[MEAN_SLIP] ** 2
     stiff = stiff and x[ADHESION_SCATTER] > (_LEAST_SCATTER * x[MEAN_ADHESION]) ** 2
     stiff = stiff and slip < _FAR * x[REFERENCE_SLIP]
-    stiff = stiff and x[KEPT] == 0.0 and x[REFERENCE_SLIP] < _LOW_REFERENCE * c[FIRST_SLIP]
+    stiff = stiff and x[REFERENCE_SLIP] < _FAIR_REFERENCE * c[FIRST_SLIP]
     x[STIFF_TIME] = x[STIFF_TIME] + c[PERIOD] if stiff else 0.0
-    x[KEPT] = max(x[KEPT] - c[PERIOD], 0.0) if slip < 0.85 * x[REFERENCE_SLIP] else 0.0
-    if x[STIFF_TIME] > _SCATTER_TIME:
-        x[REFERENCE_SLIP], x[KEPT] = min(_HIGHER * x[REFERENCE_SLIP], c[LARGEST_SLIP]), _KEPT_TIME
+    if x[STIFF_TIME] > (_SCATTER_TIME if low else _FAIR_TIME):
+        x[REFERENCE_SLIP], x[STIFF_TIME] = min(_HIGHER * x[REFERENCE_SLIP], c[LARGEST_SLIP]), 0.0
 
 
 @compiled
@@ -386,14 +389,13 @@ def readhesion(x, c, v, slip, reference):
     if spins and 0.85 * reference < slip < _LOW_SLIP * c[FIRST_SLIP]:
         rises = x[ADHESION_TORQUE] > max(1.08 * x[MEAN_TORQUE], 1.03 * x[TORQUE_AHEAD])
     if v <= _START_SPEED * c[FADE_SPEED]:
-        x[KEPT] = 0.0
         return
     doubt(x, c)
     if x[LOW_TIME] > c[DEAD_TIME] or rises:
         x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
         if rises:
             x[REFERENCE_SLIP] = max(x[REFERENCE_SLIP], c[FIRST_SLIP])
-        x[SLOW], x[STEP_LOG_SLIP], x[MEAN_SLIP], x[KEPT] = 0.0, 0.0, 0.0, 0.0
+        x[SLOW], x[STEP_LOG_SLIP], x[MEAN_SLIP] = 0.0, 0.0, 0.0
         forget(x, c)
 
 
@@ -411,7 +413,7 @@ def seeking(x, t, v, omega, applied, c, table):
     actuator_model(x, c, applied)
     observe(x, c, v, omega, reference)
     predict(x, c, v, sigma)
-    seek(x, c)
+    seek(x, c, reference)
     if x[STARTING] > 0.0:
         if v >= c[HAND_OVER_SPEED]:
             x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
