@@ -178,6 +178,7 @@ def test_a_start_slows_down_where_adhesion_rises_little_with_slip(row, state, sl
     ("reference", "slip_scatter", "torque_scatter", "samples", "raised"),
     [
         (0.02, 0.03, 0.02, 80, True),
+        (0.012, 0.03, 0.02, 80, True),  # once in its time, though still low
         (0.04, 0.03, 0.02, 80, True),  # to the largest
         (0.05, 0.03, 0.02, 80, False),  # it is not so low
         (0.05, 0.03, 0.02, 180, True),  # but for long

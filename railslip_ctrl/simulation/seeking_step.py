@@ -102,7 +102,8 @@ _LEAST_SCATTER = 0.003  # relative, of adhesion torque: with less there is no no
 _FAR = 2.0  # of the reference: a slip above comes back from past the peak
 _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
-_STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0  # as these, of one less low: past beam's wet peak it may be right
+# such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
+_STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
 _REACHED = 0.85  # of the reference: with less slip the map does not lower it
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
@@ -350,8 +351,9 @@ def hand_over(x, c, v, torque, reference):
 
 @compiled
 def doubt(x, c):
-    """Triple a low reference where slip scatters little compared with the adhesion torque: the peak is then far. The
-    map cannot tell, as at a constant reference its slope is that of the random force."""
+    """Triple a low reference where slip scatters little compared with the adhesion torque: the peak is then far; one
+    less low where it scatters less, and for longer. The map cannot tell, as at a constant reference its slope is that
+    of the random force."""
     slip, torque = x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[ADHESION_TORQUE]
     if not x[MEAN_SLIP] / _CALM < slip < x[MEAN_SLIP] * _CALM:
         x[MEAN_SLIP], x[MEAN_ADHESION], x[SLIP_SCATTER], x[ADHESION_SCATTER] = slip, torque, 0.0, 0.0
