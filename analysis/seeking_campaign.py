@@ -6,11 +6,11 @@ asserted in the tests:
 
 - on curve, bristle and beam the median is about 6 % and 95 in 100 stops are below 10 % with the brake as believed, 7 %
   and 13 % with one 30 % slower; on seeds 100 to 131 too;
-- the worst there are 11 % and 15 %, of seeds 100 to 131 14 % and 19 %, this from dry to wet at 90 m, which with such a
+- the worst there are 12 % and 15 %, of seeds 100 to 131 14 % and 19 %, this from dry to wet at 90 m, which with such a
   brake nobody who holds curve's dry peak comes over without a lock; of these seeds all other stops with it are below
   15 %;
-- no wheel locks above 5 km/h; of other seeds, on curve alone, two in a thousand do, with a brake 30 % slower three;
-  below 5 km/h, on bristle alone, two to eight in a thousand lock, nearly all below 3 km/h;
+- no wheel locks above 5 km/h; of other seeds, on curve alone, one in a thousand does; below 5 km/h, on bristle alone,
+  seven in a thousand lock with a brake 30 % slower, else nearly none, nearly all below 3 km/h;
 - polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it: there and on a LuGre law
   the stops are longer, and on polach wheels lock after a change from dry to wet;
 - a change from dry to wet costs most: what the brake holds at that moment cannot be let go within its dead time.

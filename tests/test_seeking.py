@@ -210,6 +210,32 @@ def test_the_map_lowers_a_reference_that_the_slip_has_reached(row, state, share,
     assert state[step.REFERENCE_SLIP] == pytest.approx(0.11 - lowered * GAINS.fall * PERIOD, rel=1e-12)
 
 
+def test_the_hand_over_holds_a_share_and_less_of_a_slip_that_has_run_away(row, state):
+    """84 % of the mean torque at the hand-over, 20 % at 2 km/h, with the square of the speed lost; 80 % of that once
+    slip was above 0.25."""
+    g, mean, reference, torque = GAINS, 2000.0, 0.08, 2500.0
+    state[step.MEAN_HOLDING], state[step.FILTERED_SPEED] = mean, 3.0
+
+    def command(kmh: float, slip: float, ahead: float) -> float:
+        state[step.FILTERED_SIGMA], state[step.SIGMA_AHEAD], state[step.SPEED_AHEAD] = 3.0 * slip, 3.0 * ahead, 3.0
+        return step.hand_over(state, row, kmh / 3.6, torque, reference)
+
+    loss = g.hand_over_share - g.last_share
+    share = {kmh: g.hand_over_share - loss * ((14 - kmh) / 12) ** 2 for kmh in (13, 11, 8)}
+    assert command(13, 0.1, 0.07) == command(13, 0.07, 0.1) == pytest.approx(share[13] * mean)  # at most
+    torque = 500.0
+    assert command(13, 0.24, 0.3) == torque  # the inner loop's
+    before = state.copy()
+    assert command(11, 0.07, 0.07) == command(11, 0.5, 0.5) == pytest.approx(share[11] * mean)  # without feedback
+    assert command(2, 0.0, 0.0) == command(1, 0.0, 0.0) == pytest.approx(0.2 * mean)
+    state[:] = before
+    assert command(11, 0.26, 0.07) == torque
+    torque = 2500.0
+    assert command(11, 0.26, 0.07) == pytest.approx(0.5 * share[11] * mean)
+    assert command(11, 0.1, 0.07) == pytest.approx(share[11] * mean)
+    assert command(8, 0.07, 0.07) == command(8, 0.5, 0.5) == pytest.approx(0.8 * share[8] * mean)
+
+
 # --- the loop -------------------------------------------------------------------------------------------------------
 
 

@@ -72,7 +72,7 @@ RADIUS = 1
     MEAN_TORQUE,
     QUICK_TORQUE,
     MEAN_HOLDING,
-    HANDED_OVER,
+    HANDED_OVER,  # the share held of what is to be; 0 before, -1 once it has run away
     SLOW,
     STEP_LOG_TORQUE,
     STEP_LOG_SLIP,
@@ -104,6 +104,8 @@ _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
 # such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
 _STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
+# slip that has run away at the hand-over; share of the torque to be held meanwhile and from there on
+_RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
 _REACHED = 0.85  # of the reference: with less slip the map does not lower it
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
@@ -337,16 +339,23 @@ def inner_loop(x, c, reference):
 
 @compiled
 def hand_over(x, c, v, torque, reference):
-    """Below the hand-over speed at most a share of what held the slip before, which falls with the speed; that share
-    itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is left alone."""
+    """Below the hand-over speed at most a share of what held the slip before, which falls with the square of the speed
+    lost; that share itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is
+    left alone. A slip that runs away before is let go, and less is held from there on."""
     if v >= c[HAND_OVER_SPEED]:
         x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
         return torque
-    if max(x[FILTERED_SIGMA] / x[FILTERED_SPEED], x[SIGMA_AHEAD] / x[SPEED_AHEAD]) < reference:
-        x[HANDED_OVER] = 1.0
     slow = min((c[HAND_OVER_SPEED] - v) / (c[HAND_OVER_SPEED] - c[LAST_SPEED]), 1.0)
-    held = (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow) * x[MEAN_HOLDING]
-    return held if x[HANDED_OVER] > 0.0 else min(torque, held)
+    held = (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow**2) * x[MEAN_HOLDING]
+    if x[HANDED_OVER] <= 0.0:
+        slip = x[FILTERED_SIGMA] / x[FILTERED_SPEED]
+        if slip > _RUN_AWAY:
+            x[HANDED_OVER] = -1.0
+            return min(torque, _LET_GO * held)
+        if max(slip, x[SIGMA_AHEAD] / x[SPEED_AHEAD]) >= reference:
+            return min(torque, held)
+        x[HANDED_OVER] = 1.0 if x[HANDED_OVER] == 0.0 else _LESS
+    return x[HANDED_OVER] * held
 
 
 @compiled
