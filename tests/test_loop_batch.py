@@ -119,6 +119,7 @@ DELICATE = {
     "hidden integrator": ([0.0], [0.0, -1.0], 1.0, 0.1),
     "hidden resonance on the axis": ([1j, -1j], [1j, -1j, -1.0], 1.0, 0.1),
     "pole at the origin closed loop": ([], [-1.0], -1.0, 0.0),
+    "|L(0)| = 1 but for a last digit": ([], [-9.006626, -1.0], 9.006626 * (1 + 3e-16), 0.1),
     "pair on the axis closed loop": ([], [0.0], HALF_TURN, 1.0),
     "one part in 1e10 before it": ([], [0.0], HALF_TURN * (1 - 1e-10), 1.0),
     "one part in 1e10 beyond it": ([], [0.0], HALF_TURN * (1 + 1e-10), 1.0),

@@ -489,7 +489,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
         delicate = ~((low > 1 / _EXTREME) & (high < _EXTREME) & (high < _WIDEST * low))  # NaN included
         delicate |= (np.abs(real) <= _LEAST_DAMPING * np.abs(imag)).any(axis=0, where=imag != 0)
         delicate |= (loops.at_origin(1) > 0) & (loops.at_origin(-1) > 0)
-        delicate |= (gain == 0) | (np.abs(1 + dc) < DELICATE)
+        delicate |= (gain == 0) | (np.abs(1 - np.abs(dc)) < DELICATE)
     return low, high, delicate
 
 
