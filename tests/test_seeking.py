@@ -234,6 +234,30 @@ def test_the_hand_over_holds_a_share_and_less_of_a_slip_that_has_run_away(row, s
     assert command(11, 0.26, 0.07) == pytest.approx(0.5 * share[11] * mean)
     assert command(11, 0.1, 0.07) == pytest.approx(share[11] * mean)
     assert command(8, 0.07, 0.07) == command(8, 0.5, 0.5) == pytest.approx(0.8 * share[8] * mean)
+    assert command(8, 0.91, 0.91) == 0.0  # it has locked
+    assert command(8, 0.5, 0.5) == pytest.approx(0.5 * 0.8 * share[8] * mean)
+    assert command(8, 0.07, 0.07) == command(8, 0.5, 0.5) == pytest.approx(0.8**2 * share[8] * mean)
+
+
+@pytest.mark.parametrize("kmh", [4, 13, 15])
+def test_a_stop_that_begins_near_the_hand_over_holds_what_a_poor_rail_does(kmh):
+    """84 % of an adhesion coefficient of 0.1, and less below: nothing is known of the rail yet."""
+    slow = stop(PARK2008, "wet", adhesion="bristle").with_changes(initial_speed=kmh / 3.6, final_speed=2 / 3.6)
+    run = simulate(slow, CONTROL, seed=0)
+    assert (run.stopped, run.locked_fraction) == (True, 0.0)
+    held = 0.1 * PARK2008.wheel_load * PARK2008.wheel.radius * GAINS.hand_over_share
+    assert run.signals.command[-1] < 0.3 * held
+    if kmh < 14:
+        assert 0.2 * held < run.signals.command.max() <= held
+
+
+def test_a_wheel_that_locks_at_the_hand_over_is_let_go():
+    """To wet at 10 km/h, where what holds the dry peak locks it; for 2 to 4 s if that torque were held."""
+    dry = stop(PARK2008, "dry", adhesion="curve")
+    seen = simulate(dry, CONTROL, seed=0).signals
+    place = float(np.interp(-10 / 3.6, -seen.speed, seen.distance))
+    run = simulate(dry.with_changes(events=(Event(distance=place, rail="wet"),), final_speed=2 / 3.6), CONTROL, seed=0)
+    assert 0.0 < run.locked_fraction * run.braking_time < 1.5
 
 
 # --- the loop -------------------------------------------------------------------------------------------------------

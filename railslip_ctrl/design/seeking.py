@@ -76,8 +76,8 @@ class SeekingGains(Record):
     fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=29 * KMH)
     hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=14 * KMH)
     last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
-    hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.84)
-    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.2)
+    hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, le=1, default=0.84)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, le=1, default=0.2)
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
         """The slip ratio that it comes to on a rail of constant adhesion at a speed, m/s, under a wheel load, N: the
@@ -98,6 +98,7 @@ class SeekingGains(Record):
     def _in_order(self) -> Self:
         orders = (
             (" <= ", ("least_slip", "first_slip", "largest_slip")),
+            (" <= ", ("last_share", "hand_over_share")),
             (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # it divides by their differences
         )
         for order, names in orders:

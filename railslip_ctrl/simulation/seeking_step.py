@@ -72,7 +72,7 @@ RADIUS = 1
     MEAN_TORQUE,
     QUICK_TORQUE,
     MEAN_HOLDING,
-    HANDED_OVER,  # the share held of what is to be; 0 before, -1 once it has run away
+    HANDED_OVER,  # 1; 0 before, -1 where the slip has run away
     SLOW,
     STEP_LOG_TORQUE,
     STEP_LOG_SLIP,
@@ -104,7 +104,9 @@ _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
 # such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
 _STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
-# slip that has run away at the hand-over; share of the torque to be held meanwhile and from there on
+_ASSUMED = 0.1  # adhesion coefficient of a rail of which nothing is known yet, at the hand-over
+_LOCKED = 0.9  # slip of a wheel that turns no more, at the hand-over
+# slip that has run away before; share of the torque to be held meanwhile, and afterwards
 _RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
 _REACHED = 0.85  # of the reference: with less slip the map does not lower it
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
@@ -341,21 +343,24 @@ def inner_loop(x, c, reference):
 def hand_over(x, c, v, torque, reference):
     """Below the hand-over speed at most a share of what held the slip before, which falls with the square of the speed
     lost; that share itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is
-    left alone. A slip that runs away before is let go, and less is held from there on."""
+    left alone. But before that a slip that has run away is let go, and a wheel that has locked at any time; afterwards
+    less is held."""
     if v >= c[HAND_OVER_SPEED]:
         x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
         return torque
+    slip = x[FILTERED_SIGMA] / x[FILTERED_SPEED]
+    if slip > _LOCKED or (x[HANDED_OVER] <= 0.0 and slip > _RUN_AWAY):
+        x[HANDED_OVER] = -1.0
+    elif x[HANDED_OVER] <= 0.0 and max(slip, x[SIGMA_AHEAD] / x[SPEED_AHEAD]) < reference:
+        x[MEAN_HOLDING] *= _LESS if x[HANDED_OVER] < 0.0 else 1.0
+        x[HANDED_OVER] = 1.0
     slow = min((c[HAND_OVER_SPEED] - v) / (c[HAND_OVER_SPEED] - c[LAST_SPEED]), 1.0)
     held = (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow**2) * x[MEAN_HOLDING]
-    if x[HANDED_OVER] <= 0.0:
-        slip = x[FILTERED_SIGMA] / x[FILTERED_SPEED]
-        if slip > _RUN_AWAY:
-            x[HANDED_OVER] = -1.0
-            return min(torque, _LET_GO * held)
-        if max(slip, x[SIGMA_AHEAD] / x[SPEED_AHEAD]) >= reference:
-            return min(torque, held)
-        x[HANDED_OVER] = 1.0 if x[HANDED_OVER] == 0.0 else _LESS
-    return x[HANDED_OVER] * held
+    if slip > _LOCKED:
+        return 0.0
+    if x[HANDED_OVER] > 0.0:
+        return held
+    return min(torque, _LET_GO * held if slip > _RUN_AWAY else held)
 
 
 @compiled
@@ -418,7 +423,8 @@ def seeking(x, t, v, omega, applied, c, table):
     if not (math.isfinite(v) and math.isfinite(omega)) or v <= 0.0:
         return applied
     if x[SAMPLES] == 0.0:
-        x[REFERENCE_SLIP], x[STARTING] = c[FIRST_SLIP], 1.0
+        x[REFERENCE_SLIP], x[STARTING] = c[FIRST_SLIP], 1.0 if v >= c[HAND_OVER_SPEED] else 0.0
+        x[MEAN_HOLDING] = _ASSUMED * c[WHEEL_LOAD] * c[RADIUS]
     sigma = v - c[RADIUS] * omega
     reference = x[REFERENCE_SLIP] * fading(v, c)
     actuator_model(x, c, applied)
@@ -426,7 +432,7 @@ def seeking(x, t, v, omega, applied, c, table):
     predict(x, c, v, sigma)
     seek(x, c, reference)
     if x[STARTING] > 0.0:
-        if v >= c[HAND_OVER_SPEED]:
+        if v >= c[HAND_OVER_SPEED] and x[STARTING] > 1.0:
             x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
         torque = fast_start(x, c, v, sigma, reference)
     else:
