@@ -201,13 +201,16 @@ def test_a_low_reference_is_raised_where_slip_scatters_little(
     assert state[step.REFERENCE_SLIP] == pytest.approx(min(3 * reference, 0.11) if raised else reference)
 
 
-@pytest.mark.parametrize(("share", "lowered"), [(0.84, False), (0.86, True)])
-def test_the_map_lowers_a_reference_that_the_slip_has_reached(row, state, share, lowered):
-    """85 % of it, as it fades; by its rate."""
-    faded, state[step.STARTING], state[step.PEAK], state[step.REFERENCE_SLIP] = 0.08, 0, 0.05, 0.11
+@pytest.mark.parametrize(
+    ("reference", "share", "lowered"),
+    [(0.11, 0.84, False), (0.11, 0.86, True), (0.045, 0.84, False), (0.043, 0.84, True)],
+)
+def test_the_map_lowers_a_reference_that_the_slip_has_reached_or_that_is_low(row, state, reference, share, lowered):
+    """85 % of it, as it fades; low: below 0.4 of the first; by its rate."""
+    faded, state[step.STARTING], state[step.PEAK], state[step.REFERENCE_SLIP] = 0.7 * reference, 0, 0.02, reference
     state[step.SAMPLES], state[step.FILTERED_SPEED], state[step.FILTERED_SIGMA] = 101, 8.0, 8.0 * share * faded
     step.seek(state, row, faded)
-    assert state[step.REFERENCE_SLIP] == pytest.approx(0.11 - lowered * GAINS.fall * PERIOD, rel=1e-12)
+    assert state[step.REFERENCE_SLIP] == pytest.approx(reference - lowered * GAINS.fall * PERIOD, rel=1e-12)
 
 
 def test_the_hand_over_holds_a_share_and_less_of_a_slip_that_has_run_away(row, state):

@@ -101,14 +101,14 @@ _STIFF = 3.0  # relative scatter of slip over that of adhesion torque: with less
 _LEAST_SCATTER = 0.003  # relative, of adhesion torque: with less there is no noise to go by
 _FAR = 2.0  # of the reference: a slip above comes back from past the peak
 _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
-_LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is in doubt; by what it is raised
+_LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is low; by what it is raised in doubt
 # such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
 _STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
 _ASSUMED = 0.1  # adhesion coefficient of a rail of which nothing is known yet, at the hand-over
 _LOCKED = 0.9  # slip of a wheel that turns no more, at the hand-over
 # slip that has run away before; share of the torque to be held meanwhile, and afterwards
 _RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
-_REACHED = 0.85  # of the reference: with less slip the map does not lower it
+_REACHED = 0.85  # of the reference: with less slip the map does not lower it, if it is not low
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
@@ -262,8 +262,8 @@ def peak_of_map(x, c):
 
 @compiled
 def seek(x, c, reference):
-    """Move the reference slip towards the peak of the map, at most at its rates; not down before the slip has reached
-    it: the map knows nothing of the adhesion there."""
+    """Move the reference slip towards the peak of the map, at most at its rates; a reference that is not low, not down
+    before the slip has reached it: the map knows nothing of the adhesion there."""
     learn(x, c)
     if int(x[SAMPLES]) % 5 == 0 and x[SAMPLES] * c[PERIOD] > 2.0 * c[DEAD_TIME]:
         solve_map(x, c)
@@ -272,7 +272,7 @@ def seek(x, c, reference):
         goal = min(max(x[PEAK], c[LEAST_SLIP]), c[LARGEST_SLIP])
         rise = min(c[RISE], _GROWTH * x[REFERENCE_SLIP])
         reached = x[FILTERED_SIGMA] >= _REACHED * reference * x[FILTERED_SPEED]
-        fall = c[FALL] if reached else 0.0
+        fall = c[FALL] if reached or x[REFERENCE_SLIP] < _LOW_REFERENCE * c[FIRST_SLIP] else 0.0
         x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -fall * c[PERIOD]), rise * c[PERIOD])
 
 
