@@ -66,6 +66,7 @@ ROOMS = {
     "loop/batch": "loop_batch",
     "loop/certificate": "loop_oracles limits",
     "loop/bounded": "sampled limits",
+    "loop/crossings": "loop_oracles systems",
     "loop/quasi": "limits seeking",
     "loop/responses": "systems",
     "loop/rational": "systems loop_oracles",

@@ -320,7 +320,7 @@ def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):
 
 
 def test_means_quantiles_and_shares_with_their_intervals():
-    """Quantiles: Conover, Practical Nonparametric Statistics, 3.2; shares: Wilson's interval in its closed form."""
+    """Quantiles: Conover, Practical Nonparametric Statistics, 3.2."""
     data = np.random.default_rng(0).lognormal(size=1001)
     found = Moments.of(np.array([math.nan, *data, math.inf]))
     assert (found.count, found.low, found.high) == (1001, data.min(), data.max())
@@ -331,16 +331,29 @@ def test_means_quantiles_and_shares_with_their_intervals():
     assert quantile(np.arange(1.0, 101.0), 0.5) == (50, 40, 61)
     assert quantile(np.arange(1.0, 6.0), 0.5) == (3, -math.inf, math.inf)  # 2 * 0.5^5 > 5 %
     assert quantile(np.arange(1.0, 101.0), 0.05)[0] == 5
-    k, n, z = 3, 40, stats.norm.ppf(0.975)
-    centre, half = (k + z * z / 2) / (n + z * z), z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
-    assert share(k, n) == pytest.approx((k / n, centre - half, centre + half), rel=1e-12)
-    assert math.isnan(share(0, 0).value)
+    assert (share(3, 40).value, math.isnan(share(0, 0).value)) == (3 / 40, True)
     # a picture has at most the bins of Rice's rule, 2 n^(1/3), of those that the bins counted make without a rest
     data = np.random.default_rng(1).normal(size=1100)  # 20.6 bins
     found = statistics.Histogram.of(data).merged()
     bins = max(k for k in range(1, 21) if statistics.BINS % k == 0)
     counts, edges = np.histogram(data, bins)
     assert (found.counts.tolist(), found.edges.tolist()) == (counts.tolist(), pytest.approx(edges.tolist()))
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """The mean's counted; a quantile's by the ranks of its ends, at least as often as said; Wilson's exactly: as often
+    as said on average over the shares, and not at each of them ([Agresti1998])."""
+    means = [Moments.of(one).estimate for one in np.random.default_rng(4).normal(3.0, 2.0, (500, 6))]
+    assert stats.binomtest(sum(one.low <= 3.0 <= one.high for one in means), 500, CONFIDENCE).pvalue > 0.01
+    for size, level in ((12, 0.5), (100, 0.5), (100, 0.05)):
+        _, low, high = quantile(np.arange(1.0, size + 1.0), level)  # numbers below the quantile: binomial
+        covered = stats.binom.cdf(high - 1, size, level) - stats.binom.cdf(low - 1, size, level)
+        assert CONFIDENCE <= covered < 0.99
+    shares, k = np.linspace(0.1, 0.9, 81), np.arange(41)[:, None]
+    ends = np.array([share(one, 40)[1:] for one in range(41)])
+    covered = np.sum((ends[:, :1] <= shares) * (shares <= ends[:, 1:]) * stats.binom.pmf(k, 40, shares), axis=0)
+    assert covered.mean() == pytest.approx(CONFIDENCE, abs=0.005)
+    assert np.abs(covered - CONFIDENCE).max() < 0.04
 
 
 def test_statistics_are_numpys(finished):

@@ -52,13 +52,11 @@ def test_the_json_of_a_command_is_that_which_is_kept(name, railslip):
     assert leaves(json.loads(out)) == {path: same(one) if isinstance(one, float) else one for path, one in kept.items()}
 
 
-def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(cases):
+def test_values_may_carry_their_unit(cases):
     (a,) = cases("margins --rail dry --kp 234 --ki 5 --mass 3500")
     (b,) = cases("margins --rail dry --kp '65 N*m/(km/h)' --ki '5 N' --mass '3.5 t' --speed '100 km/h'")
     assert (a["stable"], a["mass_kg"], b["mass_kg"]) == (True, 3500.0, 3500.0)
     assert a["phase_margin_deg"] == pytest.approx(b["phase_margin_deg"], rel=1e-12)
-    (case,) = cases("margins --rail dry --dead-time 0 --lag 0 --kp 2000 --ki 90")
-    assert case["gain_increase"] is None  # without bound
     assert cases("linearize --rail dry --speed-state")[0]["states"] == ["v", "sigma", "z"]
 
 

@@ -282,6 +282,10 @@ def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robus
     slid = replace(robust.stops[0], run=replace(robust.stops[0].run, max_slip=0.8), others=())
     _, lines, numbers = told(replace(robust, tolerance_stops=(slid,)))
     assert (lines["Risk"].startswith("With tolerances slip reaches 0.8"), numbers["Highest slip"]) == (True, "0.8")
+    locked = replace(slid, run=replace(slid.run, max_slip=1.0, locked_fraction=0.1), brake="lag +30 %")
+    said = dict(first_page(replace(robust, tolerance_stops=(slid, locked, slid))).lines)["Risk"]
+    where = ", ".join((locked.law, locked.rail, locked.load, locked.brake))
+    assert said.startswith(f"A wheel locks in 1 of 3 stops with the actuator's tolerances ({where}).")
 
 
 def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):

@@ -499,6 +499,23 @@ def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     assert table["controller"]["kappa"] == GAINS.kappa
 
 
+LOW = {step.LOW_TIME: GAINS.dead_time}
+SPINS_UP = {step.MEAN_TORQUE: 1e3, step.QUICK_TORQUE: 1e3, step.ADHESION_TORQUE: 2e3, step.SLIP_RATE: -100.0}
+
+
+@pytest.mark.parametrize(("share", "reference", "known", "again"), [
+    (0.68, 1.0, LOW, step.AGAIN),  # below 0.69 of the reference for a dead time
+    (0.70, 1.0, LOW, 0.0),
+    (0.68, 1.0, {step.LOW_TIME: GAINS.dead_time - 1.5 * PERIOD}, 0.0),
+    (0.59, 0.55, SPINS_UP, step.RISEN),  # above a reference that is low: below 0.6 of the first
+    (0.61, 0.55, SPINS_UP, 0.0),
+])  # fmt: skip
+def test_a_start_anew_takes_a_slip_that_is_low_enough(row, state, share, reference, known, again):
+    state[[step.FILTERED_SPEED, *known]] = 27.0, *known.values()
+    step.readhesion(state, row, 27.0, share * GAINS.first_slip, reference * GAINS.first_slip)
+    assert state[step.STARTING] == again
+
+
 # --- stops ----------------------------------------------------------------------------------------------------------
 
 
@@ -658,6 +675,6 @@ def test_the_c_program_gives_the_run_s_commands(tmp_path):
         commands = [0.0]
         for v, omega in zip(seen.measured_speed[:-1], seen.measured_wheel_speed[:-1], strict=True):
             commands.append(program(state, v, omega, commands[-1]))
-        assert program(state, math.nan, 60.0, 1234.0) == 1234.0
+        assert program(state, math.nan, 60.0, 1234.0) == program(state, 0.0, 60.0, 1234.0) == 1234.0
         # the compilers may round products and sums otherwise
         np.testing.assert_allclose(commands[1:], seen.command[:-1], rtol=1e-9, atol=1e-6)

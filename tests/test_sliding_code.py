@@ -1,6 +1,8 @@
 """The sliding-mode law derived from the plant, against (45) and broken plants, and generated: Python against the
 derivation, C99 against the Python."""
 
+import ast
+import ctypes
 import itertools
 import json
 import math
@@ -25,6 +27,8 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.paper.errata import errata
+from railslip_ctrl.simulation import seeking_code
+from railslip_ctrl.sliding import code
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
 from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
@@ -479,6 +483,24 @@ def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(in_bot
         assert samples * PERIOD == pytest.approx(HOLD_TIME, abs=1.5 * PERIOD)  # a sum of periods is one more or less
         assert torques == [held] * samples + [0.0] * (300 - samples)
         assert law.state[: -len(KEPT)] == state[: -len(KEPT)]  # the law rests
+
+
+@needs_compiler
+def test_a_comparison_is_the_same_in_c_and_in_python_at_exactly_its_threshold(tmp_path) -> None:
+    """By the printer of this law's formulas and by the translator of the seeking controller."""
+    signs, c = ("<", "<=", ">", ">=", "==", "!="), []
+    for i, sign in enumerate(signs):
+        source = f"def seeking{i}(a, b):\n    return 1.0 if a {sign} b else 0.0"
+        c.append(seeking_code._function(ast.parse(source).body[0]).replace("static ", ""))
+        formula = code._C.printer.doprint(sp.Piecewise((1.0, sp.Rel(*sp.symbols("a b"), sign)), (0.0, True)))
+        c.append(f"double sliding{i}(double a, double b) {{ return {formula}; }}")
+    (tmp_path / "all.c").write_text("\n".join(c))
+    subprocess.run([COMPILER, "-shared", "-fPIC", "-o", tmp_path / "all.so", tmp_path / "all.c"], check=True)
+    library, double = ctypes.CDLL(str(tmp_path / "all.so")), ctypes.c_double
+    for kind, (i, sign), a in itertools.product(("seeking", "sliding"), enumerate(signs), (0.5, 0.7, 0.9)):
+        function = library[f"{kind}{i}"]
+        function.restype, function.argtypes = double, (double, double)
+        assert function(a, 0.7) == eval(f"{a} {sign} 0.7"), (kind, sign, a)
 
 
 @needs_compiler

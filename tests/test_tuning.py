@@ -3,6 +3,7 @@
 import math
 from dataclasses import fields, replace
 from functools import partial
+from types import SimpleNamespace
 
 import control as ct
 import numpy as np
@@ -334,6 +335,18 @@ def test_contradictory_or_impossible_input_is_refused(call, match):
 def tuned_at_100(structure, **given):
     plants = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
     return tune_cases(plants, PARK2008.actuator, structure=structure, specification=Specification(ms_max=1.8), **given)
+
+
+@pytest.mark.parametrize("ki_min", [None, 1.0])
+def test_the_derivative_time_of_a_pid_is_the_best(ki_min):
+    """ki has its maximum, and Ms its minimum, at 0.8 s; far from there nothing is feasible."""
+
+    def tuned(lead):
+        away = math.log(lead / 0.8) ** 2
+        design = SimpleNamespace(ki=1.0 - away, worst=SimpleNamespace(ms=2.0 + away)) if away < 0.5 else None
+        return SimpleNamespace(lead=lead, ki_min=ki_min, design=design)
+
+    assert rules._searched(tuned, 0.6).lead == pytest.approx(0.8, rel=3e-3)  # the search ends at 2e-3 of ln
 
 
 def brute_force(plants, dead_times, ms_max, kp, ki):

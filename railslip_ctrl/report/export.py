@@ -185,11 +185,14 @@ def _crossovers(assessment: Assessment) -> Any:
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
     """Enclosures as [lowest, highest]; null for an end without bound, or for all of an unstable loop."""
-    ends = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
+    pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
+    ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
+    if ends["gain_decrease"] is not None:
+        ends["gain_decrease"] = [end or None for end in ends["gain_decrease"]]  # 0 is without bound
     return {
         **exported(certificate, "stable", "marginal", "bits", "parts", unstable_closed_loop_poles="unstable_poles"),
         "gain_crossovers_rad_s": [[number(w) for w in pair] for pair in certificate.gain_crossovers],
-        **{name: None if pair is None else [number(end) for end in pair] for name, pair in ends.items()},
+        **ends,
     }
 
 
