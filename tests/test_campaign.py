@@ -151,7 +151,7 @@ def mass(distribution, relative=False, *paths):
     (lambda: mass(Uniform(3000.0, 4000.0), False, "vehicle.mass", "vehicle.mass"), "given twice"),
     (lambda: mass(Grid((3000.0, 3300.0, 3500.0))), "multiple of them: 3 or 6"),
     (lambda: Campaign(SHORT, (), 4), "none given"),
-    (lambda: Campaign(SHORT, (PI, PI), 4), "two have the name 'pi'"),
+    (lambda: Campaign(SHORT, (SOFT, SOFT), 4), "two have the name 'soft'"),
     (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
     (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2: 16 or 32"),
     (lambda: short(4).case(4), "runs 0 to 3"),

@@ -255,7 +255,7 @@ DESIGN = PIController(PIGains(kp=0.5, ki=0.5))
     ('kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5',
      SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5)),
     ('kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5\ndump_slip = 0.3',
-     SlideProtection(PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5, dump_slip=0.3)),
+     SlideProtection(fill_rate=0.5, torque_high=0.5, filter_time=0.5, dump_slip=0.3)),
     *((f'kind = "state-space"\n{text}', LinearControl(StateSpaceController(*own), PUBLISHED, "state-space", 0.01))
       for text, own in STATES.items()),
 ])  # fmt: skip
@@ -431,7 +431,7 @@ def test_json_has_the_contract_s_keys_and_the_run_s_numbers(simulated):
 
 def test_the_csv_is_the_record(tmp_path):
     run = simulate(built_in_scenario("park2008-si"), published_controller("asmc"), seed=2, record_every=10)
-    write_simulation_csv(run, tmp_path / "run.csv")
+    write_simulation_csv(run, tmp_path / "run.csv", internal=True)
     back = pd.read_csv(tmp_path / "run.csv")
     assert tuple(CSV_COLUMNS) == sim.Signals._fields
     assert list(back)[: len(CSV_COLUMNS)] == list(CSV_COLUMNS.values())

@@ -19,9 +19,9 @@ from railslip_ctrl.simulation.campaign.specification import Campaign, load_campa
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option, tell_remarks
+from .options import controller_option, refuse_given, tell_remarks
 from .output import progress, show
-from .settings import HELP, json_option, option, preset
+from .settings import HELP, json_option, option, preset, switch
 
 _REPORT = ("report.txt", "report.json")
 
@@ -40,6 +40,7 @@ _REPORT = ("report.txt", "report.json")
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
+@switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(
     campaign_file: Path,
@@ -49,6 +50,7 @@ def command(
     scheduler: str | None,
     worst_by: str,
     number: int | None,
+    internal: bool,
     as_json: bool,
 ) -> None:
     """Run a scenario many times with sampled quantities, on every core, with statistics; an interrupted campaign is
@@ -63,8 +65,11 @@ def command(
     check_directory(out, _REPORT)
     campaign = load_campaign(campaign_file, controllers=controller)
     tell_remarks(campaign.scenario.vehicle)
-    if number is not None:
-        _replay(campaign, number, out, as_json=as_json)
+    if number is None:
+        refuse_given("internal", because="without --replay")
+    else:
+        refuse_given("workers", "scheduler", "worst_by", because="with --replay")
+        _replay(campaign, number, out, internal=internal, as_json=as_json)
         return
     check_measure(worst_by)
     with _bar(campaign.runs) as tell:
@@ -77,23 +82,24 @@ def command(
     progress(f"wrote {len(files)} files to {out}")
 
 
-def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
+def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_json: bool) -> None:
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.runs import replay_figure
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
     again = replay(campaign, number, out)
-    logs = {f"run-{number}-{name}.csv": partial(_write_csv, run) for name, run in again.runs.items()}
+    logs = {f"run-{number}-{name}.csv": partial(_write_csv, run, internal=internal) for name, run in again.runs.items()}
     files = write_files(out, {**logs, f"run-{number}.png": partial(save_figure, replay_figure(again))})
     show(as_json, lambda: replay_json(again), lambda: replay_text(again))
     progress(f"wrote {', '.join(str(file) for file in files)}")
 
 
-def _write_csv(run: Run, path: Path) -> None:
+def _write_csv(run: Run, path: Path, *, internal: bool) -> None:
     """Time series, SI, with every digit; what is no number is left empty."""
     assert run.signals is not None, "a replay records them"
-    columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
+    own = run.controller_signals.items() if internal else ()
+    columns = {**run.signals._asdict(), **{f"controller_{name}": values for name, values in own}}
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)

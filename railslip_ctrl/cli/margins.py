@@ -80,6 +80,7 @@ def command(
         judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         show(as_json, lambda: judgement_json(judgement), lambda: judgement_text(judgement))
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
+    options.refuse_given("nominal", because="without --envelope")
     points = cases.points()
     if controller is not None:
         given = given_controller(controller, points[0], gains)

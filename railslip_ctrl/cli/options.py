@@ -493,6 +493,12 @@ def _is_given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
 
+def refuse_given(*options: str, because: str) -> None:
+    """InputError for an option that was given to the command that runs, and is not used."""
+    for name in filter(_is_given, options):
+        raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
+
+
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     """The gains given, both or neither (then None: Table 4's are meant)."""
     if (kp is None) != (ki is None):

@@ -35,6 +35,7 @@ from .options import (
     controller_option,
     envelope_options,
     gain_options,
+    refuse_given,
 )
 from .output import command_line, progress, show
 from .settings import HELP, preset, switch
@@ -91,6 +92,8 @@ def command(
     """
     if whole:
         check_extra("html", "--html", ", or give --no-html")
+    else:
+        refuse_given("fresh", because="with --no-html")
     started = time.perf_counter()
 
     def told(message: str) -> None:

@@ -21,7 +21,7 @@ from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, t
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Number, case_options, envelope_options, number_option
+from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, envelope_options, number_option, refuse_given
 from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
@@ -43,12 +43,12 @@ from .settings import HELP, path_option, preset, switch
 @number_option("--ki-min", "N*m/m", "Least integral gain, N*m/m.", "none", gt=0)
 @number_option("--lead", "s", "Lead of pi-lead, s.", "the actuator's lag", gt=0)
 @number_option("--lead-filter", "s", "Time constant of the lead's filter, s.", "a tenth of it", gt=0)
-@preset(
+@number_option(
     "--period",
-    "S",
-    "Sampling period of the controller, s; at most twice the lead's filter unless given.",
-    PERIOD,
-    type=Number("s", ge=LEAST_STEP),
+    "s",
+    "Sampling period of the controller, s; at most twice the lead's filter, or a twelfth of the dead time for seeking.",
+    f"{PERIOD:g}, or that if it is less",
+    ge=LEAST_STEP,
 )
 @path_option(
     "--out", "FILE.toml|FILE.c", "File for --controller; FILE.c, of the seeking controller alone: its C99 program."
@@ -68,7 +68,7 @@ def command(
     ki_min: float | None,
     lead: float | None,
     lead_filter: float | None,
-    period: float,
+    period: float | None,
     out: Path | None,
 ) -> None:
     """Find one set of gains for all operating points of an envelope, empty and loaded together. The result is judged
@@ -87,6 +87,9 @@ def command(
         _seek(ctx, seeking_over(judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(structure, specification, minimise_ms, ki_min)
     if envelope is None and cases.name_points():
+        refuse_given("nominal", because="at operating points")
+        if out is None:
+            refuse_given("period", because="at operating points without --out")
         points = cases.points()
         plants, actuator = [linearize(point) for point in points], points[0].vehicle.actuator
         tuned = tune_cases(plants, actuator, structure=structure, specification=specification, ki_min=ki_min, **leads)
@@ -133,7 +136,7 @@ def _check_asked(structure: str, specification: Specification, minimise_ms: bool
         raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
 
 
-def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float) -> None:
+def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float | None) -> None:
     """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
     control = braking_control(controller, points, _held(points), name=out.stem, period=period)
     control.save(out)

@@ -545,12 +545,14 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
         )
 
 
-def run_period(design: LinearController, period: float = PERIOD) -> float:
-    """The period, s, at which a design runs: of a discrete one its own; less than `period` where the filter of a lead
-    is too fast for that."""
-    if isinstance(design, PIController):
-        return min(period, 2 * design.lead_filter) if design.lead_filter > 0 else period
-    return period if design.period is None else design.period
+def run_period(design: LinearController, period: float | None = None) -> float:
+    """Sampling period of a design, s: its own if it is discrete, else `period`.
+
+    The default is `PERIOD`, or twice the filter of a lead if that is less.
+    """
+    if not isinstance(design, PIController):
+        return design.period or period or PERIOD
+    return period or (min(PERIOD, 2 * design.lead_filter) if design.lead_filter > 0 else PERIOD)
 
 
 def state_names(design: LinearController) -> tuple[str, ...]:

@@ -105,11 +105,11 @@ class SeekingDesign:
 
 
 def seeking_over(
-    envelope: Envelope, ms_max: float = ROBUST_MS, *, nominal: bool = False, period: float = PERIOD
+    envelope: Envelope, ms_max: float = ROBUST_MS, *, nominal: bool = False, period: float | None = None
 ) -> SeekingDesign:
     """As `tune` with the structure "seeking"; one that does not keep it is a result, with its reason."""
     catalogue = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
-    control = catalogue.seeking_control(envelope.vehicle, period=check_period(period))
+    control = catalogue.seeking_control(envelope.vehicle, period=None if period is None else check_period(period))
     judgement = judge(control, envelope, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
     worst = float(judgement.ms[used].max(initial=0.0))
@@ -125,7 +125,7 @@ def tune(
     *,
     lead: float | None = None,
     lead_filter: float | None = None,
-    period: float = PERIOD,
+    period: float | None = None,
 ) -> EnvelopeDesign | SeekingDesign:
     """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
     the seeking controller, whose gains go by rules.
@@ -136,7 +136,8 @@ def tune(
     - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are
       judged, not tuned for.
     - lead, lead_filter: time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
-    - period: sampling period at which it runs, s, or twice the lead's filter if that is less.
+    - period: sampling period, s; the default is 0.01, or if less, twice the lead's filter, or a twelfth of the dead
+      time for "seeking", which are the longest allowed.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
     InfeasibleDesignError: no gains keep it; says from which speed (km/h) up some do, also with less slip and a faster
@@ -166,14 +167,14 @@ def tune_over(
     lead: float | None = None,
     lead_filter: float | None = None,
     nominal: bool = False,
-    period: float = PERIOD,
+    period: float | None = None,
 ) -> tuple[TunedCases, EnvelopeDesign | None]:
     """As `tune`, for any specification, judged at the operating points alone if `nominal`; an infeasible one is a
     result, with its reason."""
-    check_period(period)
+    held_for = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
     actuator = envelope.vehicle.actuator
-    late = _held(actuator, period)
+    late = _held(actuator, held_for)
     tuned_at = partial(
         tune_cases,
         actuator=late,
@@ -190,7 +191,7 @@ def tune_over(
         search = at_one_lead if len(plants) > _MANY else tuned_at
         tuned = replace(_for_all(search, tuned, plants, late), structure=structure)
     if tuned.design is None:
-        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, period)])), None
+        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, held_for)])), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
@@ -206,7 +207,7 @@ def _held(actuator: Actuator, period: float) -> Actuator:
 
 
 def sampled_below(
-    design: PIController, period: float, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
+    design: PIController, period: float | None, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
 ) -> SampledController:
     """A design tuned with the delay of its hold as it runs, ki so much less that no sampled loop has more than an Ms.
 

@@ -82,7 +82,7 @@ def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) ->
         **exported(run, "seed", "stopped", "max_slip", "locked_fraction", "outcome", **ends),
         "final_speed_kmh": number(run.final_speed / KMH),
         "gain_values": gain_values(run.controller),
-        "reference_slip": run.controller.reference.model_dump(),
+        "reference_slip": plain(run.controller.reference),
         "adhesion": scenario.adhesion.name,
         "adhesion_law": law_json(scenario.adhesion, _law_source(scenario, law_speed)),
         "vehicle": scenario.vehicle.name,
@@ -198,7 +198,7 @@ def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
     return [
         ("Controller", _controller(controller)),
         ("Controller's limits", _controller_limits(run)),
-        ("Reference slip", f"{reference.dry:g} dry, {reference.wet:g} wet"),
+        ("Reference slip", "none" if reference is None else f"{reference.dry:g} dry, {reference.wet:g} wet"),
         ("Sampling", f"every {_period(run):g} s; integrated in steps of at most {run.scenario.step:g} s"),
         ("Noise seed", noise),
     ]
@@ -285,9 +285,10 @@ def _numbers(run: simulation.Run) -> list[tuple[str, str]]:
         ("Braking time", f"{fixed(run.braking_time)} s"),
         ("Braking distance", f"{fixed(run.braking_distance)} m"),
         ("Brake energy", f"{fixed(run.brake_energy)} J"),
-        ("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"),
     ]
-    if run.scenario.published_reference:
+    if run.controller.reference is not None:
+        rows.append(("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"))
+    if not math.isnan(run.mean_abs_slip_error_published):
         published = fixed(run.mean_abs_slip_error_published, 4)
         rows.append(("", f"{published} against the published 0.132 dry, 0.092 wet"))
     lock = "never" if np.isnan(run.first_lock) else f"first at {run.first_lock:.4g} s"
@@ -319,17 +320,18 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 # --- CSV ---------------------------------------------------------------------------------------------------
 
 
-def write_simulation_csv(run: simulation.Run, path: Path) -> None:
-    """Write the time series, one row a recorded sample, a header with units, then the controller's own state."""
+def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
+    """Write the time series, one row a recorded sample, a header with units; if `internal`, the controller's state too.
+
+    The reference of a controller without one is nan.
+    """
     signals = run.signals
     assert signals is not None, "the run was recorded"
-    names = [CSV_COLUMNS[name] for name in simulation.Signals._fields] + [
-        f"controller {name}" for name in run.controller_signals
-    ]
-    columns = np.column_stack([*signals, *run.controller_signals.values()])
+    own = run.controller_signals if internal else {}
+    names = [*(CSV_COLUMNS[name] for name in simulation.Signals._fields), *(f"controller {name}" for name in own)]
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(names) + "\n")
-        np.savetxt(file, columns, fmt="%.12g", delimiter=",")
+        np.savetxt(file, np.column_stack([*signals, *own.values()]), fmt="%.12g", delimiter=",")
 
 
 # --- controllers compared -------------------------------------------------------------------------------------------
@@ -349,8 +351,8 @@ def run_comparison_text(comparison: RunComparison) -> str:
         (
             f"Means over {len(comparison.seeds)} seeds, the same noise for all. No controller can stop in less than "
             f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s: the highest adhesion at every moment, "
-            "after the dead time. Slip error: mean of |slip - the controller's own reference|; error [P]: against the "
-            "0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
+            "after the dead time. Slip error: mean of |slip - the controller's own reference|, if it has one; error "
+            "[P]: against the 0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
         ),
         Table(COLUMNS, [_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
     ]

@@ -189,7 +189,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         tuple(replace(one, signals=None) for one in runs if one is not run),
         None if brake else _known(clairvoyant_stop, limited),
         _held(run, cut_out),
-        reference_slip(control.reference, scenario.rail),
+        reference_slip(control.reference or scenario.adhesion.reference, scenario.rail),
         cut_out,
         brake,
         own_slip=seeking_of(control) is not None or isinstance(control, StepControl),

@@ -184,7 +184,7 @@ def braking_control(
     *,
     name: str,
     hand_over_kmh: float = 0.0,
-    period: float = PERIOD,
+    period: float | None = None,
 ) -> LinearControl:
     """A linear design for some operating points as it brakes: sampled by Tustin's rule, at its own period if it has one
     (`controllers.run_period`), within 0 and their full brake, with anti-windup.
@@ -255,14 +255,14 @@ def slide_protection(
     """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
 
     - vehicle: left out, the published one, SI.
-    - reference: slip ratios that its error is taken against; left out, the published.
+    - reference: slip ratios that its error is taken against; left out, none.
     - period: sampling period, s.
     """
     car = published_vehicle() if vehicle is None else vehicle
-    baseline = SlideProtection(reference or published_reference("bristle"))
+    baseline = SlideProtection(reference)
     share = _share(car, car.wheel_load)
     return SlideProtection(
-        baseline.reference,
+        reference,
         fill_rate=share * baseline.fill_rate,
         dump_rate=share * baseline.dump_rate,
         torque_high=full_brake_torque(car),
@@ -277,17 +277,22 @@ def seeking_control(
     """The controller that seeks the peak of adhesion, with the gains that `seeking_gains` has for a vehicle.
 
     - vehicle: left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
-    - reference: slip ratios that its error is taken against; left out, the published.
-    - period: sampling period, s, left out 10 ms; also of one given at most a twelfth of the dead time is taken, with
-      which sampling adds at most 4 % to Ms.
+    - reference: slip ratios that its error is taken against; left out, none.
+    - period: sampling period, s, at most a twelfth of the dead time, with which sampling adds at most 4 % to Ms; left
+      out, 10 ms or that, whichever is less.
 
-    In SI. InputError: a vehicle whose brake has no dead time, by which its gains go.
+    In SI. InputError: a vehicle whose brake has no dead time, by which its gains go, or a longer period.
     """
     car = PARK2008 if vehicle is None else vehicle
     # its largest torque, with which it starts, is what an empty wheel bears until the dead time is over
     gains = seeking_gains(car, TORQUE_LIMIT * _share(car, car.wheel_load))
-    period = min(PERIOD if period is None else period, car.actuator.dead_time / 12)
-    return SeekingControl(gains, reference or published_reference("bristle"), period=period)
+    longest = car.actuator.dead_time / 12
+    if period is not None and period > longest:
+        raise InputError(
+            f"period: {period:g} s is not allowed for the seeking controller; give a value <= {longest:g} s, a twelfth "
+            "of the brake's dead time, or leave it out"
+        )
+    return SeekingControl(gains, reference, period=min(PERIOD, longest) if period is None else period)
 
 
 def published_vehicle() -> Vehicle:
@@ -391,6 +396,7 @@ NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection", "seeking")
 """Names of the controllers that come with the package."""
 
 _LINEAR = ("pi", "pi-lead")
+_WITHOUT_REFERENCE = ("slide-protection", "seeking")
 
 
 def default_column(law: AdhesionLaw) -> Column:
@@ -399,18 +405,28 @@ def default_column(law: AdhesionLaw) -> Column:
 
 
 def held_reference(
-    law: AdhesionLaw, slip: float | None, column: Column | None, name: str, remedy: str
-) -> ReferenceSlip:
-    """The slips to be held: a given one, or those of a column of Table 4, or those of the adhesion law.
+    controller: str, law: AdhesionLaw, slip: float | None, column: Column | None, *, dashes: str = ""
+) -> ReferenceSlip | None:
+    """The slips that a controller of `NAMES` holds: a given one, or those of a column of Table 4, or those of the
+    adhesion law; None if it holds none.
 
-    InputError, which begins with `name` and ends with the `remedy`, where neither its source nor its file gives any.
+    InputError, in which `dashes` stand before the names of options, if there are none to hold, or they are not used.
     """
+    if controller in _WITHOUT_REFERENCE:
+        for name, given in (("slip", slip), ("gains", column)):
+            if given is not None:
+                told = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
+                raise InputError(f"{told}; leave it out")
+        return None
     if slip is not None:
         return ReferenceSlip(dry=slip, wet=slip)
     if column is not None:
         return published_reference(column)
     if law.reference is None:
-        raise InputError(f"{name}: adhesion {law.name!r} has no reference slip; give {remedy}")
+        raise InputError(
+            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains for that "
+            "of Table 4"
+        )
     return law.reference
 
 
@@ -431,7 +447,9 @@ def controller_named(
       (`designed`).
     - column: {"beam", "bristle"}; of Table 4: gains of "pi" and "asmc", and the reference slip of all.
     - gains: in place of those of "pi" or "pi-lead".
-    - reference, knows_rail, adaptive, period: as in `published_controller`.
+    - reference: another reference slip; of "slide-protection" and "seeking", which hold none, what their error is
+      taken against.
+    - knows_rail, adaptive, period: as in `published_controller`.
 
     InputError: another name, or an option that the controller does not have.
     """
@@ -446,7 +464,7 @@ def controller_named(
         raise InputError(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
-    held = published_reference(column) if reference is None else reference
+    held = reference if reference is not None or name in _WITHOUT_REFERENCE else published_reference(column)
     vehicle = vehicle.empty()
     without_gains: dict[str, Callable[..., Controller]] = {
         "scheduled": recommended_schedule, "slide-protection": slide_protection, "seeking": seeking_control

@@ -11,7 +11,8 @@ tracking_time = 2.0
 cut_out_speed = "20 km/h"         # below it slip is not controlled and cut_out_torque commanded; left out: never
 cut_out_torque = 1862.0
 
-[reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet
+[reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet,
+                                  # none if the kind holds none
 dry = 0.132
 wet = 0.092
 
@@ -55,7 +56,7 @@ class ControllerKeys(Record):
     kind: str
     name: str | None = None
     period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_STEP, default=None)
-    reference: ReferenceSlip = published_reference("bristle")
+    reference: ReferenceSlip | None = None
 
     makes: ClassVar[type]
 
@@ -74,8 +75,9 @@ class ControllerKeys(Record):
 
 
 class Limited(ControllerKeys):
-    """Keys of the kinds with torque limits of their own."""
+    """Keys of the kinds that hold a reference slip, with torque limits of their own."""
 
+    reference: ReferenceSlip = published_reference("bristle")
     torque_min: float | None = quantity("N*m", "least torque; left out: none", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; left out: none", default=None)
 
@@ -355,7 +357,9 @@ def control_text(control: LinearControl | SeekingControl) -> str:
         told += ["", "[gains]", *_lines(SeekingGains, control.gains.model_dump())]
     else:
         kind, told = _linear_lines(control)
-    held = ["", "[reference]", f"dry = {control.reference.dry!r}", f"wet = {control.reference.wet!r}"]
+    held, slips = list[str](), control.reference
+    if slips is not None:
+        held = ["", "[reference]", f"dry = {slips.dry!r}", f"wet = {slips.wet!r}"]
     return "\n".join([f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}", *told, *held]) + "\n"
 
 

@@ -59,7 +59,7 @@ class Controller(Protocol):
 
     - name: for reports.
     - period: sampling period, s; None samples at every step of the scenario.
-    - reference: slip ratio to be held, by rail.
+    - reference: slip ratio to be held, by rail; None: it holds none, and a run has no slip error.
     - states: names of what the controller remembers, in order, for the log.
     - knows_rail: whether it is told when the rail changes (its reference follows, and its model where it has one).
     """
@@ -69,7 +69,7 @@ class Controller(Protocol):
     @property
     def period(self) -> float | None: ...
     @property
-    def reference(self) -> ReferenceSlip: ...
+    def reference(self) -> ReferenceSlip | None: ...
     @property
     def states(self) -> tuple[str, ...]: ...
     @property
@@ -336,7 +336,7 @@ class TorqueProfile:
     """A torque given over time, linear in between and constant after; open loop.
 
     - times, torques: s, rising; N*m, one for each time.
-    - reference: what the slip error is taken against; the torque does not follow it.
+    - reference: what the slip error is taken against, if anything; the torque does not follow it.
     - name, period, knows_rail, model_law: as of `LinearControl`.
 
     InputError: lists of different lengths, or times that do not rise.
@@ -344,7 +344,7 @@ class TorqueProfile:
 
     times: tuple[float, ...]
     torques: tuple[float, ...]
-    reference: ReferenceSlip
+    reference: ReferenceSlip | None = None
     name: str = "torque-profile"
     period: float | None = None
     knows_rail: bool = True
@@ -381,8 +381,8 @@ class SlideProtection:
     The valve dumps where the slip is above `dump_slip` or the wheel decelerates by more than `dump_deceleration`
     (m/s^2), fills where the slip is below `fill_slip`, and holds in between; the torque asked for moves by `fill_rate`
     and `dump_rate` (N*m/s) between 0 and `torque_high` (N*m), which a driver's full brake asks for. The wheel's
-    deceleration is filtered with `filter_time` (s). `reference` only judges the slip; `name`, `period`, `knows_rail`,
-    `model_law` as of `LinearControl`.
+    deceleration is filtered with `filter_time` (s). `reference` only judges the slip, if it is given; `name`, `period`,
+    `knows_rail`, `model_law` as of `LinearControl`.
 
     The defaults are a baseline: slips and deceleration of the size that wheel slide protection in service acts on
     (slips of 5 to 30 %), the rates slow enough for the published brake's lag and dead time that the wheel does not lock
@@ -391,7 +391,7 @@ class SlideProtection:
     InputError unless 0 < fill_slip < dump_slip < 1 and all rates are positive.
     """
 
-    reference: ReferenceSlip
+    reference: ReferenceSlip | None = None
     fill_slip: float = 0.05
     dump_slip: float = 0.15
     dump_deceleration: float = 4.5
@@ -429,6 +429,8 @@ class SlideProtection:
         return (0.0, 0.0, 0.0, 1.0)  # released; the wheel's speed is taken at the first sample
 
 
-def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:
-    """The slip ratio to be held on a rail."""
+def reference_slip(reference: ReferenceSlip | None, rail: Rail) -> float:
+    """The slip ratio to be held on a rail; NaN without a reference."""
+    if reference is None:
+        return math.nan
     return reference.wet if rail is Rail.WET else reference.dry

@@ -19,7 +19,7 @@ from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
-from .controllers import Controller, LinearControl, ScheduledControl, Situation, SlidingControl, reference_slip
+from .controllers import Controller, Situation, reference_slip
 from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
 from .step_objects import ADDRESS, StepControl, as_control
 from .steps import kernel
@@ -103,7 +103,8 @@ class Run:
     - braking_time, braking_distance, final_speed: s, m, m/s.
     - energies: the balance.
     - mean_abs_slip_error, mean_abs_slip_error_published: mean over time of |slip - reference|, slip ratio: the
-      controller's own, and [Park2008]'s 0.132/0.092 (NaN where the scenario is not the published one).
+      controller's own, and [Park2008]'s 0.132/0.092 (NaN if the scenario is not the published one). Both are NaN of a
+      controller without a reference.
     - max_slip, locked_fraction: highest slip ratio; share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
     - max_torque, max_torque_rate, rms_torque_rate: of the acting torque, N*m and N*m/s.
@@ -136,16 +137,17 @@ class Run:
     def __str__(self) -> str:
         """What became of it, and its slip and torque, in three lines."""
         scenario, lock = self.scenario, "no lock"
-        slips = dict.fromkeys(f"{slip:g}" for slip in self._references())
-        held = f"the reference {' and '.join(slips)}"
-        error = f"{self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f"never at {held}"
+        error, references = "", self._references()
+        if references:
+            held = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
+            error = f", {self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f", never at {held}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
             f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.name}: "
             f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
             f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
-            f"slip at most {self.max_slip:.3g}, {error}; {lock}\n"
+            f"slip at most {self.max_slip:.3g}{error}; {lock}\n"
             f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
         )
 
@@ -167,10 +169,12 @@ class Run:
     @property
     def reached(self) -> bool:
         """Whether the slip came to 0.95 of the reference, the least of its rails; true of a controller without one."""
-        holds = isinstance(self.controller, LinearControl | ScheduledControl | SlidingControl)
-        return not holds or self.max_slip >= REACHED_SHARE * min(self._references())
+        return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
+        """The reference slip on each rail of the run; empty if the controller has none."""
+        if self.controller.reference is None:
+            return []
         rails = (self.scenario.rail, *(one.rail for one in self.scenario.events if one.rail is not None))
         return [reference_slip(self.controller.reference, rail) for rail in rails]
 
@@ -421,7 +425,8 @@ def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> Adhesion
 def _controller_row(
     scenario: Scenario, controller: Controller, rail: Rail, assumed: AdhesionLaw, period: float
 ) -> Floats:
-    published = PUBLISHED_REFERENCE[rail] if scenario.published_reference else math.nan
+    compared = scenario.published_reference and controller.reference is not None
+    published = PUBLISHED_REFERENCE[rail] if compared else math.nan
     situation = Situation(scenario, rail, assumed, period)
     head = (reference_slip(controller.reference, rail), scenario.vehicle.wheel.radius)
     return np.array([*head, *controller.row(situation), published])

@@ -29,8 +29,8 @@ class SeekingControl(Filed):
     Parameters
     ----------
     gains : SeekingGains
-    reference : ReferenceSlip
-        Slip ratio that its error is taken against, by rail; it finds its own.
+    reference : ReferenceSlip, optional
+        Slip ratio that its error is taken against, by rail, if any; it finds its own.
     name, period
         As of `LinearControl`; period in s, at most the 0.05 s of its quickest filter.
     model_law, knows_rail
@@ -38,7 +38,7 @@ class SeekingControl(Filed):
     """
 
     gains: SeekingGains
-    reference: ReferenceSlip
+    reference: ReferenceSlip | None = None
     name: str = "seeking"
     period: float = PERIOD
     model_law: None = None

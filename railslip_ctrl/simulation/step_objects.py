@@ -104,7 +104,7 @@ class StepControl:
     - step: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
       the first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
       copied. SI.
-    - reference: what the slip error is taken against; the step has its own.
+    - reference: what the slip error is taken against, if anything; the step has its own.
     - name: for reports.
     - period: sampling period, s.
     - start_numbers: what a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v,
@@ -115,7 +115,7 @@ class StepControl:
     """
 
     step: Any
-    reference: ReferenceSlip
+    reference: ReferenceSlip | None = None
     name: str = "step"
     period: float | None = PERIOD
     start_numbers: tuple[float, ...] = ()
@@ -331,28 +331,35 @@ def as_control(
 
     A `Controller` is itself, and one tuned over an envelope runs as its file does. A linear system
     (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at its own, by Tustin's rule, within 0 and
-    the vehicle's full brake, with anti-windup. Of anything else its step is called, at its `period`, or `PERIOD`.
+    the vehicle's full brake, with anti-windup. Of anything else its step is called, at its `period`, or `PERIOD`; it
+    has only a `reference` of its own.
 
-    InputError for what is none of these, or without a reference slip.
+    InputError for what is none of these, or a linear system without a reference slip.
     """
     if isinstance(controller, EnvelopeDesign):
         return tuned_control(controller, reference, name=name)
     if not is_system(controller) and isinstance(controller, Controller):  # whose `states` warn, of python-control's
         return controller
-    held = getattr(controller, "reference", None) or reference
-    if held is None:
-        raise InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
+    own_reference = getattr(controller, "reference", None)
     if has_step(controller) and not inspect.isclass(controller):
         period = getattr(controller, "period", None)
-        own_name = getattr(controller, "name", None) or name or getattr(controller, "__name__", None)
+        told = own_name(controller) or name or getattr(controller, "__name__", None)
         return StepControl(
-            controller, held, str(own_name or type(controller).__name__), PERIOD if period is None else period
+            controller, own_reference, str(told or type(controller).__name__), PERIOD if period is None else period
         )
     if callable(linear_of(controller)) and not inspect.isclass(controller):
         raise InputError(
             f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
             "it step(t, v, omega)"
         )
-    design, most = linear_controller(controller), full_brake_torque(vehicle)
-    own = name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
+    design, most, held = linear_controller(controller), full_brake_torque(vehicle), own_reference or reference
+    if held is None:
+        raise InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
+    own = own_name(controller) or name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
     return LinearControl(design, held, name=own, torque_low=0.0, torque_high=most)
+
+
+def own_name(controller: Any) -> str | None:
+    """The name that a controller was given; None without one, as of python-control's systems named sys[3]."""
+    name = getattr(controller, "name", None)
+    return None if not name or "[" in str(name) else str(name)

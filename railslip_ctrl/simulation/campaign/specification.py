@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum, StrEnum
 from functools import cached_property, lru_cache, partial
-from itertools import accumulate
+from itertools import accumulate, chain, count
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
@@ -28,7 +28,7 @@ from railslip_ctrl.simulation.catalogue import controller_named, default_column,
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
-from railslip_ctrl.simulation.step_objects import UserStep, as_control
+from railslip_ctrl.simulation.step_objects import UserStep, as_control, own_name
 
 T = TypeVar("T")
 
@@ -380,8 +380,9 @@ class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says how they are
-    drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
+    `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
+    behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -396,7 +397,8 @@ class Campaign:
 
     def __post_init__(self) -> None:
         vehicle, held = self.scenario.vehicle, self.scenario.adhesion.reference
-        object.__setattr__(self, "controllers", tuple(as_control(one, vehicle, held) for one in self.controllers))
+        given = tuple(self.controllers)
+        object.__setattr__(self, "controllers", _numbered(given, (as_control(one, vehicle, held) for one in given)))
         names = self.controller_names
         if not names:
             raise InputError("controllers: none given; give at least one")
@@ -540,6 +542,23 @@ class Campaign:
                 self._with_values((*middle[:k], end, *middle[k + 1 :]))
 
 
+def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
+    """The controllers `made` of those `given`; one without a name of its own gets a number if that of its kind is
+    taken."""
+    found: dict[str, Controller] = {}
+    twice = []  # of a name that the user gave, which is refused
+    for one, control in zip(given, made, strict=True):
+        name, kind = control.name, vars(type(control)).get("name")  # a record's default
+        if own_name(one) in (None, kind):
+            name = next(n for n in chain([name], (f"{name} {i}" for i in count(2))) if n not in found)
+            control = control if name == control.name else replace(control, name=name)  # type: ignore[type-var]
+        if name in found:
+            twice.append(control)
+        else:
+            found[name] = control
+    return (*found.values(), *twice)
+
+
 # --- campaigns from the user's TOML files -----------------------------------------------------------------------------
 
 
@@ -628,13 +647,12 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
         found = as_control(loaded, scenario.vehicle, scenario.adhesion.reference, path.stem)
     else:
-        remedy = "slip = X, or gains for that of Table 4"
         found = controller_named(
             keys.controller,
             scenario.vehicle,
             column=keys.gains or default_column(scenario.adhesion),
             gains=gains,
-            reference=held_reference(scenario.adhesion, keys.slip, keys.gains, "slip", remedy),
+            reference=held_reference(keys.controller, scenario.adhesion, keys.slip, keys.gains),
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )

@@ -1,0 +1,96 @@
+"""What users do without reading first: options that do not go together, controllers without names, loops in algebra."""
+
+import json
+import math
+import re
+
+import control as ct
+import numpy as np
+import pandas as pd
+import pytest
+from project import refused
+
+import railslip_ctrl as rs
+from railslip_ctrl.report.campaign import campaign_json, campaign_text
+from railslip_ctrl.report.simulation import CSV_COLUMNS
+from railslip_ctrl.simulation.campaign.specification import Campaign
+
+S = ct.tf("s")
+
+
+class Ramp:
+    """A step of one's own, with or without a reference slip."""
+
+    def __init__(self, reference=None):
+        self.reference = reference
+
+    def step(self, t, v, omega):
+        return min(600.0 * t, 1500.0)
+
+
+def test_a_step_object_runs_on_a_law_without_a_reference_slip_and_has_no_slip_error():
+    scenario = rs.stop(adhesion="polach", speed_kmh=40)
+    assert scenario.adhesion.reference is None
+    run = rs.simulate(scenario, Ramp())
+    assert run.stopped
+    assert math.isnan(run.mean_abs_slip_error)
+    assert np.isnan(run.signals.reference).all()
+    assert "reference" not in str(run)
+    with_own = rs.simulate(scenario, Ramp(rs.ReferenceSlip(dry=0.1, wet=0.1)))
+    assert with_own.mean_abs_slip_error == pytest.approx(0.1, rel=0.01)  # the slip stays below 0.001
+    many = rs.campaign(scenario, [Ramp(), Ramp()], runs=2)
+    told = json.loads(json.dumps(campaign_json(many), allow_nan=False))["controllers"]
+    assert list(told) == ["Ramp", "Ramp 2"]
+    assert told["Ramp"]["measures"]["mean_abs_slip_error"]["mean"]["value"] is None
+    assert told["Ramp"]["measures"]["braking_time_s"]["count"] == 2
+    assert "nan" not in campaign_text(many)
+
+
+def test_controllers_without_a_name_get_numbers_in_a_campaign():
+    given = [5 + 1 / S, 6 + 1 / S, ct.tf([1.0], [1.0, 1.0], name="mine"), lambda t, v, w: 0.0, lambda t, v, w: 1.0]
+    order = "transfer-function-of-order-1"
+    expected = (order, f"{order} 2", "mine", "<lambda>", "<lambda> 2")
+    assert Campaign(rs.stop(), tuple(given), 1).controller_names == expected
+    plain = rs.LinearControl(5 + 1 / S, rs.ReferenceSlip(dry=0.1, wet=0.1))
+    assert Campaign(rs.stop(), (plain, plain), 1).controller_names == ("pi", "pi 2")
+
+
+@pytest.mark.parametrize("controller", ["seeking", "slide-protection", "ramp.py", "profile.toml"])
+def test_no_error_is_told_against_a_reference_that_is_not_used(railslip, file, controller):
+    file("ramp.py", "class Ramp:\n    def step(self, t, v, omega):\n        return 1000.0\nCONTROLLER = Ramp()\n")
+    file("profile.toml", 'kind = "torque-profile"\ntimes = [0, 1]\ntorques = [0, 1000]\n')
+    words = ("simulate", "--controller", controller, "--scenario", "park2008-si", "--csv", "run.csv")
+    found = json.loads(railslip(*words, "--json")[1])
+    keys = ("mean_abs_slip_error", "mean_abs_slip_error_published", "reference_slip")
+    assert {found[key] for key in keys} == {None}
+    assert "slip error" not in railslip(*words)[1]
+    assert list(pd.read_csv("run.csv")) == list(CSV_COLUMNS.values())
+    railslip(*words, "--internal")
+    own = list(pd.read_csv("run.csv"))[len(CSV_COLUMNS) :]
+    assert bool(own) == (controller in ("seeking", "slide-protection"))  # the others remember nothing
+
+
+UNUSED = [
+    ("simulate --controller seeking --period 0.1", "period: 0.1 s is not allowed .* <= 0.0125 s"),
+    ("tune --structure seeking --period 0.1", "period: 0.1 s is not allowed .* <= 0.0125 s"),
+    ("tune --structure pi-lead --ms-max 2 --lead-filter 0.01 --period 0.1 --speed 100 --rail dry --out a.toml",
+     "period: 0.1 s is not allowed with a lead filter of 0.01 s; give a value <= 0.02"),
+    ("simulate --controller seeking --slip 0.1", "--slip: 0.1 does not go with seeking"),
+    ("simulate --controller slide-protection --gains beam", "--gains: beam does not go with slide-protection"),
+    ("simulate --no-noise --seed 3", "--seed: is not used with --no-noise"),
+    ("simulate --internal", "--internal: is not used without --csv"),
+    ("margins --nominal", "--nominal: is not used without --envelope"),
+    ("tune --ms-max 2 --speed 100 --nominal", "--nominal: is not used at operating points"),
+    ("tune --ms-max 2 --speed 100 --period 0.02", "--period: is not used at operating points without --out"),
+    ("report --no-html --fresh", "--fresh: is not used with --no-html"),
+    ("campaign many.toml --out many --internal", "--internal: is not used without --replay"),
+    ("campaign many.toml --out many --replay 0 --workers 1", "--workers: is not used with --replay"),
+    ("campaign slip.toml --out many", "slip: 0.1 does not go with seeking"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "told"), UNUSED, ids=[words for words, _ in UNUSED])
+def test_an_option_that_would_not_be_used_is_refused(railslip, file, words, told):
+    file("many.toml", 'scenario = "stop"\nruns = 1\n[[controller]]\ncontroller = "pi"\n')
+    file("slip.toml", 'scenario = "stop"\nruns = 1\n[[controller]]\ncontroller = "seeking"\nslip = 0.1\n')
+    assert re.search(told, refused(railslip(*words.split())))
