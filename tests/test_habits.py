@@ -94,3 +94,38 @@ def test_an_option_that_would_not_be_used_is_refused(railslip, file, words, told
     file("many.toml", 'scenario = "stop"\nruns = 1\n[[controller]]\ncontroller = "pi"\n')
     file("slip.toml", 'scenario = "stop"\nruns = 1\n[[controller]]\ncontroller = "seeking"\nslip = 0.1\n')
     assert re.search(told, refused(railslip(*words.split())))
+
+
+def test_load_law_takes_what_the_option_adhesion_takes(railslip, file):
+    head = "from railslip_ctrl.model.adhesion.burckhardt import Burckhardt\n"
+    file("law.py", f"{head}LAW = Burckhardt(c1=0.28, c2=24.0, c3=0.11, reference=dict(dry=0.09, wet=0.05))\n")
+    file("law.toml", 'law = "burckhardt"\nparameters = {c1 = 0.28, c2 = 24, c3 = 0.11}\n'
+         "reference_slip = {dry = 0.09, wet = 0.05}\n")  # fmt: skip
+    assert rs.load_law("law.py") == rs.load_law("law.toml")
+    file("run.toml", 'extends = "stop"\nadhesion = "law.py"\n')
+    assert rs.load_scenario("run.toml").adhesion == rs.load_law("law.py")
+    for given in ("law.py", "polach", "beam"):
+        law = rs.load_law(given, initial_speed_kmh=90)
+        told = json.loads(railslip("linearize", "--adhesion", given, "--initial-speed", "90", "--rail", "dry",
+                                   "--speed", "80", "--slip", "0.08", "--json")[1])["cases"][0]  # fmt: skip
+        point = rs.operating_point(law, rs.PARK2008, speed=80 / 3.6, slip=0.08, rail="dry")
+        assert told["A"] == rs.linearize(point).A.tolist()
+
+
+TUNED = [
+    ("--structure pi --phase-min 50 --delay-min 0.1", {"structure": "pi", "phase_min": 50, "delay_min": 0.1}),
+    ("--structure pi-lead --minimise-ms --ki-min 3 --lead 0.5", {"minimise_ms": True, "ki_min": 3, "lead": 0.5}),
+    ("--structure pi-lead --ms-max 2 --period 0.02 --nominal", {"period": 0.02, "nominal": True}),
+]
+
+
+@pytest.mark.parametrize(("words", "given"), TUNED)
+def test_tune_gives_the_same_as_the_command(railslip, words, given):
+    envelope = rs.Envelope(speeds=(60, 100), laws="curve", rails="dry", reference={"dry": 0.1, "wet": 0.1})
+    found = rs.tune(envelope, **given)
+    where = "--envelope default --speed 60 --speed 100 --adhesion curve --rail dry --slip 0.1 --json"
+    told = json.loads(railslip("tune", *words.split(), *where.split())[1])
+    assert (told["kp_si"], told["ki_si"]) == (found.gains.kp, found.gains.ki)
+    for alone in ({"ki_min": 3}, {"minimise_ms": True}, {"structure": "seeking", "phase_min": 50}):
+        with pytest.raises(rs.InputError, match=r"go together|does not go with structure"):
+            rs.tune(envelope, **alone)

@@ -465,8 +465,8 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     ):
         assert f"--adhesion: other.py{told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
     text = "from railslip_ctrl.model.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
-    assert adhesion.law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
-    assert adhesion.law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
+    assert load_law(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
+    assert load_law("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
 
 
 ASKED = {

@@ -24,7 +24,6 @@ from railslip_ctrl.model.adhesion import (
     initial_speeds_in,
     is_over_initial_speed,
     law_classes,
-    law_in,
     law_names,
     load_law,
     published_law,
@@ -443,9 +442,9 @@ def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *,
 
     `assumed` is whether nobody gave v0, and it is the default.
     """
-    if path.suffix.lower() == ".py":
-        return from_file("--adhesion", path, law_in)
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
+    if path.suffix.lower() == ".py":  # which says neither
+        return law
     if wheel_load is not None:
         _warn_of_wheel_load(law, path, wheel_load)
     _warn_of_initial_speed(path, initial_speed, assumed=assumed)

@@ -121,38 +121,53 @@ def seeking_over(
 def tune(
     envelope: Envelope,
     structure: str = "pi-lead",
-    ms_max: float = 2.0,
+    ms_max: float | None = None,
     *,
+    phase_min: float | None = None,
+    delay_min: float | None = None,
+    minimise_ms: bool = False,
+    ki_min: float | None = None,
+    nominal: bool = False,
     lead: float | None = None,
     lead_filter: float | None = None,
     period: float | None = None,
 ) -> EnvelopeDesign | SeekingDesign:
-    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
-    the seeking controller, whose gains go by rules.
+    """The largest integral gain that keeps a specification at every operating point of an envelope, empty and loaded
+    together; or the seeking controller, whose gains go by rules. The arguments are the options of `railslip tune`.
 
     - envelope: what the controller must hold.
     - structure: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or
       "seeking".
-    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are
-      judged, not tuned for.
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled; 2 if nothing else
+      is asked for. Tolerances are judged, not tuned for.
+    - phase_min, delay_min: least phase margin, deg, and least delay margin, s.
+    - minimise_ms, ki_min: minimise the worst Ms instead, at an integral gain of at least `ki_min`, N*m/m.
+    - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
     - period: sampling period, s; the default is 0.01, or if less, twice the lead's filter, or a twelfth of the dead
       time for "seeking", which are the longest allowed.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
     InfeasibleDesignError: no gains keep it; says from which speed (km/h) up some do, also with less slip and a faster
-    brake. InputError: an unknown structure, a number out of its range, or an envelope without points.
+    brake. InputError: an unknown structure, a number out of its range, `ki_min` or `minimise_ms` alone, an argument
+    that the structure does not use, or an envelope without points.
     """
+    asked = Specification(ms_max, phase_min, delay_min)
     if structure == "seeking":
-        if lead is not None or lead_filter is not None:
-            raise InputError("lead: does not go with the structure 'seeking', whose gains go by rules; leave it out")
-        found = seeking_over(envelope, ms_max, period=period)
+        unused = {"phase_min": phase_min, "delay_min": delay_min, "minimise_ms": minimise_ms or None, "ki_min": ki_min}
+        for name, given in (unused | {"lead": lead, "lead_filter": lead_filter}).items():
+            if given is not None:
+                raise InputError(f"{name}: does not go with structure 'seeking', whose gains go by rules; leave it out")
+        found = seeking_over(envelope, ROBUST_MS if ms_max is None else ms_max, nominal=nominal, period=period)
         if found.reason:
             raise InfeasibleDesignError(found.reason)
         return found
-    tuned, design = tune_over(
-        envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter, period=period
-    )
+    if minimise_ms != (ki_min is not None):
+        raise InputError("minimise_ms and ki_min: go together; give both, or neither to maximise ki")
+    if not minimise_ms and asked == Specification():
+        asked = Specification(ROBUST_MS)
+    leads = {"lead": lead, "lead_filter": lead_filter}
+    tuned, design = tune_over(envelope, asked, structure, ki_min=ki_min, nominal=nominal, period=period, **leads)
     if design is None:
         raise InfeasibleDesignError(tuned.reason)
     return design

@@ -361,9 +361,9 @@ def _vehicle(given: Any, path: Path) -> Vehicle:
 def _law(given: Any, vehicle: Vehicle, speed: float | None, path: Path) -> AdhesionLaw:
     where = f"{file_name(path)}: adhesion"
     if not isinstance(given, str):
-        raise InputError(f"{where}: {shown(given)} is not allowed; give a law's name or a TOML file")
+        raise InputError(f"{where}: {shown(given)} is not allowed; give a law's name or file")
     try:
-        if given.lower().endswith(".toml"):
+        if given.lower().endswith((".toml", ".py")):
             return load_law(path.parent / given, initial_speed_kmh=None if speed is None else speed / KMH)
         if speed is None:
             raise InputError(f"{given!r} needs initial_speed, which is missing; give it (m/s)")

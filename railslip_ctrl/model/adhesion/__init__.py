@@ -26,8 +26,8 @@ from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, Re
 
 __all__ = [
     "INITIAL_SPEED_RANGE_KMH", "RIG_WHEEL_LOAD", "AdhesionLaw", "Kink", "ReferenceSlip", "Statement",
-    "initial_speeds_in", "is_over_initial_speed", "law_class", "law_classes", "law_in", "law_names", "load_law",
-    "published_law", "wheel_load_in",
+    "initial_speeds_in", "is_over_initial_speed", "law_class", "law_classes", "law_names", "load_law", "published_law",
+    "wheel_load_in",
 ]  # fmt: skip
 
 
@@ -143,10 +143,12 @@ class SlipsOverSpeed(Record):
 
 @checked
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """Read an adhesion law and its parameters from a TOML file.
+    """Load what the option `--adhesion` of the commands takes: a law's file or its name.
 
-    - path: keys as of `LawFile`; numbers SI, or text with a unit.
+    - path: a TOML file, its keys as of `LawFile`, numbers SI or text with a unit; a Python file, which is run, and
+      whose `LAW` is the law with its parameters; or a name of `law_names`, for the published law on dry rail.
     - initial_speed_kmh: v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
+      That of a published law is 100 if not given.
 
     Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
     InputError: the file cannot be read, or one line naming file, key, value and bound.
@@ -154,6 +156,10 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     path = given_path(path)
     if initial_speed_kmh is not None:
         number("initial speed", initial_speed_kmh, "km/h", gt=0)
+    if _is_python(path):
+        return _python_law(path)
+    if str(path).strip().lower().replace("-", "_") in law_classes():
+        return published_law(str(path), Rail.DRY, initial_speed_kmh or INITIAL_SPEED_KMH)
     keys, where = _keys(path), file_name(path)
     try:
         cls = law_class(keys.law)
@@ -177,7 +183,8 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 @checked
 def wheel_load_in(path: str | Path) -> float | None:
     """The wheel load, N, at which the law in the file at a path was found, None where it says none; see `load_law`."""
-    return _keys(given_path(path)).wheel_load
+    path = given_path(path)
+    return None if _is_python(path) else _keys(path).wheel_load
 
 
 @checked
@@ -224,13 +231,12 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     return speed
 
 
-@checked
-def law_in(path: str | Path) -> AdhesionLaw:
-    """Run the Python file at a path and take what it names `LAW`, a law with its parameters and reference slips.
+def _is_python(path: Path) -> bool:
+    return path.suffix.lower() == ".py"
 
-    InputError where it cannot be read or run, or that is no record of an `AdhesionLaw`.
-    """
-    path = given_path(path)
+
+def _python_law(path: Path) -> AdhesionLaw:
+    """Run a Python file and return its `LAW`; InputError if it cannot be run, or that is no record of a law."""
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
