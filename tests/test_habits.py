@@ -129,3 +129,65 @@ def test_tune_gives_the_same_as_the_command(railslip, words, given):
     for alone in ({"ki_min": 3}, {"minimise_ms": True}, {"structure": "seeking", "phase_min": 50}):
         with pytest.raises(rs.InputError, match=r"go together|does not go with structure"):
             rs.tune(envelope, **alone)
+
+
+DELAYED = rs.DeadTimeLoop(2 / (S * (0.5 * S + 1)), dead_time=0.2)
+POINT = rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, speed=27.0, slip=0.1)
+SAMPLED = rs.wheel_slip_loop(POINT, ct.tf([200.0, -198.0], [1.0, -1.0], 0.01))
+SEEKING = rs.wheel_slip_loop(POINT, rs.seeking_control())
+
+
+@pytest.mark.parametrize("loop", [DELAYED, SAMPLED, SEEKING], ids=lambda loop: type(loop).__name__)
+def test_the_algebra_of_a_loop_is_that_of_its_frequency_response(loop):
+    system = ct.tf([1.0, 0.5], [1.0, 0.3], loop.dt or 0)
+    omega = loop.frequency_response().omega
+    z = np.exp(1j * omega * loop.dt) if loop.dt else 1j * omega
+    L, G = loop.response(omega), system(z)
+    for made, expected in (
+        (1 / (1 + loop), 1 / (1 + L)), (loop / (loop + 1), L / (1 + L)), (1 - loop, 1 - L), (loop - 1.0, L - 1),
+        (loop.feedback(), L / (1 + L)), (ct.feedback(loop, 1), L / (1 + L)), (loop.feedback(loop, 1), L / (1 - L * L)),
+        (ct.feedback(loop, system), L / (1 + L * G)), (ct.parallel(loop, system), L + G), (system + loop, L + G),
+        (loop / system, L / G), (np.float64(2) + loop, 2 + L), (loop + loop, 2 * L),
+    ):  # fmt: skip
+        np.testing.assert_allclose(np.ravel(made.frdata), expected, rtol=1e-9)
+    for made, expected in ((ct.series(loop, system), L * G), (ct.negate(loop), -L)):
+        np.testing.assert_allclose(made.response(omega), expected, rtol=1e-9)
+
+
+def test_two_loops_in_series_add_their_dead_times():
+    twice = DELAYED * DELAYED
+    assert twice.dead_time == pytest.approx(0.4)
+    assert twice(1j) == pytest.approx(DELAYED(1j) ** 2, rel=1e-12)
+
+
+def test_functions_of_python_control_take_a_loop_or_say_what_to_call():
+    m = DELAYED.margins()
+    gain, phase, _, at = ct.margin(DELAYED)
+    assert (gain, phase, at) == pytest.approx((m.gain_increase, m.phase_deg, m.phase_frequency), rel=1e-4)  # splines
+    assert ct.stability_margins(DELAYED)[2] == pytest.approx(1 / m.ms, rel=1e-4)
+    omega = [0.1, 0.5, 1.0]
+    assert np.ravel(ct.frequency_response(DELAYED, omega).frdata) == pytest.approx(DELAYED.response(omega))
+    assert (ct.dcgain(DELAYED), *ct.zeros(DELAYED), *sorted(ct.poles(DELAYED).real)) == (math.inf, -2.0, 0.0)
+    model = DELAYED.to_tf(6)
+    assert "Pade of order 6" in model.name
+    exact = DELAYED.step_response([0, 1, 2, 3]).output
+    assert ct.step_response(model.feedback(), [0, 1, 2, 3]).outputs == pytest.approx(exact, abs=1e-4)
+    for name in ("bode_plot", "nyquist_plot", "nichols_plot", "singular_values_plot", "nyquist_response", "damp"):
+        with pytest.raises(AttributeError, match=r"^DeadTimeLoop .*loop\.frequency_response\(omega\)"):
+            getattr(ct, name)(DELAYED)
+    for refuse in (lambda: ct.step_response(DELAYED, omega), lambda: ct.frd(DELAYED, omega), lambda: np.array(DELAYED)):
+        with pytest.raises((AttributeError, TypeError), match=r"^DeadTimeLoop .*loop\.to_tf\(order\)"):
+            refuse()
+
+
+@pytest.mark.parametrize("loop", [DELAYED, SAMPLED, SEEKING], ids=lambda loop: type(loop).__name__)
+def test_an_attribute_error_within_a_property_keeps_its_text(loop, monkeypatch):
+    def fails(*_):
+        raise AttributeError("module 'flint' has no attribute 'acb_poly'")
+
+    for name in ("root_count", "gain_crossovers"):
+        monkeypatch.setattr(type(loop), name, property(fails))
+        with pytest.raises(AttributeError, match="module 'flint' has no attribute 'acb_poly'"):
+            getattr(loop, name)
+    with pytest.raises(AttributeError, match="has no attribute 'margin'"):
+        _ = loop.margin

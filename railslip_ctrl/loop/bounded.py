@@ -48,6 +48,10 @@ class BoundedLoop(Loop):
     def dc_gain(self) -> float:
         """L at frequency 0; infinite with an integrator."""
 
+    def dcgain(self) -> float:
+        """L at frequency 0, as python-control has it of a system; infinite with an integrator."""
+        return self.dc_gain
+
     @abstractmethod
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """L and d ln L/d omega (s), complex, of the shape of `omega`."""
