@@ -1,7 +1,13 @@
 """What users do without reading first: options that do not go together, controllers without names, loops in algebra."""
 
+import copy
+import dataclasses
+import importlib
 import json
 import math
+import operator
+import pickle
+import pkgutil
 import re
 
 import control as ct
@@ -11,6 +17,7 @@ import pytest
 from project import refused
 
 import railslip_ctrl as rs
+from railslip_ctrl.core import records
 from railslip_ctrl.report.campaign import campaign_json, campaign_text
 from railslip_ctrl.report.simulation import CSV_COLUMNS
 from railslip_ctrl.simulation.campaign.specification import Campaign
@@ -133,7 +140,7 @@ def test_tune_gives_the_same_as_the_command(railslip, words, given):
 
 DELAYED = rs.DeadTimeLoop(2 / (S * (0.5 * S + 1)), dead_time=0.2)
 POINT = rs.operating_point(rs.published_law("bristle", "dry"), rs.PARK2008, speed=27.0, slip=0.1)
-SAMPLED = rs.wheel_slip_loop(POINT, ct.tf([200.0, -198.0], [1.0, -1.0], 0.01))
+SAMPLED = rs.wheel_slip_loop(POINT, ct.tf([190.0, -189.95], [1.0, -1.0], 0.01))
 SEEKING = rs.wheel_slip_loop(POINT, rs.seeking_control())
 
 
@@ -191,3 +198,73 @@ def test_an_attribute_error_within_a_property_keeps_its_text(loop, monkeypatch):
             getattr(loop, name)
     with pytest.raises(AttributeError, match="has no attribute 'margin'"):
         _ = loop.margin
+
+
+ENVELOPE = rs.Envelope(speeds=(60, 100), laws="curve", rails="dry", reference={"dry": 0.1, "wet": 0.1})
+SCENARIO = rs.stop(speed_kmh=30)
+RESULTS = {
+    "operating_point": lambda k: rs.operating_point(POINT.law, rs.PARK2008, speed=27.0 + k, slip=0.1),
+    "linearize": lambda k: rs.linearize(rs.operating_point(POINT.law, rs.PARK2008, speed=27.0 + k, slip=0.1)),
+    "loop": lambda k: rs.DeadTimeLoop((2 + k) / (S + 1), dead_time=0.2),
+    "seeking loop": lambda k: (2 + k) * rs.wheel_slip_loop(POINT, rs.seeking_control()),
+    "margins": lambda k: rs.DeadTimeLoop((2 + k) / (S + 1), dead_time=0.2).margins(),
+    "certificate": lambda k: rs.DeadTimeLoop((2 + k) / (S + 1), dead_time=0.2).certificate(),
+    "step_response": lambda k: rs.DeadTimeLoop((2 + k) / (S + 1), dead_time=0.2).step_response(3.0),
+    "sampled margins": lambda k: ((1 + 0.01 * k) * SAMPLED).margins(),
+    "assess": lambda k: rs.assess(rs.linearize(POINT), 190.0 + k + 5 / S, rs.PARK2008.actuator),
+    "limits": lambda k: rs.fundamental_limits((2 + k) / (S - 0.1), 0.2 + 0.1 * k),
+    "region": lambda k: rs.stabilizing_pi((2 + k) / (S + 1), 0.2),
+    "judge": lambda k: rs.judge(190.0 + k + 5 / S, ENVELOPE),
+    "tune": lambda k: rs.tune(ENVELOPE, "pi", 2.0 + 0.1 * k),
+    "seeking": lambda k: rs.tune(ENVELOPE.at(initial_speed=100 + k), "seeking", 50.0),
+    "simulate": lambda k: rs.simulate(SCENARIO, 190 + 5 / S, seed=k),
+    "compare": lambda k: rs.compare_runs(SCENARIO, {"pi": 190 + 5 / S}, [k]),
+    "campaign": lambda k: rs.campaign(SCENARIO, [190 + 5 / S], runs=2, seed=k),
+    "case": lambda k: Campaign(SCENARIO, (190 + 5 / S,), 3).case(k),
+    "derive": lambda k: rs.derive(reference=("proportional", "constant")[k]),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_are_equal_by_content(name):
+    one, again, other = (RESULTS[name](k) for k in (0, 0, 1))
+    assert one == again
+    assert not operator.ne(one, again)
+    assert one != other
+    assert one in [other, again]
+    assert one != 1
+    if name != "derive":  # SymPy's functions are others when copied
+        assert copy.deepcopy(one) == one == pickle.loads(pickle.dumps(one))
+    try:
+        assert hash(one) == hash(again)
+    except TypeError as error:
+        assert "unhashable" in str(error)  # noqa: PT017  # a record with a list or a mapping
+
+
+def test_every_dataclass_of_the_package_compares_by_content():
+    for module in pkgutil.walk_packages(rs.__path__, "railslip_ctrl."):
+        if module.name.endswith(("__main__", "_kernel")):
+            continue
+        for kind in vars(importlib.import_module(module.name)).values():
+            if isinstance(kind, type) and kind.__module__ == module.name and dataclasses.is_dataclass(kind):
+                assert kind.__eq__ is records._equal, kind
+            if isinstance(kind, type) and issubclass(kind, tuple) and kind.__module__ == module.name:
+                arrays = "Floats" in str(vars(kind).get("__annotations__"))
+                assert not arrays or kind.__eq__ is records.same or kind.__name__ in INTERNAL, kind
+
+
+INTERNAL = ("Boxes", "Errors", "Expansion", "Step")  # no result holds one
+
+
+def test_arrays_and_numbers_that_are_no_number_compare_by_content():
+    system = ct.tf([1.0], [1.0, 2.0])
+    for one, other in (
+        (np.array([1.0, np.nan]), np.array([1.0, np.nan])), ((float("nan"), 1), (float("nan"), 1)),
+        ({"a": np.eye(2)}, {"a": np.eye(2)}), (system, ct.tf([1.0], [1.0, 2.0])), (ct.ss(system), ct.ss(system)),
+    ):  # fmt: skip
+        assert records.same(one, other)
+    for one, other in (
+        (np.zeros(2), np.zeros(3)), (np.zeros(1), 0.0), (np.zeros(1), [0.0]), (math.nan, 0.0), ({"a": 1}, {"b": 1}),
+        (system, ct.tf([1.0], [1.0, 2.0], 0.1)), (system, 1), ((1, 2), (1,)), (np.array(["a"]), np.array(["b"])),
+    ):  # fmt: skip
+        assert not records.same(one, other)

@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ import click
 from click.core import ParameterSource
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
 from railslip_ctrl.design.envelope import Envelope, load_envelope

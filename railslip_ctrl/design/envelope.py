@@ -20,7 +20,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -32,6 +32,7 @@ from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError, MissingParametersError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.loop import Rational

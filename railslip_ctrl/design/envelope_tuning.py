@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
 from railslip_ctrl.model.adhesion import ReferenceSlip

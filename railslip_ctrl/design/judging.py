@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from importlib import import_module
 from itertools import compress, product
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats, checked
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, ms_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins

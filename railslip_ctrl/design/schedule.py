@@ -6,13 +6,14 @@ import inspect
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import validated
 from railslip_ctrl.loop import DeadTimeLoop

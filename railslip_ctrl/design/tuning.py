@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import checked, number, numbers
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.loop.deadtime import frequency_curve

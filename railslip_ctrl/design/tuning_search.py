@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -27,6 +27,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.loop.crossings import Response, frequency_nodes

@@ -28,7 +28,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -37,6 +37,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import shown, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.model.adhesion import INITIAL_SPEED_RANGE_KMH, AdhesionLaw, law_class

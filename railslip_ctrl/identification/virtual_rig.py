@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.adhesion.base import RANDOM_FORCE

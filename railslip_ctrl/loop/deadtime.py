@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
 
 from .certificate import Certificate, certify
 from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
@@ -244,7 +245,7 @@ def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, flo
     return UnstableLoopError(told, unstable_poles=count, stabilizing_gain_range=usable)
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@dataclass(frozen=True, init=False, repr=False)
 class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 

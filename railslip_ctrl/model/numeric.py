@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import sys
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
 from .vehicle import Vehicle

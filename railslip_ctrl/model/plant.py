@@ -10,7 +10,6 @@ random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -20,6 +19,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from railslip_ctrl.core.notation import cite
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController

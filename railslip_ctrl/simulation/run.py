@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from importlib import import_module
@@ -13,6 +12,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import by_content, dataclass
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
@@ -67,6 +67,7 @@ class Energies:
         return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
 
 
+@by_content
 class Signals(NamedTuple):
     """Time series of a run, arrays of one length; SI.
 

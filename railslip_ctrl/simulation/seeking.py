@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.design.controllers import PERIOD
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.model.adhesion import ReferenceSlip

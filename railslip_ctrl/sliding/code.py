@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +22,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import environment
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import Rail

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 

@@ -31,12 +31,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import sympy as sp
 
 from railslip_ctrl.core.notation import NOTATION
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from inspect import signature
 from pathlib import Path
@@ -21,6 +21,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import DomainError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.kernels import module_of, module_text, plain

@@ -8,12 +8,12 @@ law is assumed, as behind an actuator the torque is not what the law asks for.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate

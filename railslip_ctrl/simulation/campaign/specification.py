@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum, StrEnum
 from functools import cached_property, lru_cache, partial
 from itertools import accumulate, chain, count
@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from railslip_ctrl.core import units
 from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.simulation.catalogue import controller_named, default_column, held_reference
