@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2beddc320aa7173f1f5f8c47e35b6d218cf1a24721957bdd8e534f7b052b3e70"
+SOURCES_SHA256 = "bfb1a8fe1ac9cae35b3d6a70865715d43a4d1f8b549ab2d1ff4258592627d463"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

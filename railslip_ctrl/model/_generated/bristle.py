@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0db5ee13208f6ebeef3ecd0208d713ba1620e4ba7a7c306ef04ee426c59f5181"
+SOURCES_SHA256 = "db76b0df0b25b98069192233b0710ab24dcc9cf7155cdd5113f5b5bb495f6d63"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

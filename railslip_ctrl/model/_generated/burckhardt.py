@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "760ca540e8dc2c88f3ef224b6da02fced53745f781f45489d2ab5770d51df466"
+SOURCES_SHA256 = "3329bfc21fef2f2fa647650bec269bd1b4ca6e42ae18834720947a88bcc9e1b8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "b666086c51b9b6297af61bab779a7b35554a52238e1df742ae58206cae083092"
+SOURCES_SHA256 = "ba17e9fe77715ce7bfe1611effa9d0979533f753abc1c432ef4f64f93933088b"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

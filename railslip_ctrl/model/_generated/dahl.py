@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "22d549ed03944da4830901046ed108a1f92d297a408ff9eb472a3299a61bed9f"
+SOURCES_SHA256 = "0134da1ae14a2cf31ff73dffce61009143e2fe62fc1f94ccda3c215aed81ef58"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

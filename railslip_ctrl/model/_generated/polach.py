@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2d90725be6e31faf94a09b0f78aff71ba8ac8c56ee18782d3e415bf8b565fc3b"
+SOURCES_SHA256 = "8ede3ce60e5161512fa1c5b5403da7755d89372ecc8380feb1610ae6aa9d9126"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "ee08887dd1e493c195d2f8c48c42527e46a81c9c646c88c2d8d522b67c1936aa"
+SOURCES_SHA256 = "fc45f96f587c12659b1f394ef7b4bc35d5a4a5212696341b8daa21de57f188bc"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
