@@ -9,6 +9,7 @@ import operator
 import pickle
 import pkgutil
 import re
+from types import SimpleNamespace
 
 import control as ct
 import numpy as np
@@ -268,3 +269,15 @@ def test_arrays_and_numbers_that_are_no_number_compare_by_content():
         (system, ct.tf([1.0], [1.0, 2.0], 0.1)), (system, 1), ((1, 2), (1,)), (np.array(["a"]), np.array(["b"])),
     ):  # fmt: skip
         assert not records.same(one, other)
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert rs.simulate(SCENARIO, 190 + 5 / S, seed=np.int64(3)) == rs.simulate(SCENARIO, 190 + 5 / S, seed=3)
+    assert rs.stop(speed_kmh=np.array(50.0)) == rs.stop(speed_kmh=50.0) == rs.stop(speed_kmh=np.float32(50.0))
+    assert rs.DeadTimeLoop(1 / (S + 1), np.array(0.5)) == rs.DeadTimeLoop(1 / (S + 1), 0.5)
+
+
+def test_a_notebook_shows_a_result_in_words():
+    shown = []
+    rs.judge(190 + 5 / S, ENVELOPE)._repr_pretty_(SimpleNamespace(text=shown.append), False)
+    assert shown == [str(rs.judge(190 + 5 / S, ENVELOPE))]

@@ -21,6 +21,8 @@ else:
         own = vars(cls)
         cls.__eq__ = own.get("__eq__", _equal)
         cls.__hash__ = own.get("__hash__") or (_hash if options.get("frozen") else None)
+        if "__str__" in own:  # what a notebook shows
+            cls._repr_pretty_ = lambda self, printer, cycle: printer.text(str(self))
         return dataclasses.dataclass(cls, **options, eq=False)
 
 

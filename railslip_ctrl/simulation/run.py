@@ -298,7 +298,7 @@ class Simulator:
         return Run(
             scenario=self.scenario,
             controller=self.controller,
-            seed=seed if isinstance(seed, int) else None,
+            seed=None if seed is None or isinstance(seed, np.random.SeedSequence) else int(seed),
             outcome=_OUTCOMES[status],
             braking_time=time,
             braking_distance=float(y[layout.DISTANCE]),
