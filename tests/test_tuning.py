@@ -18,7 +18,7 @@ from railslip_ctrl.design.assessment import Verdict, assess
 from railslip_ctrl.design.schedule import GainSchedule, lowest_held_speed, plant_at, schedule_gains
 from railslip_ctrl.design.specification import Specification, family_margins, is_robust, worst_of
 from railslip_ctrl.design.tuning import Kind, first_order_model, pi_for_crossover, pi_transfer_function, tune_cases
-from railslip_ctrl.design.tuning_search import Forbidden
+from railslip_ctrl.design.tuning_search import Family, Forbidden
 from railslip_ctrl.model.vehicle import TABLE4_PI, Actuator
 
 SPEED = 100 / 3.6
@@ -263,6 +263,24 @@ def test_crossover_and_phase_margin_as_an_equality(plant, dead_time, crossover, 
 ISLAND = Rational([-0.4], [-0.2 + 2.9j, -0.2 - 2.9j, 0.3], 1.0)
 SLOW_AND_FAST, ICY = [1 / (S - 0.2), 1 / (S - 5)], {"ms_max": 3.0, "names": ("dry", "icy")}
 FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
+
+
+def test_without_dead_time_a_pi_is_the_limit_of_short_dead_times_in_as_many_steps(monkeypatch):
+    rows, row, found, steps = [], Family.row, [], []
+    monkeypatch.setattr(Family, "row", lambda *given: rows.append(given) or row(*given))
+    plant = 1.2 / ((S - 0.25) * (0.6 * S + 1))
+    for dead_time in (0.0, 1e-6, 1e-3):
+        found.append(tune_pi(plant, dead_time, ms_max=2.0))
+        steps.append(len(rows) - sum(steps))
+    none, microsecond, millisecond = found
+    assert steps[0] <= steps[2]  # 2000 for 150 if stable gains of Ms > 2 above all samples are not seen to be forbidden
+    for gain in ("kp", "ki"):  # to first order in the dead time; 1e-3 is the second order's share
+        near, far = (getattr(none, gain) - getattr(other, gain) for other in (microsecond, millisecond))
+        assert near == pytest.approx(1e-3 * far, rel=0.02)
+    assert none.worst.ms == pytest.approx(2.0, rel=1e-9)
+    for kp in none.kp * np.linspace(0.5, 2.0, 61):  # brute force: no kp has a larger ki
+        loop = DeadTimeLoop(pi_transfer_function(kp, none.ki * (1 + 1e-6)) * Rational.from_control(plant))
+        assert not loop.is_stable() or loop.margins().ms > 2.0
 
 
 @pytest.mark.parametrize(("plants", "dead_times", "asked", "found_by_brute_force"), [
