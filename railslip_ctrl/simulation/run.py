@@ -359,12 +359,10 @@ class _Laws:
     """Adhesion laws in use, each with its table and domain once."""
 
     def __init__(self, top_speed: float, wheel_load: float) -> None:
-        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, list[AdhesionLaw]()
+        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, dict[AdhesionLaw, int]()
 
     def number(self, law: AdhesionLaw) -> int:
-        if law not in self._laws:
-            self._laws.append(law)
-        return self._laws.index(law)
+        return self._laws.setdefault(law, len(self._laws))
 
     def tables(self) -> Floats:
         tables = [adhesion_table(law, self._wheel_load) for law in self._laws]

@@ -160,12 +160,14 @@ def called(x, t, v, omega, applied, c, table):
 # --- the texts -------------------------------------------------------------------------------------------------------
 
 
+@cache
 def step_text(*names: str) -> str:
     """The source of functions of this module, the last one as a kernel's `command`."""
     source = "\n\n".join(inspect.getsource(globals()[name]) for name in names)
     return source.replace(f"def {names[-1]}(", "def command(")
 
 
+@cache
 def linear_source() -> str:
     """The source of `linear` with its difference equations."""
     return plain(Path(difference.__file__).read_text("utf-8")) + "\n\n" + step_text("linear")
