@@ -13,7 +13,8 @@ import click
 
 from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
-from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
+from railslip_ctrl.report.export import check_directory, json_text
+from railslip_ctrl.report.pictures import Drawings, write_results
 from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
@@ -24,6 +25,7 @@ from .output import progress, show
 from .settings import HELP, json_option, option, preset
 
 _REPORT = ("report.txt", "report.json")
+_PICTURES = ("distributions", "scatter")  # PNG
 
 
 @click.command(context_settings=HELP)
@@ -60,7 +62,7 @@ def command(
     Example: railslip campaign tolerances.toml --out tolerances
     """
     check_extra("campaign", "campaign")
-    check_directory(out, _REPORT)
+    check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
     campaign = load_campaign(campaign_file, controllers=controller)
     tell_remarks(campaign.scenario.vehicle)
     if number is not None:
@@ -72,22 +74,29 @@ def command(
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
-    files = write_files(out, {"report.txt": text, "report.json": json_text(content), **_pictures(summary)})
-    show(as_json, lambda: content, lambda: campaign_text(summary))
-    progress(f"wrote {len(files)} files to {out}")
+    try:
+        results = {"report.txt": text, "report.json": json_text(content)}
+        count = write_results(out, results, partial(_drawings, summary), ["png"])
+    finally:
+        show(as_json, lambda: content, lambda: campaign_text(summary))
+    progress(f"wrote {count} files to {out}")
 
 
 def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
-    from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.runs import replay_figure
+    def figures() -> Drawings:
+        from railslip_ctrl.report.plots.runs import replay_figure
+
+        return {f"run-{number}": replay_figure(again)}
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
     again = replay(campaign, number, out)
     logs = {f"run-{number}-{name}.csv": partial(_write_csv, run) for name, run in again.runs.items()}
-    files = write_files(out, {**logs, f"run-{number}.png": partial(save_figure, replay_figure(again))})
-    show(as_json, lambda: replay_json(again), lambda: replay_text(again))
-    progress(f"wrote {', '.join(str(file) for file in files)}")
+    try:
+        write_results(out, logs, figures, ["png"])
+    finally:
+        show(as_json, lambda: replay_json(again), lambda: replay_text(again))
+    progress(f"wrote {', '.join(str(out / name) for name in (*logs, f'run-{number}.png'))}")
 
 
 def _write_csv(run: Run, path: Path) -> None:
@@ -101,12 +110,11 @@ def _write_csv(run: Run, path: Path) -> None:
             rows.writerow("" if isinstance(x, float) and math.isnan(x) else x for x in row)
 
 
-def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
-    from railslip_ctrl.report.plots import save_figure
+def _drawings(summary: CampaignSummary) -> Drawings:
     from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 
-    figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
-    return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}
+    figures = zip(_PICTURES, (distributions_figure(summary), scatter_figure(summary)), strict=True)
+    return {name: figure for name, figure in figures if figure is not None}
 
 
 @contextmanager

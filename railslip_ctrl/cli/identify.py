@@ -20,7 +20,7 @@ from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
+from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text
 from railslip_ctrl.report.identification import (
     identification_json,
     identification_text,
@@ -30,6 +30,7 @@ from railslip_ctrl.report.identification import (
     series_text,
     series_toml,
 )
+from railslip_ctrl.report.pictures import Drawings, write_results
 
 from .options import from_file, number_option, tell_remarks
 from .output import progress, show
@@ -152,15 +153,17 @@ def command(
     text = _report(found)
     record = identification_json(found) if isinstance(found, Identification) else series_json(found)
     content = json.loads(options_named(json.dumps(record)))
-    if out is not None:
-        files = _files(found, text, content)
-        write_files(out, files)
-        told = ", the model to model.toml" if "model.toml" in files else ""
-        if isinstance(found, LogSeries):
-            told += ", to be taken at --initial-speed" if told else ""
-            told += "; model-1.toml and so on are for the v0 of their log"
-        progress(f"wrote {len(files)} files to {out}{told}")
-    show(as_json, lambda: content, lambda: _report(found))
+    try:
+        if out is not None:
+            files = _files(found, text, content)
+            count = write_results(out, files, partial(_drawings, found))
+            told = ", the model to model.toml" if "model.toml" in files else ""
+            if isinstance(found, LogSeries):
+                told += ", to be taken at --initial-speed" if told else ""
+                told += "; model-1.toml and so on are for the v0 of their log"
+            progress(f"wrote {count} files to {out}{told}")
+    finally:
+        show(as_json, lambda: content, lambda: _report(found))
 
 
 def _report(found: Identification | LogSeries) -> str:
@@ -261,19 +264,19 @@ def _file_names(count: int) -> list[str]:
 
 
 def _files(found: Identification | LogSeries, text: str, content: Mapping[str, Any]) -> dict[str, FileContent]:
-    from railslip_ctrl.report import plots
-
     logs = found.logs if isinstance(found, LogSeries) else (found,)
     named = zip(_model_names(len(logs)), logs, strict=True)
     files: dict[str, FileContent] = {name: options_named(model_toml(each)) for name, each in named}
     files |= {"identification.txt": text, "identification.json": json_text(content)}
-    figures = [plots.adhesion_figure(logs)]
+    whole = series_toml(found) if isinstance(found, LogSeries) else None
+    return files if whole is None else files | {"model.toml": options_named(whole)}
+
+
+def _drawings(found: Identification | LogSeries) -> Drawings:
+    from railslip_ctrl.report import plots
+
     if isinstance(found, LogSeries):
-        whole = series_toml(found)
-        files |= {} if whole is None else {"model.toml": options_named(whole)}
-        figures.append(plots.coefficients_figure(found))
+        logs, others = found.logs, [plots.coefficients_figure(found)]
     else:
-        figures += [plots.drift_figure(found), plots.braking_figure(found)]
-    for name, figure in zip(_pictures(len(logs)), figures, strict=True):
-        files |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
-    return files
+        logs, others = (found,), [plots.drift_figure(found), plots.braking_figure(found)]
+    return dict(zip(_pictures(len(logs)), [plots.adhesion_figure(logs), *others], strict=True))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
+from railslip_ctrl.report.pictures import Drawings, write_results
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
 from railslip_ctrl.simulation import Run, Scenario, Simulator
 from railslip_ctrl.simulation.catalogue import (
@@ -105,12 +108,12 @@ def command(
         )
     run = simulator.run(noise, record_every=every)  # always, as the report says when events in distance happened
     content = simulation_json(run, column, law_speed)
-    if csv is not None:
-        write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")
-    if out is not None:
-        files = write_files(out, _files(run, content, law_speed))
-        progress(f"wrote {len(files)} files to {out}")
-    show(as_json, lambda: content, lambda: simulation_text(run, law_speed))
+    with ExitStack() as parts:  # called from the last to the first, each whatever has failed before
+        parts.callback(show, as_json, lambda: content, lambda: simulation_text(run, law_speed))
+        if out is not None:
+            parts.callback(_write, out, run, content, simulation_text(run, law_speed))
+        if csv is not None:
+            parts.callback(write_files, csv.parent, {csv.name: partial(write_simulation_csv, run)}, option="--csv")
     ctx.exit(0 if run.stopped else 1)
 
 
@@ -152,13 +155,15 @@ def _chosen(
     return made, column if name in _TABLE_4 and own is None else None
 
 
-def _files(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, FileContent]:
-    from railslip_ctrl.report.plots.runs import simulation_figure
-    from railslip_ctrl.report.plots.style import figure_files
+def _write(out: Path, run: Run, content: dict[str, Any], text: str) -> None:
+    def figures() -> Drawings:
+        from railslip_ctrl.report.plots.runs import simulation_figure
 
-    return {
-        "simulation.txt": simulation_text(run, law_speed),
+        return {"simulation": simulation_figure(run)}
+
+    results: dict[str, FileContent] = {
+        "simulation.txt": text,
         "simulation.json": json_text(content),
-        "simulation.csv": lambda path: write_simulation_csv(run, path),
-        **{f"simulation.{form}": picture for form, picture in figure_files(simulation_figure(run)).items()},
+        "simulation.csv": partial(write_simulation_csv, run),
     }
+    progress(f"wrote {write_results(out, results, figures)} files to {out}")

@@ -118,10 +118,12 @@ def _check_out(out: Path | None, structure: str) -> None:
 
 def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: bool) -> None:
     """Write and print the seeking controller, and end."""
-    if out is not None and not found.reason:
-        found.save(out)
-        progress(f"wrote {out}")
-    show(as_json, lambda: seeking_json(found), lambda: seeking_text(found))
+    try:
+        if out is not None and not found.reason:
+            found.save(out)
+            progress(f"wrote {out}")
+    finally:
+        show(as_json, lambda: seeking_json(found), lambda: seeking_text(found))
     ctx.exit(1 if found.reason else 0)
 
 

@@ -400,7 +400,9 @@ class Decomposition:
         if above.degree() < below.degree():
             return 0.0
         ratio = -above.coeffs()[-1] / below.coeffs()[-1]
-        return float(ratio) if above.degree() == below.degree() else math.copysign(math.inf, 1 if ratio > 0 else -1)
+        if above.degree() > below.degree():
+            return math.copysign(math.inf, 1 if ratio > 0 else -1)
+        return int(ratio.p) / int(ratio.q)
 
     @property
     def _fixed(self) -> fmpq_poly:
