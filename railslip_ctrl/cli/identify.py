@@ -31,11 +31,12 @@ from railslip_ctrl.report.identification import (
     series_toml,
 )
 
-from .options import from_file, number_option, tell_remarks
+from .options import from_file, number_option, tell_remarks, whole_number
 from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
+_MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
 
 
 @click.command(context_settings=HELP)
@@ -81,6 +82,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "the header's",
     multiple=True,
 )
+@preset("--skip-lines", "N", "Number of lines to skip at the beginning of each log.", "0")
 @option(
     "--delay",
     "NAME=S",
@@ -115,10 +117,11 @@ def command(
     """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
-    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]"; the header may be a comment
-    (#), the units a line below it. It may be gzipped; - is standard input. The model is for
-    --adhesion fitted/model.toml of linearize, margins, tune, simulate, report, derive and verify --law layered; that
-    of several logs is over v0, and is taken at --initial-speed. Exit status 0, or 2 for bad input.
+    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
+    stand in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
+    - is standard input. The model is for --adhesion fitted/model.toml of linearize, margins, tune, simulate, report,
+    derive and verify --law layered. That of several logs is over v0, and is taken at --initial-speed. Exit status 0, or
+    2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
@@ -182,6 +185,7 @@ def _options(given: Mapping[str, Any]) -> Options:
         observer=Observer(observer),
         columns=_pairs("--column", given["column"]),
         units=_pairs("--unit", given["unit"]),
+        skip_lines=whole_number("--skip-lines", given["skip_lines"], 0, _MOST_SKIPPED),
         delays={
             name: to_unit(text, "s", name=f"--delay {name}") for name, text in _pairs("--delay", given["delay"]).items()
         },
