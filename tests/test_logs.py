@@ -21,7 +21,7 @@ from rig_logs import BEAM, changed, identified, rig_rows, two_runs, write_log
 from railslip_ctrl import PARK2008, InputError, Rail
 from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import curves, log_checks, observed
+from railslip_ctrl.identification import curves, log_checks, logs, observed
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.cleaning import BESIDE, Alignment, OutlierFilter, Resolution, StampFilter, step_of
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
@@ -408,7 +408,8 @@ def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
     """
     recorder = functools.partial(observed.Recorder, 2000)
     lower = ((curves, "_MOST_ENTRIES", 256), (log_checks, "_MOST_WINDOWS", 256), (observed, "Recorder", recorder))
-    for where, name, bound in (*lower, (OutlierFilter, "piece", 512)):  # rows wait for a piece
+    lower += ((logs, "LONGEST_LINE", 1 << 16), (OutlierFilter, "piece", 512))  # rows wait for a piece
+    for where, name, bound in lower:
         monkeypatch.setattr(where, name, bound)
     path = tmp_path / "long.csv"
 

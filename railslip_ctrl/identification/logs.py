@@ -124,12 +124,8 @@ def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
     if not at and _PLACE.fullmatch(wanted.strip()) and int(wanted) <= len(header):
         return int(wanted) - 1
     if len(at) != 1:
-        count = f"{len(at)} columns are" if at else "no column is"
-        hint = close_match(wanted, header)
-        raise InputError(
-            f"`columns` {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}"
-            f"{_by_place(at)}"
-        )
+        count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
+        raise InputError(f"{count}; {close_match(wanted, header)}the header has {_cells(header)}{_by_place(at)}")
     return at[0]
 
 
@@ -142,8 +138,8 @@ def _recognised(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    cells, option = _cells([header[i] for i in at]), f"`columns` {quantity}=HEADER"
-    return InputError(f"header: {quantity} may be any of {cells}; say which with {option}{_by_place(at)}")
+    which = f"say which with `columns` {quantity}=HEADER{_by_place(at)}"
+    return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {which}")
 
 
 def _by_place(at: Sequence[int]) -> str:
@@ -247,9 +243,7 @@ def read_header(
     searched = range(skip_lines, min(len(lines), skip_lines + _MOST_ABOVE))
     plain = [i for i in searched if lines[i].strip(_BLANK) and not _is_comment(lines[i])]
     if not plain:
-        raise InputError(
-            f"{file.name}: empty, or no header from line {skip_lines + 1} on; give a CSV file with a header"
-        )
+        raise InputError(f"{file.name}: empty, or no header from line {skip_lines + 1} on; give a CSV with a header")
     comments = [i for i in reversed(range(skip_lines, plain[0])) if _is_comment(lines[i])]
     find = partial(find_columns, columns=columns, units=units)
     best = (0, 0, f"line {plain[0] + 1}: no header, but numbers; name the columns in a line above, with their units")
@@ -265,7 +259,7 @@ def read_header(
             if _has_numbers([cells[column.index] for column in found.values()]):  # a row, its columns given by places
                 continue
             end = max(end, plain[0] * (at in comments))
-            file.ahead = b"\n".join(lines[end:])
+            file.ahead = io.BytesIO(b"\n".join(lines[end:]))
             above = any(i < at and not lines[i].strip(_BLANK).lower().startswith(b"sep=") for i in plain)
             notes = (f"the header is in line {at + 1}; the lines above it are skipped",) if above else ()
             return Header(tuple(cells), found, separator, end + 1, notes)
@@ -370,7 +364,7 @@ class LogFile:
         standard = str(path) == STANDARD_INPUT
         self.name = "standard input" if standard else file_name(path)
         self.damage = ""
-        self.ahead = b""
+        self.ahead = io.BytesIO()
         self._returns = False  # lines end in carriage returns alone
         self._position = 0
         if standard and sys.stdin is None:
@@ -405,7 +399,7 @@ class LogFile:
 
     def read(self, count: int) -> bytes:
         """That many bytes; less only at the end."""
-        parts, self.ahead = [self.ahead[:count]], self.ahead[count:]
+        parts = [self.ahead.read(count)]
         missing = count - len(parts[0])
         while missing > 0 and (part := self._tried(self._file.read1, missing)):
             parts.append(part)
@@ -580,9 +574,7 @@ class Log:
             broken = f"; {self.broken.first[0]}" if self.broken.count else ""
             raise InputError(f"{self.name}: no rows after the header{broken}; give a log with data")
         if self._grouped > _UNREAD * (self._kept + self.broken.count):  # the largest values, and no others, are lost
-            raise InputError(
-                f"{self.name}: {self._grouped} lines have thousands separators; write numbers without them"
-            )
+            raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
 
     def refused(self, error: InputError) -> InputError:
         """The refusal of a log, after the lines that could not be read if they may be the cause; notes come last."""
