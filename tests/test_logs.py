@@ -103,9 +103,9 @@ DIALECTS = {
     "carriage returns alone": PLAIN.replace("\n", "\r"),
     "line ends converted twice": PLAIN.replace("\n", "\r\r\n"),
     "decimal comma in quotes": rows_below(HEADER, lambda line: '"' + line.replace(",", '","').replace(".", ",") + '"'),
-    "a date with points": rows_below(
-        ("day," + HEADER).replace(",", ";"),
-        lambda line: "24.10.2023 10.00.00.000;" + line.replace(",", ";").replace(".", ","),
+    "points in columns that are not read": rows_below(
+        ("day,a,b,c,d," + HEADER).replace(",", ";"),
+        lambda line: "24.10.2023;0.1;0.1;0.1;0.1;" + line.replace(",", ";").replace(".", ","),
     ),
     **{f"thousands parted by {blank!r}": PLAIN.replace("kN", "N").replace("1.5\n", f"1{blank}500\n").encode()
        for blank in " '\xa0\u202f"},
@@ -244,7 +244,7 @@ def test_every_accepted_name_is_found():
     ("time", "t [ms]", pytest.approx(1e-3)),
     ("time", "time_ms", pytest.approx(1e-3)),
     ("train_speed", "v_ms", 1.0),
-    ("train_speed", "v [CAN 2] [km/h]", pytest.approx(1 / 3.6)),
+    ("train_speed", "v [m/s] [km/h]", pytest.approx(1 / 3.6)),
     ("train_speed", "v [km/h] (axle 1)", pytest.approx(1 / 3.6)),
     ("brake_torque", "Tb [kNm]", 1e3),
     ("wheel_load", "wheel load [kN]", 1e3),

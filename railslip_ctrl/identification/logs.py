@@ -309,7 +309,7 @@ def _with_units_below(
         beside = [below[column.index] for column in found.values()]
         if _has_numbers(beside) or all(text.lower() in _NOTHING for text in beside):
             return found, end
-        wanted = not (_is_comment(lines[at]) or all(column.unit_given for column in found.values()))
+        wanted = not all(column.unit_given for column in found.values())
         if wanted or any(map(is_unit, beside, found)):  # a text that is no unit is refused if one is wanted
             pairs = zip(cells, below, strict=True)
             return find([name if unit.lower() in _NOTHING else f"{name} [{unit}]" for name, unit in pairs]), after
