@@ -31,8 +31,7 @@ ROOMS = (*("model.adhesion", "design", "loop", "simulation", "simulation.campaig
 
 ENTRIES = {
     "identification.identify": "Identification Options identify identify_several",
-    "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements ObserverErrors TradeOff brake_trial measured "
-    "observer_errors trade_off",
+    "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements brake_trial measured",
     "design.controllers": "SampledController",
     "design.specification": "Specification",
     "model.vehicle": "GRAVITY INITIAL_SPEED_KMH PARK2008 Actuator PIGains Rail Record Resistance Vehicle Wheel doubts "

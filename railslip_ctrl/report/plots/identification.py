@@ -24,7 +24,7 @@ from railslip_ctrl.model.adhesion.base import curtius_kniffler
 from . import style
 
 if TYPE_CHECKING:  # it loads the simulation
-    from railslip_ctrl.identification.virtual_rig import BrakeTrial, TradeOff
+    from railslip_ctrl.identification.virtual_rig import BrakeTrial
 
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
@@ -173,24 +173,6 @@ def coefficients_figure(
 
 
 # --- observers -------------------------------------------------------------------------------------------------------
-
-
-def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
-    """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
-    columns = min(len(curves), 3)
-    figure, axes = style.grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
-    for ax, (name, curve) in zip(axes, curves.items(), strict=True):
-        for i, (kind, label) in enumerate((("lag", "lag"), ("noise", "noise (H2 norm)"), ("total", "both"))):
-            ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **style.line_style(i))
-        simulated = [error.simulated for error in curve.errors]
-        ax.loglog(curve.settings, simulated, "o", color="black", markersize=3.5, fillstyle="none", label="simulated")
-        ax.axvline(curve.best, color="0.5", linewidth=0.8)
-        ax.set_title(f"{name}:\nbest at {curve.best:.3g}: {curve.at_best.total:.0f} N·m", fontsize=style.TEXT)
-        ax.set_xlabel(style.folded(labels[name], 0.9 * style.PAGE_WIDTH / columns))
-    for ax in axes[::columns]:
-        ax.set_ylabel("rms error of the adhesion torque (N·m)")
-    style.legend_of_figure(figure, axes[0], columns=4)
-    return figure
 
 
 def estimates_figure(
