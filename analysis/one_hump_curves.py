@@ -18,7 +18,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from railslip_ctrl import PARK2008, Actuator, Vehicle
+from railslip_ctrl import PARK2008, Actuator, InputError, Vehicle
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import identify_curve
@@ -93,7 +93,10 @@ def found_in(seed: int, *, noisy: bool) -> Found:
     law, true = one_hump(generator)
     noise = {} if noisy else SILENT
     rows = run_tests(RigTest(vehicle, law, V0, rate=RATE * vehicle.wheel_load, **noise), tests=TESTS, seed=seed)
-    found = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
+    try:
+        found = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
+    except InputError:  # a log that is refused counts as one whose peak is missed
+        return Found(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
     peak, delayed = found.own_peak, any("the wheel's speed seems to be" in text for text in found.warnings)
     return Found(seed, true, found.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
 
@@ -111,7 +114,7 @@ def line(name: str, each: Sequence[Found]) -> str:
     """The counts of some logs."""
     slip, mu = np.mean([found.held for found in each], axis=0)
     widths = [[(x.slip[1] - x.slip[0]) / x.true.slip / 2.0, (x.mu[1] - x.mu[0]) / x.true.mu / 2.0] for x in each]
-    of_slip, of_mu = 100.0 * np.median(widths, axis=0)
+    of_slip, of_mu = 100.0 * np.nanmedian(widths, axis=0)
     table, delayed = (np.mean(which) for which in ([x.model == "table" for x in each], [x.delayed for x in each]))
     missed = ", ".join(str(x.seed) for x in each if not all(x.held))
     return (

@@ -65,12 +65,12 @@ def _pair(value: float, stderr: float) -> str:
     return f"{fixed(value)} ± {fixed(stderr, 2)}" if math.isfinite(stderr) else fixed(value)
 
 
-def _range(value: float, interval: tuple[float, float]) -> str:
+def _range(value: float, interval: tuple[float, float], digits: int) -> str:
     """A value with its interval; an infinite end is left out."""
-    low, high = (fixed(end, 3) for end in interval)
+    text, low, high = (fixed(x, digits) for x in (value, *interval))
     if not math.isfinite(interval[0]):
-        return fixed(value)
-    return f"{fixed(value)} ({low} to {high})" if math.isfinite(interval[1]) else f"{fixed(value)} (from {low})"
+        return text
+    return f"{text} [{low}, {high}]" if math.isfinite(interval[1]) else f"{text} (from {low})"
 
 
 def _log_parts(found: Identification) -> list[RenderableType]:
@@ -167,11 +167,11 @@ def _bin_table(found: Identification) -> RenderableType:
 def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
     rows = []
     for peak in peaks:
-        found = (_range(peak.slip, peak.slip_interval), _range(peak.coefficient, peak.coefficient_interval))
+        found = (_range(peak.slip, peak.slip_interval, 3), _range(peak.coefficient, peak.coefficient_interval, 4))
         held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
         rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *found, *held))
     return Table(
-        ("Rail", "From", "Speed, km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Reference slip", "mu there"),
+        ("Rail", "From", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Hold slip", "mu there"),
         rows,
         left=2,
     )
