@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+LOWEST := $(VENV)/lowest
 
 # the tests run in parallel processes on small matrices: threads of the linear algebra only get in each other's way
 export OPENBLAS_NUM_THREADS ?= 1
@@ -12,7 +13,7 @@ KERNELS ?= Haswell Prescott SkylakeX Zen
 DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification observer limits sampled \
 	stabilizing tuning loop_oracles sliding_verification))
 
-.PHONY: report test quick test-all test-kernels lint check benchmark generate docs pictures clean
+.PHONY: report test quick test-all test-kernels test-lowest lint check benchmark generate docs pictures clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail
 	$(BIN)/railslip report --out railslip-report
@@ -23,9 +24,13 @@ test: $(READY)            ## linter, formatter, types, import contract, tests: t
 quick: $(READY)
 	$(BIN)/python -m pytest -n auto -m "not long"
 
-test-all: lint            ## every test, then the numerically delicate ones under each kernel
+test-all: lint            ## every test, the delicate ones under each kernel, the README's with the lowest versions
 	$(BIN)/python -m pytest -n auto
 	$(MAKE) test-kernels
+	$(MAKE) test-lowest
+
+test-lowest: $(LOWEST)/.ready  ## commands and Python of the README with the lowest versions that pyproject.toml allows
+	$(LOWEST)/bin/python -m pytest -n auto --dist load -W default tests/test_smoke.py
 
 # a processor without a kernel's instructions kills the process (132: illegal instruction): that kernel is left out
 test-kernels: $(READY)    ## the numerically delicate tests under each kernel that this processor can run
@@ -63,6 +68,11 @@ pictures: $(READY)        ## those that README.md and CONTRIBUTING.md show
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	touch $@
+
+$(LOWEST)/.ready: pyproject.toml $(READY)
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
+	$(BIN)/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct -e ".[all,test]"
 	touch $@
 
 clean:

@@ -11,12 +11,13 @@ makes the stop more than three times as long.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+from railslip_ctrl.controllers.sliding import Sliding
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.report.verification import lyapunov_runs_text
-from railslip_ctrl.simulation import SlidingControl, published_scenario
+from railslip_ctrl.simulation import published_scenario
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun, judge_run
 
@@ -30,7 +31,7 @@ def run(*, as_published: bool) -> dict[tuple[str, bool, bool], LyapunovRun]:
     scenario = published_scenario(as_published=as_published)
     return {
         (name, actuator, noise): judge_run(
-            scenario, SlidingControl(gains, REFERENCE), actuator=actuator, seed=SEED if noise else None
+            scenario, Sliding(**asdict(gains), reference=REFERENCE), actuator=actuator, seed=SEED if noise else None
         )
         for name, gains in LAWS.items()
         for actuator in (False, True)

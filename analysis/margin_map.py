@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from railslip_ctrl.design import PIController
+from railslip_ctrl.controllers.systems import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, judge
 from railslip_ctrl.model.vehicle import PIGains

@@ -20,6 +20,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from railslip_ctrl.design.catalogue import controller_named
 from railslip_ctrl.simulation import built_in_scenario
 from railslip_ctrl.simulation.campaign import (
     Campaign,
@@ -31,7 +32,6 @@ from railslip_ctrl.simulation.campaign import (
     execute,
     summarise,
 )
-from railslip_ctrl.simulation.catalogue import controller_named
 
 RUNS = 1000
 CONTROLLERS = ("pi", "asmc", "pi-lead")

@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.identification.observer import (
     Encoder,
     FilterObserver,
@@ -27,20 +30,22 @@ from railslip_ctrl.identification.observer import (
     TorqueObserver,
     TorqueSensor,
     adhesion_coefficient,
+    noise_deviation,
     observer_responses,
 )
 from railslip_ctrl.identification.virtual_rig import (
     BrakeCourse,
     BrakeTrial,
-    TradeOff,
     brake_trial,
     measured,
-    trade_off,
 )
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import corrected_observer, passed_at_once
+
+if TYPE_CHECKING:  # only a drawing needs it
+    from matplotlib.figure import Figure
 
 VEHICLE = PARK2008
 INITIAL_SPEED_KMH = 140.0  # Fig. 12
@@ -56,6 +61,103 @@ OMEGA = np.geomspace(0.1, 600, 300)  # rad/s, up to pi/INTERVAL
 SEED = 2008
 NAMES = ("printed (27)", "corrected", "Kalman filter")
 LABELS = dict(zip(NAMES, ("τ (s)", "τ (s)", "random walk of Ta ((N·m)²/s)"), strict=True))
+
+
+# --- lag against noise -----------------------------------------------------------------------------------------------
+
+
+_LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its minimum
+
+
+@dataclass(frozen=True)
+class ObserverErrors:
+    """Root mean square errors of Ta_hat over a trial from the time the brake is applied, N*m.
+
+    Before that an observer settles from its first sample. `lag` is that with perfect sensors, `noise` what the sensors
+    add, from the H2 norm; `simulated` is on counts of the encoder and noise drawn for the torque, an independent check
+    of `total`.
+    """
+
+    lag: float
+    noise: float
+    simulated: float
+
+    @property
+    def total(self) -> float:
+        """lag and noise together."""
+        return math.hypot(self.lag, self.noise)
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
+
+    `errors` are those at the `settings`, 1-D, `at_best` that at the setting `best`, which has the least total error.
+    """
+
+    settings: Floats
+    errors: tuple[ObserverErrors, ...]
+    best: float
+    at_best: ObserverErrors
+
+
+def estimated(observer: TorqueObserver, trial: BrakeTrial) -> Floats:
+    """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
+    speed = np.diff(trial.angle) / np.diff(trial.time)
+    return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
+
+
+def observer_errors(
+    observer: TorqueObserver, trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+) -> ObserverErrors:
+    """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
+    braked = trial.time[1:] >= trial.brake_time
+    truth = trial.adhesion_torque[1:]
+    seen = measured(trial, encoder, sensor, seed=seed)
+    noisy = observer.run(seen.time, seen.torque, seen.omega).adhesion_torque
+    return ObserverErrors(
+        lag=_rms((estimated(observer, trial) - truth)[braked]),
+        noise=noise_deviation(observer.sampled(trial.interval), encoder, sensor),
+        simulated=_rms((noisy - truth)[braked]),
+    )
+
+
+def trade_off(
+    make: Callable[[float], TorqueObserver],
+    settings: ArrayLike,
+    trial: BrakeTrial,
+    encoder: Encoder,
+    sensor: TorqueSensor,
+    *,
+    seed: int,
+) -> TradeOff:
+    """Errors over a setting of the observer, and the best setting between its first and last value.
+
+    `make` gives the observer for a setting; `settings`, s or (N*m)^2/s, 1-D, are > 0 and grow. `trial`, `encoder`,
+    `sensor` and `seed` as of `observer_errors`.
+    """
+    from scipy.optimize import minimize_scalar
+
+    values = np.asarray(settings, dtype=float)
+
+    def errors(setting: float) -> ObserverErrors:
+        return observer_errors(make(setting), trial, encoder, sensor, seed=seed)
+
+    found = minimize_scalar(
+        lambda logarithm: errors(math.exp(logarithm)).total,
+        bounds=(math.log(values[0]), math.log(values[-1])),
+        method="bounded",
+        options={"xatol": _LOG_TOLERANCE},
+    )
+    best = math.exp(found.x)
+    return TradeOff(values, tuple(errors(float(value)) for value in values), best, errors(best))
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+# --- the comparison ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -162,9 +264,29 @@ def main() -> None:
         draw(result, Path(sys.argv[1]))
 
 
+def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
+    """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
+    from railslip_ctrl.report.plots import style
+
+    columns = min(len(curves), 3)
+    figure, axes = style.grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
+    for ax, (name, curve) in zip(axes, curves.items(), strict=True):
+        for i, (kind, label) in enumerate((("lag", "lag"), ("noise", "noise (H2 norm)"), ("total", "both"))):
+            ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **style.line_style(i))
+        simulated = [error.simulated for error in curve.errors]
+        ax.loglog(curve.settings, simulated, "o", color="black", markersize=3.5, fillstyle="none", label="simulated")
+        ax.axvline(curve.best, color="0.5", linewidth=0.8)
+        ax.set_title(f"{name}:\nbest at {curve.best:.3g}: {curve.at_best.total:.0f} N·m", fontsize=style.TEXT)
+        ax.set_xlabel(style.folded(labels[name], 0.9 * style.PAGE_WIDTH / columns))
+    for ax in axes[::columns]:
+        ax.set_ylabel("rms error of the adhesion torque (N·m)")
+    style.legend_of_figure(figure, axes[0], columns=4)
+    return figure
+
+
 def draw(result: ObserverComparison, folder: Path) -> None:
     """Trade-off, estimates beside the truth, responses."""
-    from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, save_figure, tradeoff_figure
+    from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     sensors = f"{ENCODER.counts} counts a turn, torque noise {SENSOR.noise:g} N·m, every {1e3 * INTERVAL:g} ms"

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from railslip_ctrl.design import PIController, actuated_plant, stabilizing_pi
+from railslip_ctrl.controllers.systems import PIController, actuated_plant
+from railslip_ctrl.design import stabilizing_pi
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.rational import pade

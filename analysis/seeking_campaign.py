@@ -44,7 +44,7 @@ RAILS = {
 BRAKES = (0.7, 1.0, 1.3)
 """Dead time and lag, of what the controller believes."""
 
-TORQUE_HIGH = 9000.0
+TORQUE_MAX = 9000.0
 """N*m"""
 
 # [Park2008] has no numbers of a LuGre law: friction as of its bristle model, falling with sliding speed
@@ -77,7 +77,7 @@ def run(
 def _stops(law: str, rails: str, load: str, brake: float, seeds: tuple[int, ...]) -> Iterator[Stop]:
     scenario = _scenario(law, rails, load, brake)
     bound = clairvoyant_stop(scenario).braking_distance
-    simulator = rs.Simulator(scenario, rs.seeking_control())
+    simulator = rs.Simulator(scenario, rs.Seeking.for_vehicle(rs.PARK2008))
     for seed in seeds:
         seen = simulator.run(seed, record_every=1)
         assert seen.signals is not None, "it is recorded"
@@ -102,7 +102,7 @@ def _scenario(law: str, rails: str, load: str, brake: float) -> Scenario:
     return scenario.with_changes(
         vehicle=vehicle.model_copy(update={"actuator": actuator}),
         events=events,
-        limits=BrakeLimits(torque_max=TORQUE_HIGH),
+        limits=BrakeLimits(torque_max=TORQUE_MAX),
         final_speed=2 * KMH,
     )
 

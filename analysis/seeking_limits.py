@@ -52,7 +52,7 @@ RAILS = ("dry", "wet", "wet to dry at 80 m", "dry to wet at 40 m", "dry to wet a
 TORQUES = {"dry": (5200.0, 6000.0, 7500.0, 9000.0), "wet": (3000.0, 4500.0, 9000.0)}  # N*m, the largest
 SHARES = (0.9, 0.7, 0.5, 0.3, 0.1)  # of the torque that holds the peak
 LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.1e3, "vs": 4.7}
-CONTROL = rs.seeking_control()
+CONTROL = rs.Seeking.for_vehicle(rs.PARK2008)
 
 
 def law_of(name: str) -> AdhesionLaw:
@@ -72,7 +72,7 @@ def stop_on(law: AdhesionLaw, rails: str, vehicle: Vehicle = rs.PARK2008, **chan
     """A stop to 2 km/h; rails as those of `RAILS`."""
     words = rails.split()
     events = (rs.Event(distance=float(words[4]), rail=words[2]),) if len(words) > 1 else ()
-    given = {"events": events, "limits": BrakeLimits(torque_max=CONTROL.torque_high), "final_speed": 2 * KMH}
+    given = {"events": events, "limits": BrakeLimits(torque_max=CONTROL.torque_max), "final_speed": 2 * KMH}
     return rs.stop(vehicle, words[0], adhesion=law).with_changes(**given | changes)
 
 
@@ -190,8 +190,7 @@ def change(name: str, load: str, brake: float, place: float, seeds: Iterable[int
 
 def filled(scenario: Scenario, seeds: Iterable[int | None], **gains: float) -> tuple[float, float]:
     """Medians over stops: sum of the steps upwards of the acting torque, kN*m; percent over the bound."""
-    changed = CONTROL.gains.model_copy(update=gains)
-    simulator = rs.Simulator(scenario, type(CONTROL)(changed, CONTROL.reference))
+    simulator = rs.Simulator(scenario, CONTROL.model_copy(update=gains))
     runs = [simulator.run(seed, record_every=1) for seed in seeds]
     sums = [np.maximum(np.diff(run.signals.torque), 0.0).sum() / 1e3 for run in runs if run.signals]
     over = np.median([run.braking_distance for run in runs]) / clairvoyant_stop(scenario).braking_distance - 1
@@ -208,7 +207,7 @@ def filling(name: str, rails: str, seeds: Iterable[int]) -> tuple[float, list[tu
         for rail, kmh in product(("dry", "wet"), (100, 30))
         if rail in words
     ]
-    slower = filled(scenario, seeds, torque_time=2 * CONTROL.gains.torque_time)
+    slower = filled(scenario, seeds, torque_time=2 * CONTROL.torque_time)
     quiet = filled(scenario.with_changes(disturbances=Disturbances()), [None])
     return max(held) / 1e3, [quiet, filled(scenario, seeds), slower]
 
@@ -279,7 +278,7 @@ def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = R
         {(*case, place): let_go(*case, place) for case, place in product(brakes, PLACES) if case[0] in STATIC},
         {(*case, place): change(*case, place, every) for case, place in product(brakes, PLACES)},
         {case: filling(*case, every) for case in product(laws, rails)},
-        {(on, t): filled(stop_on(curve, on), every, torque_high=t) for on, most in TORQUES.items() for t in most},
+        {(on, t): filled(stop_on(curve, on), every, torque_max=t) for on, most in TORQUES.items() for t in most},
         {kmh: steep(law_of("polach"), kmh) for kmh in (100.0, 50.0, 20.0)},
         {case: locks_under(*case, range(5 * seeds)) for case in product(laws, ("dry", "wet"), SHARES)},
     )

@@ -19,20 +19,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import railslip_ctrl as rs
-from railslip_ctrl.design.seeking import SeekingGains
+from railslip_ctrl.controllers.base import Situation
+from railslip_ctrl.controllers.seeking import KNOTS, SLOW_FROM, SLOW_SHARE, Seeking, seek
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
-from railslip_ctrl.simulation import BrakeLimits, seeking_step
-from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation import BrakeLimits
 from railslip_ctrl.simulation.run import Run
 from railslip_ctrl.simulation.scenario import Disturbances
-from railslip_ctrl.simulation.seeking import KNOTS
 
 KMH = 1 / 3.6
 PERIOD = 0.01  # s
@@ -41,8 +41,8 @@ SLIP_STEP = 2e-4  # of the comparison over slip
 WITHIN = 0.6  # s, from when the release acts: the bound is of the slip up to then
 LONGEST = 3.0  # s, of a start
 SLIPS = np.linspace(0.0, 1.0, 2001)
-CONTROL = rs.seeking_control()
-CAR, GAINS = rs.PARK2008, CONTROL.gains
+CAR = rs.PARK2008
+CONTROL = rs.Seeking.for_vehicle(CAR)
 
 
 # --- the slip after the start ---------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ def holding(vehicle: Vehicle, slip: Any, mu: Any, resisted: float, rolling: Any)
     return r * force + vehicle.wheel.inertia / r * (1 - slip) * slowing - vehicle.wheel.viscous_friction * rolling / r
 
 
-def overshoot(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, *, again: int = 0) -> float:
+def overshoot(vehicle: Vehicle, g: Seeking, box: Box, speed: float, *, again: int = 0) -> float:
     """No curve of a box brings the first maximum of the slip after a start from a speed, m/s, above this; 1: no bound.
 
     Without noise, wheel and brake as believed, in SI. again: samples at which a second start commands the largest
@@ -87,7 +87,7 @@ def overshoot(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, *, agai
     slowing = vehicle.wheel_load * top / vehicle.mass + still  # the most there is
     steps, count = round(PERIOD / STEP), round(LONGEST / STEP)
     since = np.maximum(STEP * np.arange(count + 1) - g.dead_time, 0.0)
-    full = g.torque_high * (1 - np.exp(-since / g.lag))
+    full = g.torque_max * (1 - np.exp(-since / g.lag))
     # while the wheel slows down, r Fa <= T + B omega
     force = np.minimum((full + vehicle.wheel.viscous_friction * speed / r) / r, vehicle.wheel_load * top)
     slow = np.maximum(speed - STEP * np.cumsum(force / vehicle.mass + still), 0.3 * speed)
@@ -125,15 +125,15 @@ def overshoot(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, *, agai
         begins.append((low[end], path(over, (k - 1) * steps, end, box.least, quick=True)[-1], full[end]))
 
     # a slow start, once it acts: at most the torque of then or its share of what holds; released at any later sample
-    first = round(((np.argmax(high[::steps] > seeking_step.SLOW_FROM) + 1) * PERIOD + g.dead_time) / STEP)
-    twice = seeking_step.SLOW_SHARE * float(holding(vehicle, 0.0, top, speed, 0.0))
-    slowly = np.full_like(full, max(full[end], min(twice, g.torque_high)))
+    first = round(((np.argmax(high[::steps] > SLOW_FROM) + 1) * PERIOD + g.dead_time) / STEP)
+    twice = SLOW_SHARE * float(holding(vehicle, 0.0, top, speed, 0.0))
+    slowly = np.full_like(full, max(full[end], min(twice, g.torque_max)))
     farthest = path(share, 0, round((2 * PERIOD + g.dead_time) / STEP), box.least, quick=True, full=slowly)[-1]
     begins.append((low[first], farthest, slowly[0]))
     return _highest(vehicle, g, box, speed, begins, float(slow[end + round(WITHIN / STEP)]), again)
 
 
-def _highest(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: Any, after: float, again: int) -> float:
+def _highest(vehicle: Vehicle, g: Seeking, box: Box, speed: float, begins: Any, after: float, again: int) -> float:
     """The slip at which T - H, bounded over the slip while it rises, is no more than what adhesion can have fallen; H
     is the holding torque of the highest adhesion so far, `after` the least speed."""
     rate, rising = vehicle.wheel.radius / vehicle.wheel.inertia, np.maximum.accumulate(box.most)
@@ -146,7 +146,7 @@ def _highest(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: 
     fallen += holding(vehicle, 0.0, 0.0, speed, 0.0) - holding(vehicle, 0.0, 0.0, after, 0.0)
     worst, best = np.maximum.accumulate(fallen), np.maximum.accumulate(least)
     reference, turning = max(g.first_slip, g.largest_slip), slowing / rate
-    second = again * g.torque_high * (1 - math.exp(-PERIOD / g.lag))
+    second = again * g.torque_max * (1 - math.exp(-PERIOD / g.lag))
     over, farthest = -math.inf, max(begin[1] for begin in begins)
     for i, slip in enumerate(slips):
         held = float(holding(vehicle, slip, best[i], speed, speed * (1 - slip)))
@@ -173,7 +173,7 @@ def _highest(vehicle: Vehicle, g: SeekingGains, box: Box, speed: float, begins: 
 
 def quiet(law: str | AdhesionLaw, rail: str, speed: float, **changes: Any) -> Run:
     """A stop of the published vehicle without noise, recorded."""
-    limits = BrakeLimits(torque_max=GAINS.torque_high)
+    limits = BrakeLimits(torque_max=CONTROL.torque_max)
     scenario = rs.stop(CAR, rail, adhesion=law).with_changes(
         **{"initial_speed": speed, "disturbances": Disturbances(), "limits": limits, **changes}
     )
@@ -194,14 +194,14 @@ def start(law: str, rail: str, kmh: float, widths: tuple[float, ...]) -> tuple[l
     speed = kmh * KMH
     boxes = [box_about(published_law(law, rail), speed, CAR.wheel_load, width) for width in widths]
     simulated, again = first_maximum(quiet(law, rail, speed))
-    bounds = [overshoot(CAR, GAINS, box, speed) for box in boxes]
-    return bounds, simulated, again, overshoot(CAR, GAINS, boxes[0], speed, again=again) if again else bounds[0]
+    bounds = [overshoot(CAR, CONTROL, box, speed) for box in boxes]
+    return bounds, simulated, again, overshoot(CAR, CONTROL, boxes[0], speed, again=again) if again else bounds[0]
 
 
 # --- seeking --------------------------------------------------------------------------------------------------------
 
 
-def misfit(bend: float, g: SeekingGains, first: float, last: float, weight: float) -> float:
+def misfit(bend: float, g: Seeking, first: float, last: float, weight: float) -> float:
     """Bound on the rms misfit of the map to data between two knots, without noise, where |mu''| <= bend; weight: sum
     over the data. The map's cost is at most that of the curve's values at these knots, continued straight."""
     widths = np.diff([knot for knot in KNOTS if first <= knot <= last])
@@ -219,25 +219,25 @@ def hump(at: float, power: float) -> Callable[[float], float]:
     return curve
 
 
-def row_and_state() -> tuple[np.ndarray, np.ndarray]:
-    """Of the controller, as `seeking_step` has them: train speed 1 m/s, wheel radius 1 m."""
-    situation = Situation(rs.stop(CAR, "dry"), Rail.DRY, published_law("curve", "dry"), PERIOD)
-    row, x = np.array([0.0, 1.0, *CONTROL.row(situation), 0.0]), np.array(CONTROL.start(20.0))
-    x[seeking_step.FILTERED_SPEED] = 1.0
-    return row, x
+def state_and_parameters() -> tuple[SimpleNamespace, SimpleNamespace]:
+    """Of the controller, as its step has them: train speed 1 m/s, wheel radius 1 m."""
+    situation = Situation(Rail.DRY, PERIOD, published_law("curve", "dry"))
+    start = {name: list(one) if isinstance(one, tuple) else one for name, one in CONTROL.start(20.0, PERIOD)}
+    numbers = {**CONTROL.parameters(situation), "radius": 1.0}
+    return SimpleNamespace(**{**start, "filtered_speed": 1.0}), SimpleNamespace(**numbers, period=PERIOD)
 
 
 def sought(curve: Callable[[float], float], seconds: float) -> np.ndarray:
-    """The reference slip every sample, by `seeking_step.seek` itself, where the slip is the reference and adhesion the
-    curve's; a start to the first reference comes before."""
-    (row, x), slips = row_and_state(), []
-    x[seeking_step.REFERENCE_SLIP] = GAINS.first_slip
+    """The reference slip every sample, by the controller's `seek` itself, where the slip is the reference and adhesion
+    the curve's; a start to the first reference comes before."""
+    (x, p), slips = state_and_parameters(), []
+    x.reference_slip = CONTROL.first_slip
     for k in range(round(seconds / PERIOD)):
-        started = (k * PERIOD - GAINS.dead_time - 2 * GAINS.observer_time) / (3 * GAINS.dead_time)  # it learns from 0
-        slip = GAINS.first_slip * max(started, 0.0) if started < 1 else float(x[seeking_step.REFERENCE_SLIP])
-        x[seeking_step.SAMPLES], x[seeking_step.STARTING] = k, float(started < 1)
-        x[seeking_step.FILTERED_SIGMA], x[seeking_step.ADHESION_TORQUE] = slip, curve(slip) * GAINS.wheel_load
-        seeking_step.seek(x, row, x[seeking_step.REFERENCE_SLIP])
+        started = (k * PERIOD - CONTROL.dead_time - 2 * CONTROL.observer_time) / (3 * CONTROL.dead_time)  # from 0
+        slip = CONTROL.first_slip * max(started, 0.0) if started < 1 else x.reference_slip
+        x.samples, x.starting = k, float(started < 1)
+        x.filtered_sigma, x.adhesion_torque = slip, curve(slip) * CONTROL.wheel_load
+        seek(x, p, x.reference_slip)
         slips.append(slip)
     return np.array(slips)
 
@@ -245,7 +245,7 @@ def sought(curve: Callable[[float], float], seconds: float) -> np.ndarray:
 def seek_hump(at: float, power: float) -> tuple[float, float, float]:
     """From 2 to 10 s: farthest from the peak, or from the largest reference where that is less; shares of the adhesion
     there given away, mean and most."""
-    curve, goal = hump(at, power), min(at, GAINS.largest_slip)
+    curve, goal = hump(at, power), min(at, CONTROL.largest_slip)
     slips = sought(curve, 10.0)[round(2 / PERIOD) :]
     away = np.array([1 - curve(float(slip)) / curve(goal) for slip in slips])
     return float(np.abs(slips - goal).max()), float(away.mean()), float(away.max())
@@ -264,11 +264,11 @@ def restart_within(before: float, after: AdhesionLaw, v: float, s: float) -> flo
     held = holding(CAR, s, before, v, v * (1 - s))
     slip, low_since = s, math.inf
     for t in STEP * np.arange(1, 1001):
-        torque = held + (GAINS.torque_high - held) * (1 - math.exp(-max(t - GAINS.dead_time, 0.0) / GAINS.lag))
+        torque = held + (CONTROL.torque_max - held) * (1 - math.exp(-max(t - CONTROL.dead_time, 0.0) / CONTROL.lag))
         need = holding(CAR, slip, float(adhesion_coefficient(after, v, slip, CAR.wheel_load)), 0.0, v)
         slip = min(max(slip + STEP * CAR.wheel.radius / CAR.wheel.inertia * (torque - need) / v, 0.0), s)
         low_since = min(low_since, t) if slip < 0.69 * s else math.inf
-        if t >= low_since + GAINS.dead_time + 2 * PERIOD:
+        if t >= low_since + CONTROL.dead_time + 2 * PERIOD:
             return float(t)
     return math.inf
 

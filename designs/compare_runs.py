@@ -54,7 +54,7 @@ def controllers(scenario: rs.Scenario) -> dict[str, Any]:
         "ASMC beam": catalogue.published_controller("asmc", "beam"),
         "ASMC bristle": catalogue.published_controller("asmc", "bristle"),
         "ASMC, rail unknown": catalogue.published_controller("asmc", "bristle", knows_rail=False),
-        "slide protection": rs.slide_protection(vehicle),
+        "slide protection": rs.SlideProtection.for_vehicle(vehicle),
         "PI-lead": catalogue.recommended_pi_lead(vehicle),
         "PI-lead scheduled": catalogue.recommended_schedule(vehicle),
     }
@@ -64,7 +64,7 @@ def worst_margins(scenario: rs.Scenario, chosen: Mapping[str, Any]) -> tuple[Wor
     """Of every linear controller, over rails, loads, speeds and laws."""
     rows = []
     for name, control in chosen.items():
-        if not isinstance(control, rs.LinearControl | rs.ScheduledControl):
+        if not isinstance(control, rs.PI | rs.Scheduled):
             continue
         found = catalogue.margins_over_points(control, scenario.vehicle)
         rows.append(

@@ -184,13 +184,13 @@ def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSli
         disturbances=rs.Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
     )
     limit = vehicle.wheel.radius * vehicle.wheel_load  # mu = 1 is more than any rail gives
-    control = rs.LinearControl(
+    control = rs.linear_control(
         controller,
-        held,
+        reference=held,
         name="pi-lead",
         period=PERIOD,
-        torque_low=0.0,
-        torque_high=limit,
+        torque_min=0.0,
+        torque_max=limit,
         tracking_time=controller.gains.kp / controller.gains.ki,
         initial_torque=begin,
     )

@@ -18,8 +18,8 @@ NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch,
 def run(runs: int = 200) -> dict:
     """Verdict over the coach's envelope, worst loop, a stop on wet rail, and many beside a tuned PI-lead."""
     envelope = rs.load_envelope(Path(__file__).parent / "vehicles" / "coach.toml")
-    start = {"torque_low": 0, "torque_high": 15e3, "tracking_time": 2, "initial_torque": 6e3}  # N*m, s
-    mine = rs.LinearControl(PID * NOTCH, envelope.reference, name="pid", period=0.01, **start)
+    start = {"torque_min": 0, "torque_max": 15e3, "tracking_time": 2, "initial_torque": 6e3}  # N*m, s
+    mine = rs.linear_control(PID * NOTCH, reference=envelope.reference, name="pid", period=0.01, **start)
     check, wet = rs.judge(mine, envelope), rs.stop(envelope.vehicle, "wet", speed_kmh=100)
     many = rs.campaign(wet, [mine, rs.tune(envelope, structure="pi-lead", ms_max=2)], runs=runs)
     loop = rs.wheel_slip_loop(check.worst.point, PID * NOTCH)

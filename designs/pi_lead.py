@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import railslip_ctrl as rs
-from railslip_ctrl import PARK2008, PIController, PIGains, Rail, assessment, plots, schedule, tuning
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, assessment, plots, sampled, schedule, tuning
 
 ACTUATOR = PARK2008.actuator
 KI_MIN = 5.0  # N*m/m
@@ -29,7 +29,7 @@ class LeadDesign:
     controller: PIController
     by_filter: dict[float, tuning.PIDesign]
     period: float  # s, suggested
-    sampled: rs.controllers.SampledMargins  # at the worst point
+    sampled: sampled.SampledMargins  # at the worst point
     speed_sweep: schedule.MarginSweep
     slip_sweep: schedule.MarginSweep
 
@@ -52,14 +52,14 @@ def run() -> LeadDesign:
     design = by_filter[0.06]
     controller = PIController(PIGains(kp=design.kp, ki=design.ki), ACTUATOR.lag, 0.06)
     worst = rs.plant_at("bristle", PARK2008, Rail.DRY, 100.0)
-    period = rs.controllers.suggested_period(design.margins[design.worst.delay_member], share=0.05)
+    period = sampled.suggested_period(design.margins[design.worst.delay_member], share=0.05)
     controllers = {"PI-lead": controller, "PI (190, 5)": PIController(PIGains(kp=190.0, ki=5.0))}
     return LeadDesign(
         design=design,
         controller=controller,
         by_filter=by_filter,
         period=period,
-        sampled=rs.controllers.sampled_margins(rs.SampledController(controller, period), worst, ACTUATOR),
+        sampled=sampled.sampled_margins(rs.SampledController(controller, period), worst, ACTUATOR),
         speed_sweep=schedule.sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
         slip_sweep=schedule.sweep_slip(controllers, [0.004 * i for i in range(5, 101)]),
     )

@@ -42,7 +42,7 @@ class Row:
 class Design:
     """The controller, its judgement over the envelope, the certificate of its worst operating point, its stops."""
 
-    control: rs.SeekingControl
+    control: rs.Seeking
     judgement: rs.Judgement
     certified_ms: tuple[float, float]
     rows: tuple[Row, ...]
@@ -50,8 +50,8 @@ class Design:
 
 def run() -> Design:
     """From the vehicle to the table."""
-    # 1. The gains: kappa 0.16/theta, torque time 0.75 theta, observer 0.34 theta, deceleration 0.52 theta.
-    control = rs.seeking_control(VEHICLE)
+    # 1. The gains: kappa 0.152/theta, torque time 0.75 theta, observer 0.34 theta, deceleration 0.52 theta.
+    control = rs.Seeking.for_vehicle(VEHICLE)
     # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
     judgement = rs.judge(control, ENVELOPE)
     # 3. What is certain of the worst one, in balls.
@@ -61,10 +61,10 @@ def run() -> Design:
     return Design(control, judgement, certificate.ms, rows)
 
 
-def braked(control: rs.SeekingControl, law: str, rail: str) -> Row:
+def braked(control: rs.Seeking, law: str, rail: str) -> Row:
     """One stop."""
     scenario = rs.stop(VEHICLE, rail, adhesion=law)
-    limited = scenario.with_changes(limits=rs.BrakeLimits(torque_max=control.torque_high))
+    limited = scenario.with_changes(limits=rs.BrakeLimits(torque_max=control.torque_max))
     stopped = rs.simulate(limited, control, seed=SEED)
     least, had = bound.clairvoyant_stop(limited), bound.attainable_stop(limited)
     distances = least.braking_distance, had.braking_distance, stopped.braking_distance
@@ -74,12 +74,12 @@ def braked(control: rs.SeekingControl, law: str, rail: str) -> Row:
 def main() -> None:
     """Print the way from the vehicle to the table; with a folder, draw the worst Ms."""
     design = run()
-    gains = design.control.gains
+    control = design.control
     print(
-        f"Dead time {gains.dead_time:g} s, lag {gains.lag:g} s, J {gains.inertia:g} kg m^2, "
-        f"r {VEHICLE.wheel.radius:g} m:"
+        f"Dead time {control.dead_time:g} s, lag {control.lag:g} s, J {control.wheel_inertia:g} kg m^2, "
+        f"r {VEHICLE.wheel.radius:g} m:\n  kappa {control.kappa:.4g} 1/s, torque time {control.torque_time:.4g} s, "
+        f"observer {control.observer_time:.4g} s"
     )
-    print(f"  kappa {gains.kappa:.4g} 1/s, torque time {gains.torque_time:.4g} s, observer {gains.observer_time:.4g} s")
     print(design.judgement)
     print(f"Worst operating point, certified: Ms in [{design.certified_ms[0]:.10f}, {design.certified_ms[1]:.10f}]")
     print("law      rail   bound   attainable   seeking   over it   highest slip")

@@ -68,7 +68,7 @@ def ran(tmp_path, capsys, monkeypatch):
 def without_lag_search():
     """Identification does not look for a column that is late: it takes most of the time, and has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_, **__: None)
         yield
 
 

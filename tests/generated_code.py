@@ -7,12 +7,12 @@ import subprocess
 import pytest
 from sample_laws import sample_law
 
-from railslip_ctrl.sliding.law import KEPT
+from railslip_ctrl.controllers.guard import Status
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 
 COMPILER = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc) on this system")
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror")
 
 RANGES = {
     **{"J": (20.0, 900.0), "r": (0.3, 0.6), "Mn": (1500.0, 2e4), "Bn": (0.0, 1.0), "lambda_d": (0.02, 0.3)},
@@ -36,42 +36,57 @@ def adhesion_of(law):
     return {f"adhesion_{name}": value for name, value in named}
 
 
-def begun(module, v, p):
-    """The Python state when the brake is applied at speed v."""
-    code, state = module.init(v, p)
-    assert code == 0
-    return state
+class Program:
+    """A C program, compiled and called; `flags` choose the precision."""
 
-
-class Compiled:
-    def __init__(self, code, folder, *flags) -> None:
-        source, target = folder / "law.c", folder / "law.so"
-        source.write_text(code.c)
-        command = [COMPILER, *FLAGS, *flags, "-shared", "-fPIC", "-o", target, source, "-lm"]
+    def __init__(self, program, folder, *flags):
+        self.program = program
+        self.single = any(flag.endswith("FLOAT32") for flag in flags)
+        prefix, stem = program.prefix, program.prefix.removeprefix("railslip_")
+        (folder / f"{stem}.h").write_text(program.header)
+        source, sizes, target = folder / f"{stem}.c", folder / "sizes.c", folder / f"{stem}{len(flags)}.so"
+        source.write_text(program.source)
+        told = f"sizeof({prefix}_parameters), sizeof({prefix}_state)"
+        sizes.write_text(f'#include "{stem}.h"\nextern const int sizes[];\nconst int sizes[] = {{{told}}};\n')
+        command = [
+            COMPILER,
+            "-std=c99",
+            "-O2",
+            *WARNINGS,
+            *flags,
+            "-shared",
+            "-fPIC",
+            source,
+            sizes,
+            "-o",
+            target,
+            "-lm",
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
-        library = ctypes.CDLL(str(target))
-        law = code.law
-        self.Parameters = _structure(law.parameters)
-        self.State = _structure((*law.states, *KEPT))
-        pointer = ctypes.POINTER
-        self.init = library.railslip_asmc_init
-        self.init.argtypes = [pointer(self.State), ctypes.c_double, pointer(self.Parameters)]
-        self.step = library.railslip_asmc_step
-        self.step.argtypes = [pointer(self.State)] + [ctypes.c_double] * len(law.measured) + [pointer(self.Parameters)]
-        self.step.restype = _structure(("torque", "s", "theta1_hat_rate", "theta2_hat_rate"))
-        self.valid = library.railslip_asmc_valid
-        self.valid.argtypes = [ctypes.c_double] * len(law.measured)
+        library, self.number = ctypes.CDLL(str(target)), ctypes.c_float if self.single else ctypes.c_double
+        size, of_state = (ctypes.c_int * 2).in_dll(library, "sizes")
+        self.default = (ctypes.c_char * size).in_dll(library, f"{prefix}_default")
+        self._init, self._step = (getattr(library, f"{prefix}_{name}") for name in ("init", "step"))
+        self._init.argtypes = [ctypes.c_void_p, ctypes.c_void_p, self.number]
+        self.state = ctypes.create_string_buffer(of_state)
 
+    def init(self, speed, parameters=None):
+        """The code of init; `parameters` are an array of numbers, or the default ones."""
+        self.parameters = self.default if parameters is None else parameters
+        return self._init(self.state, self.parameters, speed)
 
-def _structure(fields):
-    return type("Structure", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_double) for name in fields]})
+    def step(self, *measured):
+        """Torque and status of a sample: train speed, wheel speed, applied torque, what else the program takes."""
+        torque = self.number()
+        self._step.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *[self.number] * len(measured), ctypes.c_void_p]
+        status = self._step(self.state, self.parameters, *measured, ctypes.byref(torque))
+        return torque.value, Status(status)
 
+    def numbers(self, *values):
+        """An array of numbers of the program's precision."""
+        return (self.number * len(values))(*values)
 
-def fields(state):
-    return tuple(getattr(state, name) for name, _ in state._fields_)
-
-
-def same(left, right) -> bool:
-    """Equal to 1e-12, relative to the size where that is above 1."""
-    return all(abs(a - b) <= 1e-12 * max(1.0, abs(a), abs(b)) for a, b in zip(left, right, strict=True))
+    def first(self, count):
+        """The first numbers of the state."""
+        return list((self.number * count).from_buffer(self.state))

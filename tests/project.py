@@ -6,6 +6,7 @@ import re
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,11 @@ def script(path: str) -> ModuleType:
     sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
+
+
+def changed(record: Any, **fields: Any) -> Any:
+    """A record with other fields, checked as a new one."""
+    return type(record)(**dict(record) | fields)
 
 
 def recipe(name: str) -> str:

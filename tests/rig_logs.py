@@ -77,7 +77,7 @@ def identified(rows: Rows, model: str = "beam", **options: object) -> Identifica
 def found_in(model: str = "beam", **options: object) -> Identification:
     """`two_runs` identified, once for each model and options, without the search for a column that is late."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_, **__: None)
         return identified(two_runs(), model, **options)
 
 

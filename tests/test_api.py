@@ -19,21 +19,20 @@ import pytest
 from project import ROOT, refused
 
 import railslip_ctrl
+from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.errors import EXTRAS
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.simulation.campaign.specification import Distribution
-from railslip_ctrl.simulation.controllers import Controller
 
 PACKAGE = Path(railslip_ctrl.__file__).parent
 ROOMS = (*("model.adhesion", "design", "loop", "simulation", "simulation.campaign"), "identification.observer")
 
 ENTRIES = {
     "identification.identify": "Identification Options identify identify_several",
-    "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements ObserverErrors TradeOff brake_trial measured "
-    "observer_errors trade_off",
-    "design.controllers": "SampledController",
+    "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements brake_trial measured",
+    "controllers.sampled": "SampledController",
     "design.specification": "Specification",
     "model.vehicle": "GRAVITY INITIAL_SPEED_KMH PARK2008 Actuator PIGains Rail Record Resistance Vehicle Wheel doubts "
     "remarks table4_gains",
@@ -225,7 +224,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     subprocess.run(make, check=True, capture_output=True)
     (wheel,) = built.glob("railslip_ctrl-*.whl")
     files = set(zipfile.ZipFile(wheel).namelist())
-    data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/steps.py")
+    data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/kernel.py")
     assert {f"railslip_ctrl/{name}" for name in data} <= files
     environment = tmp_path / "environment"
     venv.create(environment, with_pip=False)

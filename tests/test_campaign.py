@@ -18,22 +18,23 @@ import pytest
 from project import refused
 from scipy import stats
 
-from railslip_ctrl import InputError, PIController, PIGains, ReferenceSlip
+from railslip_ctrl import InputError, PIGains, ReferenceSlip
+from railslip_ctrl.controllers.braking import linear_control
+from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.plots.runs import distributions_figure, replay_figure, scatter_figure
-from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario
+from railslip_ctrl.simulation import Outcome, built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Choice, Grid, Store, execute, replay, statistics, summarise
 from railslip_ctrl.simulation.campaign import specification as drawn
 from railslip_ctrl.simulation.campaign.execution import MANIFEST, MEASURES, REFUSED, Part, run_part, run_rows
 from railslip_ctrl.simulation.campaign.specification import LogNormal, Normal, Quantity, Triangular, Uniform
 from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Moments, quantile, share
-from railslip_ctrl.simulation.catalogue import published_controller
 
 BRIEF = {"initial_speed": 30 / 3.6, "final_speed": 27 / 3.6, "longest_time": 20.0, "events": ()}
 SHORT = built_in_scenario("park2008").with_changes(**BRIEF)
 PI = published_controller("pi")
-SOFT = LinearControl(PIController(PIGains(kp=1500.0, ki=97.0)), PI.reference, name="soft")
-IDLE = LinearControl(PIController(PIGains(kp=1e-9, ki=1e-9)), PI.reference, name="idle")
+SOFT = linear_control(PIGains(kp=1500.0, ki=97.0), reference=PI.reference, name="soft")
+IDLE = linear_control(PIGains(kp=1e-9, ki=1e-9), reference=PI.reference, name="idle")
 MASS = Quantity(("vehicle.mass",), Uniform(3000.0, 4000.0))
 DEAD_TIME = Quantity(("vehicle.actuator.dead_time",), Normal(0.15, 0.02))
 
@@ -121,16 +122,16 @@ def test_designs_fill_the_cube_evenly(sampling, even):
 
 
 def test_every_controller_gets_the_same_vehicle_and_noise():
-    gain = Quantity(("soft.design.gains.kp",), Uniform(1000.0, 2000.0))
+    gain = Quantity(("soft.kp",), Uniform(1000.0, 2000.0))
     lag = Quantity(("vehicle.actuator.lag",), Uniform(0.5, 0.7), relative=True)
     case = short(4, (MASS, lag, gain)).case(2)
     assert case.scenario.vehicle.mass == case.values["vehicle.mass"]
     assert case.scenario.vehicle.actuator.lag == 0.6 * case.values["vehicle.actuator.lag factor"]
-    assert case.controllers[0] == PI
-    assert case.controllers[1].design.gains.kp == case.values["soft.design.gains.kp"]
+    assert case.controllers[0] == PI.believing(SHORT.vehicle)
+    assert case.controllers[1].kp == case.values["soft.kp"]
     assert case.seed.spawn_key == (2,)
-    both = short(4, (Quantity(("design.gains.kp",), Uniform(1000.0, 2000.0)),)).case(0)
-    assert both.controllers[0].design.gains.kp == both.controllers[1].design.gains.kp != PI.design.gains.kp
+    both = short(4, (Quantity(("kp",), Uniform(1000.0, 2000.0)),)).case(0)
+    assert both.controllers[0].kp == both.controllers[1].kp != PI.kp
 
 
 def mass(distribution, relative=False, *paths):
@@ -151,7 +152,7 @@ def mass(distribution, relative=False, *paths):
     (lambda: mass(Uniform(3000.0, 4000.0), False, "vehicle.mass", "vehicle.mass"), "given twice"),
     (lambda: mass(Grid((3000.0, 3300.0, 3500.0))), "multiple of them: 3 or 6"),
     (lambda: Campaign(SHORT, (), 4), "none given"),
-    (lambda: Campaign(SHORT, (PI, PI), 4), "two have the name 'pi'"),
+    (lambda: Campaign(SHORT, (SOFT, SOFT), 4), "two have the name 'soft'"),
     (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
     (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2: 16 or 32"),
     (lambda: short(4).case(4), "runs 0 to 3"),
@@ -176,7 +177,7 @@ def test_a_file_gives_the_campaign(tmp_path):
     found = drawn.load_campaign(path)
     assert found.quantities == (MASS,)
     assert (found.runs, found.seed, found.controller_names) == (24, 3, ("pi", "soft"))
-    assert found.controllers[1].design.gains.ki == pytest.approx(3.6 * 27)
+    assert found.controllers[1].ki == pytest.approx(3.6 * 27)
     assert found.controllers[0].reference == ReferenceSlip(dry=0.132, wet=0.092)
     assert found.scenario.initial_speed == pytest.approx(30 / 3.6)
     (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")
@@ -320,7 +321,7 @@ def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):
 
 
 def test_means_quantiles_and_shares_with_their_intervals():
-    """Quantiles: Conover, Practical Nonparametric Statistics, 3.2; shares: Wilson's interval in its closed form."""
+    """Quantiles: Conover, Practical Nonparametric Statistics, 3.2."""
     data = np.random.default_rng(0).lognormal(size=1001)
     found = Moments.of(np.array([math.nan, *data, math.inf]))
     assert (found.count, found.low, found.high) == (1001, data.min(), data.max())
@@ -331,16 +332,29 @@ def test_means_quantiles_and_shares_with_their_intervals():
     assert quantile(np.arange(1.0, 101.0), 0.5) == (50, 40, 61)
     assert quantile(np.arange(1.0, 6.0), 0.5) == (3, -math.inf, math.inf)  # 2 * 0.5^5 > 5 %
     assert quantile(np.arange(1.0, 101.0), 0.05)[0] == 5
-    k, n, z = 3, 40, stats.norm.ppf(0.975)
-    centre, half = (k + z * z / 2) / (n + z * z), z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
-    assert share(k, n) == pytest.approx((k / n, centre - half, centre + half), rel=1e-12)
-    assert math.isnan(share(0, 0).value)
+    assert (share(3, 40).value, math.isnan(share(0, 0).value)) == (3 / 40, True)
     # a picture has at most the bins of Rice's rule, 2 n^(1/3), of those that the bins counted make without a rest
     data = np.random.default_rng(1).normal(size=1100)  # 20.6 bins
     found = statistics.Histogram.of(data).merged()
     bins = max(k for k in range(1, 21) if statistics.BINS % k == 0)
     counts, edges = np.histogram(data, bins)
     assert (found.counts.tolist(), found.edges.tolist()) == (counts.tolist(), pytest.approx(edges.tolist()))
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """The mean's counted; a quantile's by the ranks of its ends, at least as often as said; Wilson's exactly: as often
+    as said on average over the shares, and not at each of them ([Agresti1998])."""
+    means = [Moments.of(one).estimate for one in np.random.default_rng(4).normal(3.0, 2.0, (500, 6))]
+    assert stats.binomtest(sum(one.low <= 3.0 <= one.high for one in means), 500, CONFIDENCE).pvalue > 0.01
+    for size, level in ((12, 0.5), (100, 0.5), (100, 0.05)):
+        _, low, high = quantile(np.arange(1.0, size + 1.0), level)  # numbers below the quantile: binomial
+        covered = stats.binom.cdf(high - 1, size, level) - stats.binom.cdf(low - 1, size, level)
+        assert CONFIDENCE <= covered < 0.99
+    shares, k = np.linspace(0.1, 0.9, 81), np.arange(41)[:, None]
+    ends = np.array([share(one, 40)[1:] for one in range(41)])
+    covered = np.sum((ends[:, :1] <= shares) * (shares <= ends[:, 1:]) * stats.binom.pmf(k, 40, shares), axis=0)
+    assert covered.mean() == pytest.approx(CONFIDENCE, abs=0.005)
+    assert np.abs(covered - CONFIDENCE).max() < 0.04
 
 
 def test_statistics_are_numpys(finished):

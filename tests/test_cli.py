@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from generated_code import COMPILER, WARNINGS, needs_compiler
 from project import ROOT, refused
 
 from railslip_ctrl import InputError, Rail, derive
+from railslip_ctrl.controllers.c_code import law_program
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.report.derivation import derivation_document, derivation_json, derivation_text
 from railslip_ctrl.report.document import WIDTH
@@ -52,13 +54,11 @@ def test_the_json_of_a_command_is_that_which_is_kept(name, railslip):
     assert leaves(json.loads(out)) == {path: same(one) if isinstance(one, float) else one for path, one in kept.items()}
 
 
-def test_values_may_carry_their_unit_and_dead_time_and_lag_be_zero(cases):
+def test_values_may_carry_their_unit(cases):
     (a,) = cases("margins --rail dry --kp 234 --ki 5 --mass 3500")
     (b,) = cases("margins --rail dry --kp '65 N*m/(km/h)' --ki '5 N' --mass '3.5 t' --speed '100 km/h'")
     assert (a["stable"], a["mass_kg"], b["mass_kg"]) == (True, 3500.0, 3500.0)
     assert a["phase_margin_deg"] == pytest.approx(b["phase_margin_deg"], rel=1e-12)
-    (case,) = cases("margins --rail dry --dead-time 0 --lag 0 --kp 2000 --ki 90")
-    assert case["gain_increase"] is None  # without bound
     assert cases("linearize --rail dry --speed-state")[0]["states"] == ["v", "sigma", "z"]
 
 
@@ -88,7 +88,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("margins --adhesion nosuch.py --envelope default", "error: --adhesion: nosuch.py: no such file"),
     ("margins --adhesion table --envelope default", "error: --adhesion 'table': a table gives no parameters"),
     ("margins --initial-speed 200 --envelope default", "error: --initial-speed: 200 km/h is outside 30 to 140"),
-    ("margins --controller asmc", "error: --controller: asmc is not linear and has no margins"),
+    ("margins --controller asmc", "error: --controller: asmc has no margins: it switches on s, and it is not linear"),
     ("margins --controller nope", "--controller: 'nope' is not one"),
     (f"{SAMPLED} --certify", "--certify: the loop of a discrete controller has no"),
     (f"{SAMPLED} --lead 0.6", "--lead: does not go with --controller"),
@@ -259,7 +259,7 @@ def test_derive_puts_the_numbers_of_a_file_into_the_law_and_the_code(derived):
         given = dict(one.parameters)
         assert namespace[f"ADHESION_{one.rail.name}"] == {f"adhesion_{name}": value for name, value in given.items()}
         in_c = ", ".join(f".adhesion_{name} = {value!r}" for name, value in given.items())
-        assert f"#define RAILSLIP_ASMC_ADHESION_{one.rail.name} {in_c}\n" in code.c
+        assert f"#define RAILSLIP_ASMC_ADHESION_{one.rail.name} {in_c}\n" in law_program(code).header
         symbols = dict(zip(type(law).symbols(), given.values(), strict=True))
         rest = sorted(one.torque.free_symbols, key=str)
         state = dict(zip(rest, np.random.default_rng(1).uniform(0.5, 2.0, len(rest)), strict=True))
@@ -286,3 +286,15 @@ def test_derive_takes_a_file_over_the_initial_speed(railslip, file):
     words = ("derive", "--adhesion", file("model.toml", text), "--format", "c")
     for options, c1 in (((), 0.25), (("--initial-speed", "60"), 0.35)):
         assert f"ADHESION_DRY .adhesion_c1 = {c1}, .adhesion_c2 = 18.0" in railslip(*words, *options)[1]
+
+
+@needs_compiler
+def test_derive_writes_c_into_two_files(railslip, tmp_path):
+    status, out, err = railslip("derive", "--format", "c", "--out", tmp_path / "new" / "Slip-law.c")
+    assert (status, out, "Slip-law.h" in err) == (0, "", True)
+    source = tmp_path / "new" / "Slip-law.c"
+    command = [COMPILER, "-std=c99", *WARNINGS, "-c", source, "-o", tmp_path / "a.o"]
+    assert subprocess.run(command, capture_output=True).returncode == 0
+    assert "int railslip_slip_law_init(" in source.with_suffix(".h").read_text()
+    status, _, err = railslip("derive", "--format", "c", "--out", tmp_path / "law.txt")
+    assert (status, "does not end in .c; give" in err) == (2, True)

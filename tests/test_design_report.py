@@ -15,13 +15,15 @@ import control as ct
 import numpy as np
 import pytest
 from html_page import LARGEST_BYTES, Page
-from project import ROOT
+from project import ROOT, changed
 from test_envelope import COACH, own_loop
 from test_laws import LAW
 
 from railslip_ctrl import Envelope, SampledController, judge, linearize, load_controller, load_vehicle, operating_point
 from railslip_ctrl.cli.margins import given_controller
-from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
+from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.design.envelope_tuning import select
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
@@ -33,8 +35,7 @@ from railslip_ctrl.report.page import page
 from railslip_ctrl.report.plots.designs import report_drawings
 from railslip_ctrl.report.recommendation import design_report, restricted
 from railslip_ctrl.report.stops import rolling_loops
-from railslip_ctrl.simulation import SeekingControl, simulate, stop
-from railslip_ctrl.simulation.catalogue import published_controller, seeking_control
+from railslip_ctrl.simulation import simulate, stop
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
 ENVELOPE = Envelope(PARK2008, laws="curve", speeds=(10, 100), loads="loaded")
@@ -98,7 +99,7 @@ def test_the_first_page_is_printed_and_the_page_is_well_formed_loads_nothing_and
 
 def test_the_recommendation_is_what_judge_says_of_its_file(content, full_report):
     control = load_controller(full_report[0] / "recommended.toml")
-    said, judged, above = content["recommended"], judge(control, ENVELOPE), control.cut_out_speed * 3.6
+    said, judged, above = content["recommended"], judge(control, ENVELOPE), control.hand_over_speed * 3.6
     assert (said["verdict"], said["stable_from_kmh"]) == (judged.verdict, judged.usable_from_kmh)
     assert said["usable_from_kmh"] == pytest.approx(max(judged.robust_from_kmh, above), rel=1e-9)
     assert content["envelope"]["speeds"] == pytest.approx(judged.envelope.speeds)  # with its own
@@ -183,7 +184,7 @@ def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robu
     first = found[0]["stops"][0]
     scenario = stop(PARK2008, first["rail"], speed_kmh=robust.envelope.initial_speed)
     assert first["braking_distance_m"] == simulate(scenario, mute, seed=first["seed"]).braking_distance
-    judged = recommendation._rival("seeking", seeking_control(), robust.envelope, True).judgement
+    judged = recommendation._rival("seeking", Seeking.for_vehicle(PARK2008), robust.envelope, True).judgement
     assert judged.worst.ms == robust.seeking.judgement.worst.ms
 
 
@@ -215,12 +216,12 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(veh
     """2 000 loops anywhere within the ranges of the envelope in use, each linearised and solved by itself."""
     found = design_report(Envelope(vehicle), sliding=False)
     judged, envelope, rng = found.in_use, found.in_use.envelope, np.random.default_rng(4)
-    worst, seeks = {True: judged.worst, False: judged.worst_with_tolerances}, isinstance(found.control, SeekingControl)
-    controller = found.control if seeks else found.control.design
+    worst, seeks = {True: judged.worst, False: judged.worst_with_tolerances}, isinstance(found.control, Seeking)
+    controller = found.control if seeks else found.control.system
 
     def held(law, speed, load):
         if seeks:
-            return found.control.gains.held_slip(law, speed, load)
+            return found.control.held_slip(law, speed, load)
         return law.reference_slip(law.rail) if envelope.reference is None else getattr(envelope.reference, law.rail)
 
     ranges = [getattr(envelope, name) for name in ("slip", "dead_time", "lag", "radius")]
@@ -269,7 +270,7 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
 
 def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robust):
     """Were the design used from 100 km/h up and controlled slip from 5 km/h on; were the highest speed judged 60."""
-    unused = replace(robust, above_kmh=100.0, control=replace(robust.control, cut_out_speed=5 / 3.6))
+    unused = replace(robust, above_kmh=100.0, control=changed(robust.control, hand_over_speed=5 / 3.6))
     _, lines, _ = told(unused)
     assert lines["5 to 100 km/h"] == "slip controlled, but not robust."
     assert "Below, use another" in lines["To do"]
@@ -282,6 +283,10 @@ def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robus
     slid = replace(robust.stops[0], run=replace(robust.stops[0].run, max_slip=0.8), others=())
     _, lines, numbers = told(replace(robust, tolerance_stops=(slid,)))
     assert (lines["Risk"].startswith("With tolerances slip reaches 0.8"), numbers["Highest slip"]) == (True, "0.8")
+    locked = replace(slid, run=replace(slid.run, max_slip=1.0, locked_fraction=0.1), brake="lag +30 %")
+    said = dict(first_page(replace(robust, tolerance_stops=(slid, locked, slid))).lines)["Risk"]
+    where = ", ".join((locked.law, locked.rail, locked.load, locked.brake))
+    assert said.startswith(f"A wheel locks in 1 of 3 stops with the actuator's tolerances ({where}).")
 
 
 def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):
@@ -347,7 +352,7 @@ def test_a_brake_that_is_named_was_tried():
         assert choice.reaches  # by its integral alone
         signals = simulate(stop(faster, "dry"), choice.design, seed=0).signals
         controlled = signals.slip[signals.speed > 60 / 3.6]
-        reached = np.median(controlled[controlled.size // 2 :]) >= 0.95 * choice.design.reference.dry
+        reached = np.median(controlled[controlled.size // 2 :]) >= 0.95 * choice.design.controller.reference.dry
         assert found.reaches == reached >= reaching
         factors.append(found.factor)
     assert factors == sorted(factors, reverse=True)
@@ -363,7 +368,7 @@ def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):
 
 def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
     found, points = robust.gains, robust.in_use.points
-    i, j, design = np.argmin(np.abs(found.kp - found.chosen[0])), 0, robust.control.design
+    i, j, design = np.argmin(np.abs(found.kp - found.chosen[0])), 0, robust.control.system
     c = PIController(PIGains(kp=float(found.kp[i]), ki=float(found.ki[j])), design.lead, design.lead_filter)
     cases = [points.case(int(n)) for n in np.flatnonzero(points.operating)]
     loops = [wheel_slip_loop(case.plant, c, case.actuator) for case in cases]
@@ -433,7 +438,7 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
     judged = trial.judgement
     assert judged.ms.tolist() == judge(trial.control, robust.envelope, nominal=judged.nominal).ms.tolist()
     assert {(one.law, one.load, one.rail) for one in trial.stops} == stops.keys()
-    alone = simulate(stop(robust.vehicle, "wet"), seeking_control(robust.vehicle), seed=0)
+    alone = simulate(stop(robust.vehicle, "wet"), Seeking.for_vehicle(robust.vehicle), seed=0)
     (same,) = (one for one in trial.stops if (one.law, one.load, one.rail) == ("curve", "empty", "wet"))
     assert same.runs[0].braking_distance == alone.braking_distance
     assert {one["reference_slip"] for one in design_report_json(robust)["seeking"]} == {None}
@@ -458,7 +463,7 @@ def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     others = [trial.distance() for trial in found.trials if trial is not found.seeking]
     assert found.seeking.distance() < min(others)
     (tmp_path / "seeking.toml").write_text(found.control.toml, "utf-8")
-    assert load_controller(tmp_path / "seeking.toml") == seeking_control(PARK2008)
+    assert load_controller(tmp_path / "seeking.toml") == Seeking.for_vehicle(PARK2008, name="seeking")
     page, content = first_page(found), design_report_json(found)
     assert (page.headline.startswith("USE"), "seeking" in page.subject) == (True, True)
     assert content["recommended"]["controller"]["kind"] == "seeking"
@@ -480,8 +485,8 @@ def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
 def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     """A loop that takes torque away too late drives a wheel on a spring: Re C Ga < 0 at its frequency."""
     swung = swinging(next(one for one in robust.stops if one.law == "bristle"))
-    (found,) = rolling_loops((swung,), robust.control.design, robust.judgement)
-    car, actuator, design = robust.vehicle, robust.vehicle.actuator, robust.control.design
+    (found,) = rolling_loops((swung,), robust.control.system, robust.judgement)
+    car, actuator, design = robust.vehicle, robust.vehicle.actuator, robust.control.system
     alpha = published_law("bristle", "dry", wheel_load=car.wheel_load).alpha
     spring = alpha * (car.wheel.radius**2 / car.wheel.inertia + 1 / car.mass)
     assert found.frequency == pytest.approx(math.sqrt(spring), rel=1e-6)  # but for the friction

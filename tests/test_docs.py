@@ -27,11 +27,13 @@ from project import CONTRIBUTING, ROOT, recipe
 import railslip_ctrl
 from railslip_ctrl import PARK2008, derive, load_controller, load_vehicle
 from railslip_ctrl.cli.program import _COMMANDS
+from railslip_ctrl.controllers.guard import ControlUnit, Status
 from railslip_ctrl.core.notation import SOURCES
+from railslip_ctrl.design.catalogue import margins_over_points, published_controller, recommended_pi_lead
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
 from railslip_ctrl.model.adhesion.beam import integrated_force
-from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
+from railslip_ctrl.simulation.embedded import save_c
 
 DOCS = ROOT / "docs"
 
@@ -91,9 +93,9 @@ def assert_gains_of_the_tutorial_are_those_found(text: str, printed: str) -> Non
     (tuned,) = re.findall(r"Controller +PI-lead: kp ([\d.]+) N·m/\(m/s\), ki ([\d.]+) N·m/m", printed)
     assert [int(one) for one in typed] == [5 * int(float(one) / 5) for one in tuned]  # less, in fives
     car, control = load_vehicle("railcar.toml"), load_controller("gains.toml")
-    design, lag = control.design, car.actuator.lag
-    assert [design.gains.kp, design.gains.ki] == [int(one) for one in typed]
-    assert (design.lead, design.lead_filter) == (lag, pytest.approx(lag / 10, rel=1e-12))
+    lag = car.actuator.lag
+    assert [control.kp, control.ki] == [int(one) for one in typed]
+    assert (control.lead, control.lead_filter) == (lag, pytest.approx(lag / 10, rel=1e-12))
     assert float(np.max(margins_over_points(control, car).ms)) <= 2.0  # also where full ranges are tuned
     (friction,) = {float(one) for one in re.findall(r"(0\.\d+) \* \w+\.wheel_load", text)}
     # given in kN*m with one decimal
@@ -105,14 +107,13 @@ C_PAGE = TEXTS[DOCS / "howto" / "embedded_c.md"]
 
 @needs_compiler
 def test_the_programs_of_the_c_page_brake(file, tmp_path, monkeypatch, railslip):
-    """Compiled and run by the lines that the page shows. That the sliding law's C gives the numbers of the Python is of
-    test_sliding_code; here its gains are sound."""
+    """Compiled and run by the lines that the page shows, and compared with the Python."""
     monkeypatch.syspath_prepend(str(tmp_path))
     for block in (one for one in pages.blocks(C_PAGE) if one.name):
         file(block.name, block.text)
-    made, numbers = runpy.run_path("write_gains.py"), {}
+    runpy.run_path("write_c.py")
+    numbers = {}
     for shown in re.findall(r"^```sh\n(.*?)^```$", C_PAGE, flags=re.M | re.S):
-        assert {"-std=c99", "-Wall", "-Wextra", "-Werror"} <= set(shown.split())
         for words in map(shlex.split, shown.splitlines()):
             if words[0] == "railslip":
                 assert railslip(*words[1:])[0] == 0
@@ -120,24 +121,31 @@ def test_the_programs_of_the_c_page_brake(file, tmp_path, monkeypatch, railslip)
                 done = subprocess.run(words, capture_output=True, text=True, check=False)
                 assert (done.returncode, done.stderr) == (0, "")
                 numbers[words[0]] = np.array([[float(x) for x in line.split()] for line in done.stdout.splitlines()])
-    assert numbers["./brake"].shape == (200, 2)
-    assert np.unique(numbers["./brake"][:, 0]).size > 100  # within the limits, not at them
-    sampled = made["sampled"]
-    x = np.array(sampled.start(made["control"].initial_torque))
-    expected = np.array([[sampled.step(x, 10.0 * math.cos(0.05 * i))] for i in range(200)])
-    assert numbers["./controller"] == pytest.approx(expected, rel=1e-10)
-    assert (expected.min(), expected.max()) == (sampled.torque_low, sampled.torque_high)  # both limits are met
+    unit, v, torque, expected = ControlUnit(recommended_pi_lead(PARK2008), PARK2008, 100.0 / 3.6), 100.0 / 3.6, 0.0, []
+    for i in range(200):
+        omega = v * (1.0 - (0.02 + 0.03 * (i % 7))) / 0.43 if i < 150 else math.nan
+        torque, status = unit.step(v, omega, torque)
+        expected.append((torque, status))
+        v -= 0.01
+    assert numbers["./brake"] == pytest.approx(np.array(expected), rel=1e-10)
+    assert {Status.OK, Status.HOLDING, Status.RELEASING, Status.FAULT} == {
+        Status(int(x)) for _, x in numbers["./brake"]
+    }
+    # that this program has the numbers of the Python is of test_sliding_code; here its gains are sound
+    assert numbers["./law"].shape == (200, 2)
+    assert np.unique(numbers["./law"][:, 0]).size > 100  # within the limits, not at them
 
 
 def test_what_pages_type_of_the_designs_is_what_the_package_has(file):
-    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} main.c")[2].partition("};")[0]))
+    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} law_main.c")[2].partition("};")[0]))
     law, car = published_controller("asmc", "bristle"), PARK2008
-    published = {"rho": law.gains.rho, "D": law.gains.D, "K": law.gains.K, "lambda_d": law.reference.dry}
+    published = {"rho": law.rho, "D": law.D, "K": law.K, "lambda_d": law.reference.dry}
     published |= {"J": car.wheel.inertia, "r": car.wheel.radius, "Mn": car.mass, "Bn": car.wheel.viscous_friction}
     assert {name: float(shown[name]) for name in published} == pytest.approx(published, rel=1e-12)  # 1.53 times 3.6
     (text,) = (one.text for one in pages.blocks(TEXTS[DOCS / "howto" / "campaign.md"]) if one.name == "gains.toml")
     typed, design = load_controller(file("gains.toml", text)), recommended_pi_lead(car)
-    assert (typed.design, typed.torque_low, typed.torque_high) == (design.design, design.torque_low, design.torque_high)
+    for name in ("system", "torque_min", "torque_max"):
+        assert getattr(typed, name) == getattr(design, name)
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
 
 
@@ -260,6 +268,20 @@ def test_the_law_of_contributing_is_found_and_linearised(file, tmp_path, monkeyp
         assert contributed("linearize", railslip)["cases"][0]["adhesion"] == "kalker"
     finally:
         sys.modules.pop("railslip_ctrl.model.adhesion.kalker", None)
+
+
+@pytest.mark.long
+def test_the_controller_kind_of_contributing_is_tuned_saved_run_and_written_as_c(file, tmp_path, railslip):
+    """All from one file: its limit, 6 kN*m/s, is in the file of the tuned controller and in its C program."""
+    file("gentle.py", recipe("gentle.py"))
+    assert contributed("scenario park2008-si --controller gentle.py", railslip)["max_torque_rate_nm_per_s"] <= 6000.0
+    contributed("structure gentle.py", railslip)
+    run = contributed("controller gentle.toml", railslip)
+    assert (run["outcome"], run["max_torque_rate_nm_per_s"] <= 6000.0) == ("stopped", True)
+    control = load_controller(tmp_path / "gentle.toml")
+    assert (control.kind, control.torque_rate) == ("gentle", 6000.0)
+    save_c(control, tmp_path / "gentle.c")
+    assert "REAL(6000.0), /* torque_rate */" in (tmp_path / "gentle.c").read_text("utf-8")
 
 
 def test_the_scenario_and_the_controller_of_contributing_brake(file, tmp_path, monkeypatch, railslip):

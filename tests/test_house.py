@@ -2,7 +2,7 @@
 
 import ast
 
-from mutants import ROOMS
+from mutants import PACKAGE, ROOMS
 from project import ROOT
 
 LONGEST_MODULE = 800
@@ -30,4 +30,6 @@ def test_the_mutants_and_the_makefile_know_files_that_exist() -> None:
     delicate = (ROOT / "Makefile").read_text(encoding="utf-8").partition("$(addsuffix .py,")[2].partition("))")[0]
     asked = {name for names in (*ROOMS.values(), delicate.replace("\\\n", "")) for name in names.split()}
     assert "loop_oracles" in asked
+    modules = [path.relative_to(ROOT / PACKAGE).as_posix() for path in (ROOT / PACKAGE).rglob("*.py")]
+    assert not [room for room in ROOMS if not any(path.startswith(room) for path in modules)]
     assert not {name for name in asked if not (ROOT / "tests" / f"test_{name}.py").exists()}

@@ -19,6 +19,7 @@ from railslip_ctrl import DeadTimeLoop, InputError, Rational, UnstableLoopError
 from railslip_ctrl.loop import stability
 from railslip_ctrl.loop.certificate import CertificateError, certify
 from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
+from railslip_ctrl.loop.margins import by_distance
 from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
@@ -61,6 +62,10 @@ def test_margins_of_printed_loops():
         assert unstable.scaled(factor).stabilizing_gain_range == pytest.approx(ends / factor, rel=1e-10)
     for loop, expected in ((DeadTimeLoop(25 / (S**3 + 10 * S**2 + 10 * S + 10)), MATLAB), (unstable, UNSTABLE_PLANT)):
         assert {name: getattr(loop.margins(), name) for name in expected} == expected
+
+
+def test_of_intervals_of_gain_that_which_holds_1_comes_first_and_then_the_nearest():
+    assert [one for one, _ in by_distance([0.9, 1.05], range(3))] == [(0.9, 1.05), (1.05, math.inf), (0.0, 0.9)]
 
 
 def test_lambert_w_poles_of_the_delayed_integrator():

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
+from project import script
 from scipy.integrate import trapezoid
 from scipy.linalg import expm, solve_discrete_are
 
 from railslip_ctrl import PARK2008, DomainError, InputError, Rail, published_law
 from railslip_ctrl.identification import observer as observers
 from railslip_ctrl.identification.observer import Encoder, FilterObserver, Form, KalmanObserver, TorqueSensor
-from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial, observer_errors
+from railslip_ctrl.identification.virtual_rig import BrakeCourse, brake_trial
 from railslip_ctrl.model import plant
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import corrected_observer
@@ -197,7 +198,7 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
 @pytest.mark.parametrize("law", [BEAM, BRISTLE], ids=lambda law: law.name)
 def test_estimates_are_the_truth_but_for_lag_and_noise(law, observer):
     trial = trial_of(law)
-    errors = observer_errors(observer, trial, ENCODER, SENSOR, seed=2008)
+    errors = script("analysis/observer_tradeoff.py").observer_errors(observer, trial, ENCODER, SENSOR, seed=2008)
     # one draw; the errors' deviation over 1000 samples with memory is good to some 5 %
     assert errors.simulated == pytest.approx(errors.total, rel=0.12)
     if observer is KALMAN:

@@ -89,13 +89,13 @@ def test_alternatives_are_what_their_names_say():
         assert adhesion_coefficient(scenario.law(Rail.DRY), speed, slip, load) == pytest.approx(dry, rel=1e-12)
         # the same equation with other numbers: rounding only
         assert adhesion_coefficient(scenario.law(Rail.WET), speed, slip, load) == pytest.approx(expected, rel=1e-12)
-    pi = alternative("gains in N m per m/s").change(published_setup(CASES[1])).controller.design.gains
+    pi = alternative("gains in N m per m/s").change(published_setup(CASES[1])).controller
     assert (pi.kp, pi.ki) == (650.0, 27.0)
-    rates = alternative("D and K as rates of s, (39), as printed").change(published_setup(CASES[3])).controller.gains
+    rates = alternative("D and K as rates of s, (39), as printed").change(published_setup(CASES[3])).controller
     torque = 3.6 * 60.35 / 0.43  # J/r
     assert torque * 1.53 / 3600 == pytest.approx(rates.D)
     assert torque * 70 * (1000 / 3600) / 3600 == pytest.approx(rates.K)  # km/h^2 in m/s^2: 1000 m over (3600 s)^2
-    adaptive = alternative("k = 2.1e-8 as printed").change(published_setup(CASES[2])).controller.gains
+    adaptive = alternative("k = 2.1e-8 as printed").change(published_setup(CASES[2])).controller
     assert (adaptive.k1, adaptive.k2) == pytest.approx((2.1e-8, 12.96 * 2.1e-8))
 
 

@@ -11,11 +11,23 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from railslip_ctrl import PARK2008, DeadTimeLoop, LinearControl, PIController, PIGains, Rail, Rational, assess, plant_at
+from railslip_ctrl import PARK2008, DeadTimeLoop, PIController, PIGains, Rail, Rational, assess, plant_at
+from railslip_ctrl.controllers.braking import linear_control
+from railslip_ctrl.controllers.sampled import (
+    Rule,
+    SampledController,
+    continuous_equivalent,
+    sampled_loop,
+    sampled_margins,
+    suggested_period,
+)
+from railslip_ctrl.controllers.systems import (
+    StateSpaceController,
+    controller_system,
+    linear_controller,
+    wheel_slip_loop,
+)
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.design import StateSpaceController, controller_system, linear_controller, wheel_slip_loop
-from railslip_ctrl.design import controllers as designs
-from railslip_ctrl.design.controllers import Rule, SampledController, sampled_loop, sampled_margins, suggested_period
 from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.loop import sampled
 from railslip_ctrl.loop.rational import realise
@@ -47,7 +59,7 @@ KINDS = {
     "scipy zpk": scipy.signal.lti(NUM, DEN).to_zpk(),
     "Rational": LEAD.transfer_function,
     "linear": Described(),
-    "run": LinearControl(SYSTEM, REFERENCE, period=0.01),
+    "run": linear_control(SYSTEM, reference=REFERENCE, period=0.01),
 }
 
 
@@ -103,12 +115,12 @@ def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
 
 
 def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
-    control = LinearControl(SYSTEM, REFERENCE, period=0.1, rule="tustin")
+    control = linear_control(SYSTEM, reference=REFERENCE, period=0.1, rule="tustin")
     found = assess(plant, control, PARK2008.actuator)
     expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
-    assert assess(plant, LinearControl(SYSTEM, REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
+    assert assess(plant, linear_control(SYSTEM, reference=REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
     assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
 
 
@@ -144,7 +156,7 @@ PIS = {
 
 
 def run(controller: SampledController, errors: np.ndarray) -> np.ndarray:
-    x = np.array(controller.start())
+    x = controller.start()
     return np.array([controller.step(x, float(error)) for error in errors])
 
 
@@ -225,18 +237,18 @@ def test_a_saturated_controller_of_any_order_comes_back_as_the_unlimited_one_doe
         a, b = block[:n, :n], block[:n, n]
 
         def run(controller, reference, load, a=a, b=b, row=made.c):
-            x, state, y, asked = np.array(controller.start()), 0 * b, [], []
+            x, state, y, asked = controller.start(), 0 * b, [], []
             for disturbance in load:
                 y.append(float(row @ state))
                 state = a @ state + b * (controller.step(x, reference - y[-1]) + disturbance)
-                asked.append(abs(x[len(controller.states) - 1]))
+                asked.append(abs(x.unlimited_torque))
             return np.array(y), np.array(asked)
 
         unlimited, nothing = SampledController(c, h, rule=rule), np.zeros(500)
         free, asked = run(unlimited, 1.0, nothing)
         steady = abs(1 / plant(0.0)) if np.all(plant.poles != 0) else 0.0
         limit = max(1.1 * steady, 0.9 * steady + 0.1 * asked.max())
-        limited = dataclasses.replace(unlimited, torque_low=-limit, torque_high=limit)
+        limited = dataclasses.replace(unlimited, torque_min=-limit, torque_max=limit)
         y, asked = run(limited, 1.0, nothing)
         assert y.max() <= max(1.0, free.max()) + 0.001
         assert np.sum(asked[np.argmax(y > 0.9) :] > limit) * h <= 6.0
@@ -297,7 +309,7 @@ def test_short_periods_converge_to_the_continuous_margins(plant, computation):
     sampled = [SampledController(LEAD, h) for h in (0.04, 0.02, 0.01, 0.005)]
     records = [sampled_margins(one, plant, ACTUATOR, computation=computation) for one in sampled]
     quick = SampledController(LEAD, 1e-12)
-    without = designs.continuous_equivalent(quick, plant, ACTUATOR, computation=computation).margins()
+    without = continuous_equivalent(quick, plant, ACTUATOR, computation=computation).margins()
     for name in ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk"):
         exact = np.array([getattr(r.exact, name) for r in records])
         equivalent = np.array([getattr(r.equivalent, name) for r in records])
@@ -342,11 +354,11 @@ def test_suggested_period_takes_its_share_of_the_delay_margin_and_refuses_what_i
     *((lambda _, h=h: SampledController(PLAIN, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
     *((lambda _, h=h: SampledLoop(gain(1.0), INTEGRATOR, 0.0, h), PERIOD) for h in (0.0, -0.1, math.nan, math.inf)),
     (lambda _: SampledController(LEAD, 0.13), r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
-    (lambda _: SampledController(PLAIN, 0.02, torque_low=1.0, torque_high=1.0), "give low < high"),
-    (lambda _: SampledController(PLAIN, 0.02, torque_high=math.nan), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_min=1.0, torque_max=1.0), "give low < high"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_max=math.nan), "give low < high"),
     (lambda _: SampledController(PLAIN, 0.02, tracking_time=0.01), r"tracking time: 0.01 s .* >= the period 0.02"),
     (lambda _: SampledController(PLAIN, 0.02, rule="euler"), "rule: 'euler' is not allowed; give tustin or back"),
-    (lambda _: SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0), "initial torque: -5"),
+    (lambda _: SampledController(PLAIN, 0.02, torque_min=0.0).start(torque=-5.0), "initial torque: -5"),
     (lambda _: SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1), "strictly proper"),
     (lambda _: SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1), "gain 0"),
     (lambda _: SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1), "dead time: -1"),

@@ -9,13 +9,13 @@ import pytest
 from project import script, show
 
 import railslip_ctrl as rs
+from railslip_ctrl.controllers import seeking as step
 from railslip_ctrl.model.adhesion import law_class, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
-from railslip_ctrl.simulation import seeking_step as step
 
 KMH = 1 / 3.6
 CAR = rs.PARK2008
-GAINS = rs.seeking_control().gains
+CONTROL = rs.Seeking.for_vehicle(CAR)
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,9 @@ def test_no_start_slips_more_than_its_bound(proofs, law, rail, times):
     """The bound holds and says something: so many times what is simulated at most. A start up to more slips more."""
     simulated, again = proofs.first_maximum(proofs.quiet(law, rail, 100 * KMH))
     box = proofs.box_about(published_law(law, rail), 100 * KMH, CAR.wheel_load, 0.0)
-    bound = proofs.overshoot(CAR, GAINS, box, 100 * KMH, again=again)
+    bound = proofs.overshoot(CAR, CONTROL, box, 100 * KMH, again=again)
     assert simulated < bound < min(times * simulated, 1.0)
-    later = GAINS.model_copy(update={"first_slip": 1.1 * GAINS.first_slip})
+    later = CONTROL.model_copy(update={"first_slip": 1.1 * CONTROL.first_slip})
     assert proofs.overshoot(CAR, later, box, 100 * KMH, again=again) > bound
 
 
@@ -67,7 +67,7 @@ def any_curve(proofs, box, rng):
 def test_no_curve_of_a_box_slips_more_than_its_bound(proofs, law, rail):
     rng, width, v, seen = np.random.default_rng(7), 0.05, 100 * KMH, []
     box = proofs.box_about(published_law(law, rail), v, CAR.wheel_load, width)
-    bounds = [proofs.overshoot(CAR, GAINS, box, v, again=again) for again in range(4)]
+    bounds = [proofs.overshoot(CAR, CONTROL, box, v, again=again) for again in range(4)]
     for _ in range(120):
         table, inside = any_curve(proofs, box, rng)
         if inside:
@@ -83,17 +83,17 @@ def test_no_curve_of_a_box_slips_more_than_its_bound(proofs, law, rail):
 def test_the_map_fits_what_it_was_given(proofs):
     """Within its bound on a parabola, whose curvature is the same everywhere, and not far below it."""
     rng, bend = np.random.default_rng(2), 20.0
-    row, x = proofs.row_and_state()
+    x, p = proofs.state_and_parameters()
     slips = rng.uniform(0.06, 0.12, 400)
     mus = 0.3 - 0.5 * bend * (slips - 0.09) ** 2
-    weights = math.exp(-proofs.PERIOD / GAINS.forgetting) ** np.arange(len(slips))[::-1]
+    weights = math.exp(-proofs.PERIOD / CONTROL.forgetting) ** np.arange(len(slips))[::-1]
     for k, (slip, mu) in enumerate(zip(slips, mus, strict=True)):
-        x[step.SAMPLES], x[step.FILTERED_SIGMA], x[step.ADHESION_TORQUE] = 1000 + k, slip, mu * GAINS.wheel_load
-        step.learn(x, row)
-    step.solve_map(x, row)
-    found = np.interp(slips, proofs.KNOTS, x[-len(proofs.KNOTS) :])
+        x.samples, x.filtered_sigma, x.adhesion_torque = 1000 + k, slip, mu * CONTROL.wheel_load
+        step.learn(x, p)
+    step.solve_map(x, p)
+    found = np.interp(slips, proofs.KNOTS, x.adhesion)
     rms = math.sqrt(weights @ (found - mus) ** 2 / weights.sum())
-    bound = proofs.misfit(bend, GAINS, 0.06, 0.12, float(weights.sum()))
+    bound = proofs.misfit(bend, CONTROL, 0.06, 0.12, float(weights.sum()))
     assert 0.1 * bound < rms < bound
 
 
@@ -103,8 +103,8 @@ def test_a_hump_is_found(proofs, at, power):
     """Simulated: within a flatness and a half on average, and never far away."""
     distance, mean, most = proofs.seek_hump(at, power)
     assert distance < 0.025
-    assert mean < 1.5 * GAINS.flatness
-    assert most < 3 * GAINS.flatness
+    assert mean < 1.5 * CONTROL.flatness
+    assert most < 3 * CONTROL.flatness
 
 
 def test_where_it_rests_it_gives_away_the_flatness(proofs):
@@ -112,12 +112,12 @@ def test_where_it_rests_it_gives_away_the_flatness(proofs):
     curve = proofs.hump(0.05, 1.0)
     slips = proofs.sought(curve, 3.0)
     assert np.ptp(slips[-30:]) < 1e-3
-    assert 1 - curve(slips[-1]) / 0.3 < GAINS.flatness + 2 * 0.003  # of the map, `misfit`
+    assert 1 - curve(slips[-1]) / 0.3 < CONTROL.flatness + 2 * 0.003  # of the map, `misfit`
 
 
 def test_a_peak_below_the_knots_is_not_found(proofs):
     distance, mean, _most = proofs.seek_hump(0.003, 1.0)
-    assert distance == pytest.approx(GAINS.largest_slip - 0.003, abs=1e-6)
+    assert distance == pytest.approx(CONTROL.largest_slip - 0.003, abs=1e-6)
     assert mean > 0.5
 
 

@@ -9,16 +9,18 @@ from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
 
-from railslip_ctrl import Actuator, DeadTimeLoop, InputError, PIController, published_law, wheel_slip_loop
+from railslip_ctrl import Actuator, DeadTimeLoop, InputError, published_law, wheel_slip_loop
 from railslip_ctrl import simulation as sim
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.torque_profile import TorqueProfile
+from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.adhesion.curve import Curve, curve_force
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail, Resistance, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Resistance, Vehicle
 from railslip_ctrl.report.simulation import run_comparison_text
 from railslip_ctrl.simulation import kernel as layout
 from railslip_ctrl.simulation.bound import attainable_stop, clairvoyant_stop, compare_runs
-from railslip_ctrl.simulation.catalogue import published_controller
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 NO_ADHESION = Curve(alpha=1e-20, beta=0.0475, gamma=41.5, v0=100 / 3.6, reference=REFERENCE)  # a force below 1e-16 N
@@ -28,13 +30,12 @@ PUBLISHED_PI = published_controller("pi")
 BALANCE = 1e-10
 
 
-def pi(kp: float, ki: float = 0.0, slip: float = 0.132) -> sim.LinearControl:
-    given = {"period": None, "rule": "backward", "tracking_time": math.inf}
-    return sim.LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **given)
+def pi(kp: float, ki: float = 0.0, slip: float = 0.132) -> PI:
+    return PI(kp=kp, ki=ki, reference=ReferenceSlip(dry=slip, wet=slip), anti_windup=False)
 
 
-def constant_torque(torque: float, **fields: object) -> sim.TorqueProfile:
-    return sim.TorqueProfile((0.0,), (torque,), REFERENCE, **fields)
+def constant_torque(torque: float, **fields: object) -> TorqueProfile:
+    return TorqueProfile(times=(0.0,), torques=(torque,), **fields)
 
 
 def bare_vehicle(*, dead_time: float = 0.0, lag: float = 0.0, viscous: float = 0.0, **fields: object) -> Vehicle:
@@ -120,7 +121,7 @@ def test_the_wheel_locks_when_the_torque_has_taken_its_momentum() -> None:
     """Without adhesion J omega' = -T after the dead time; slip is then 1, and its mean tells the lock to rounding."""
     torque, dead_time, end = 4000.0, 0.0837, 2.0
     base = scenario(bare_vehicle(dead_time=dead_time), longest_time=end)
-    controller = sim.TorqueProfile((0.0,), (torque,), REFERENCE.model_copy(update={"dry": 1e-9}), period=0.01)
+    controller = constant_torque(torque, reference=REFERENCE.model_copy(update={"dry": 1e-9}), period=0.01)
     run = sim.simulate(base, controller, seed=None)
     lock = dead_time + PARK2008.wheel.inertia * (30.0 / PARK2008.wheel.radius) / torque
     assert np.array_equal(run.signals.locked, run.signals.time > lock)
@@ -137,7 +138,7 @@ def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
     law = published_law("curve", Rail.DRY)
     limits = sim.BrakeLimits(torque_min=0.0, dump_lag=dump)
     base = scenario(bare_vehicle(dead_time=dead_time, lag=0.3), adhesion=law, limits=limits, longest_time=end)
-    controller = sim.TorqueProfile((0.0, off - 1e-6, off), (torque, torque, 0.0), REFERENCE, period=0.01)
+    controller = TorqueProfile(times=(0.0, off - 1e-6, off), torques=(torque, torque, 0.0), period=0.01)
     run = sim.simulate(base, controller, seed=None)
     s = run.signals
     r, J, M = PARK2008.wheel.radius, PARK2008.wheel.inertia, PARK2008.mass
@@ -177,11 +178,13 @@ def small_perturbation(gain: float, extra: float, end: float) -> tuple[DeadTimeL
     vehicle = bare_vehicle(dead_time=dead_time, lag=PARK2008.actuator.lag, viscous=0.25, mass=HEAVY, mass_loaded=HEAVY)
     point = operating_point(law, vehicle, 100 / 3.6, 0.132)
     controller = pi(190.0 * gain, 5.0 * gain)
-    loop = wheel_slip_loop(linearize(point), controller.design, Actuator(dead_time=dead_time, lag=0.6))
+    loop = wheel_slip_loop(linearize(point), controller.system, Actuator(dead_time=dead_time, lag=0.6))
     base = scenario(vehicle, adhesion=law, initial_speed=100 / 3.6, longest_time=end, step=1e-4)
     torque, z = point.brake_torque, point.adhesion_state or 0.0
     start = {layout.V: point.speed, layout.SIGMA: point.sigma + 1e-5, layout.Z: z, layout.TORQUE: torque}
-    simulator, memory, every = sim.Simulator(base, controller), np.array((torque, 0.0, 0.0, torque)), 10
+    simulator, every = sim.Simulator(base, controller), 10
+    held = controller.model_copy(update={"initial_torque": torque})
+    memory = np.array(controller.flat(held.start(point.speed, simulator.period)))
     plan, kernel = simulator._plan, simulator._kernel
     y, summary = np.zeros(layout.STATES), np.empty(layout.SUMMARY)
     y[list(start)] = list(start.values())
@@ -233,7 +236,7 @@ def test_the_energy_balance_closes(case: str) -> None:
 def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> None:
     """Also where it is a multiple of neither the period nor the step; the torque moves all the time."""
     vehicle = bare_vehicle(dead_time=dead_time, lag=0.6)
-    profile = sim.TorqueProfile((0.0, 0.8, 1.3, 2.0), (500.0, 3000.0, -800.0, 400.0), REFERENCE, period=period)
+    profile = TorqueProfile(times=(0.0, 0.8, 1.3, 2.0), torques=(500.0, 3000.0, -800.0, 400.0), period=period)
     run = sim.simulate(scenario(vehicle, longest_time=3.0, step=step), profile, seed=None)
     time, command = run.signals.time[:-1], run.signals.command[:-1]  # the last row is the end, not a sample
     # the lag's answer to a command held from sample to sample, by superposition of its steps
@@ -248,7 +251,7 @@ def test_fill_dump_and_rate_limit() -> None:
     fill, dump, rate, torque, end = 0.6, 0.25, 9000.0, 8000.0, 3.0
     limits = sim.BrakeLimits(torque_min=0.0, dump_lag=dump, rate=rate)
     vehicle = bare_vehicle(lag=fill, mass=1e6, mass_loaded=1e6)
-    profile = sim.TorqueProfile((0.0, end - 1e-6, end), (torque, torque, 0.0), REFERENCE, period=0.01)
+    profile = TorqueProfile(times=(0.0, end - 1e-6, end), torques=(torque, torque, 0.0), period=0.01)
     run = sim.simulate(scenario(vehicle, longest_time=5.0, limits=limits), profile, seed=None)
     t, acting = run.signals.time, run.signals.torque
     linear_up = torque / rate - fill  # then the lag is slower than the limit
@@ -375,7 +378,7 @@ def test_a_torque_that_is_no_number_or_overflows_ends_the_run() -> None:
     run = sim.simulate(base, constant_torque(-1e308), seed=None)  # times 1/J and r: the wheel's speed overflows
     assert run.outcome is sim.Outcome.NOT_FINITE
     assert 0.0 < run.braking_time < 1.0
-    assert np.isfinite(run.signals).all()  # what was last
+    assert np.isfinite(run.signals._replace(reference=np.zeros(2))).all()  # what was last; it holds no slip
 
 
 @pytest.mark.parametrize(("torque", "step"), [(6000.0, 1e-3), (9000.0, 5e-3), (30000.0, 5e-3)])

@@ -1,7 +1,6 @@
 """The sliding-mode law derived from the plant, against (45) and broken plants, and generated: Python against the
 derivation, C99 against the Python."""
 
-import itertools
 import json
 import math
 import os
@@ -12,22 +11,26 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import sympy as sp
-from generated_code import COMPILER, Compiled, adhesion_of, begun, fields, needs_compiler, parameters, same
+from generated_code import COMPILER, Program, adhesion_of, needs_compiler, parameters
 from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
 from railslip_ctrl import PARK2008, InputError, Rail, derive
+from railslip_ctrl.controllers.base import Measurement
+from railslip_ctrl.controllers.c_code import law_program
+from railslip_ctrl.controllers.guard import Guard, Status, guarded, is_good
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
-from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 
@@ -236,10 +239,10 @@ def test_filter_and_integral_converge_to_the_continuous_ones() -> None:
         values = dict.fromkeys(module.Parameters._fields, 0.0)
         values |= {"J": 60.0, "r": 0.43, "Mn": 3517.0, "lambda_d": 0.1, "rho": 1.0, "D": 1.0, "torque_max": LARGEST}
         p = module.Parameters(**{**values, "filter_time": 0.1, "period": period})
-        state = begun(module, 20.0, p)
+        state = module.start(20.0)
         for i in range(round(0.2 / period)):
             v = 20.0 - (i + 1) * period
-            _, _, state = module.step(state, v, v / 0.43, 0.0, p)  # no slip: e = lambda_d v
+            module.law_step(state, v, v / 0.43, 0.0, p)  # no slip: e = lambda_d v
         estimate = (v - state.v_filtered) / p.filter_time
         exact = -(1.0 - math.exp(-0.2 / 0.1))
         errors.append((abs(estimate - exact), abs(state.e_integral - 0.1 * (20.0 * 0.2 - 0.02))))
@@ -252,21 +255,20 @@ MEASURED = (25.0, 53.0, 4000.0)  # m/s, rad/s, N*m: sigma = 2.21 m/s, e = 1.09 m
 
 
 def stepped(given, **estimates):
-    """(torque, s, new state) of one sample of the law without adhesion, SI, dry."""
+    """Torque, and the state after it, of one sample of the law without adhesion, SI, dry."""
     module = python_law(derive())
     values = PLAIN | {"filter_time": 0.1, "period": 0.01, "boundary": 0.0} | gain_parameters(PUBLISHED_LAW)
     p = module.Parameters(**values | {"torque_min": -LARGEST, "torque_max": LARGEST} | given)
-    # init refuses the lower limit above 0 with which anti-windup is tested
-    start = begun(module, MEASURED[0], p._replace(torque_min=-LARGEST))
-    return module.step(start._replace(**estimates), *MEASURED, p)
+    state = SimpleNamespace(**{**vars(module.State), **vars(module.start(MEASURED[0])), **estimates})
+    return module.law_step(state, *MEASURED, p), {name: getattr(state, name) for name in generate(derive()).law.states}
 
 
 def test_variants_of_the_adaptation() -> None:
     """Leak, dead zone and box as `robust` derives them, one Euler step by hand."""
 
     def after_a_step(gains):
-        _, s, state = stepped(gain_parameters(gains), theta1_hat=3e-4, theta2_hat=-2e-3)
-        return s, (state.theta1_hat, state.theta2_hat)
+        _, state = stepped(gain_parameters(gains), theta1_hat=3e-4, theta2_hat=-2e-3)
+        return state["s"], (state["theta1_hat"], state["theta2_hat"])
 
     gains = replace(PUBLISHED_LAW, layer=0.2, dead_zone=True, leak=0.7)
     s, theta_hat = after_a_step(gains)
@@ -289,10 +291,10 @@ def test_anti_windup(limit, integral) -> None:
     """e > 0 raises the torque: at the upper limit the integral rests, at the lower it unwinds; the estimates rest."""
     free = stepped({})
     bound = free[0] - 100.0 if limit == "torque_max" else free[0] + 100.0
-    rests = {"command": bound, "theta1_hat": 0.0, "theta2_hat": 0.0} | ({} if integral else {"e_integral": 0.0})
-    assert stepped({limit: bound, "anti_windup": 1.0}) == (bound, free[1], free[2]._replace(**rests))
+    rests = {"theta1_hat": 0.0, "theta2_hat": 0.0} | ({} if integral else {"e_integral": 0.0})
+    assert stepped({limit: bound, "anti_windup": 1.0}) == (bound, free[1] | rests)
     # without it all of them go on, and off its limits it changes nothing
-    assert stepped({limit: bound})[2] == free[2]._replace(command=bound)
+    assert stepped({limit: bound}) == (bound, free[1])
     assert stepped({"anti_windup": 1.0}) == free
 
 
@@ -308,7 +310,7 @@ def in_both_languages(tmp_path_factory):
     def made(adhesion, reference="proportional"):
         derivation = derive(reference=reference, law=adhesion)
         code = generate(derivation)
-        return code, python_law(derivation), Compiled(code, tmp_path_factory.mktemp("law"), *flags)
+        return code, python_law(derivation), Program(law_program(code), tmp_path_factory.mktemp("law"), *flags)
 
     return made
 
@@ -334,16 +336,17 @@ def test_c_is_the_python_at_measurements_of_any_size(reference, adhesion, in_bot
             both.step(*({"v": v, "omega": omega, "Ta": generator.uniform(0.0, 6e3)}[name] for name in law.measured))
     for run in range(40):
         row = parameters(made[0], generator, inside, **(options(generator) if run % 2 else {}))
-        both = Both(made, row, float(generator.choice(EXTREMES)))
+        both = Both(made, row, min(abs(float(generator.choice(EXTREMES))), LARGEST))
         for _ in range(60):
-            measured = [float(generator.choice(EXTREMES)) for _ in law.measured]
+            measured = [abs(float(generator.choice(EXTREMES))) for _ in law.measured]
+            measured[2:] = [float(generator.choice(EXTREMES)) for _ in measured[2:]]
             if generator.random() < 0.1:
                 measured[int(generator.integers(len(measured)))] = float(generator.choice(NOT_FINITE))
-            before, torque = both.state, both.step(*measured)
+            before, torque = dict(vars(both.state)), both.step(*measured)
             assert both.p.torque_min <= torque <= both.p.torque_max
-            assert max(map(abs, (torque, both.s, *both.state))) <= LARGEST
+            assert max(map(abs, (torque, *vars(both.state).values()))) <= LARGEST
             if not all(map(math.isfinite, measured)):
-                assert (both.s, both.state[:-3]) == (0.0, before[:-3])
+                assert (vars(both.state), both.status is Status.OK) == (before, False)
 
 
 @pytest.mark.parametrize("name", [None, *law_names()])
@@ -354,17 +357,14 @@ def test_each_adhesion_law_is_derived_and_its_c_has_no_allocation_no_loop_and_no
         assert derivation.steps[-1].name == "adhesion law"
         assert not derivation.law_in_adhesion.has(plant.Ta)
         assert (derivation.adhesion_state_rate is not None) == law_class(name).has_state
-    text = re.sub(r"/\*.*?\*/", "", generate(derivation).c, flags=re.S)
+    text = re.sub(r"/\*.*?\*/", "", law_program(generate(derivation)).in_one_file, flags=re.S)
     for word in ("malloc", "calloc", "realloc", "free", "for", "while", "do", "goto"):
         assert not re.search(rf"\b{word}\b", text)
-    functions = re.findall(r"\brailslip_asmc_(\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S)
-    calls = {name: set(re.findall(r"\brailslip_asmc_(\w+)\(", body)) for name, body in functions}
-    helpers = {"bounded", "reciprocal", "exponential", "limited"} & set(calls)
-    assert set(calls) == {"switching", "init", "refused", "control", "valid", "step", *helpers}
-    assert {"control", "valid", "bounded"} <= calls["step"] <= {"control", "valid", *helpers}
-    assert {"switching", "bounded"} <= calls["control"] <= {"switching", *helpers}
-    assert calls["init"] <= {"refused", "bounded"}
-    assert not any(calls[name] for name in ("switching", "valid", "refused", *helpers))
+    functions = dict(re.findall(r"\b(\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S))
+    assert {"control", "law_step", "guarded", "railslip_asmc_init", "railslip_asmc_step"} < set(functions)
+    called = {one: set(re.findall(r"\b(\w+)\(", body)) & set(functions) for one, body in functions.items()}
+    order = list(functions)
+    assert all(order.index(other) < order.index(one) for one, others in called.items() for other in others)
 
 
 def test_the_committed_law_is_what_the_derivation_gives(tmp_path, monkeypatch):
@@ -388,19 +388,36 @@ V0 = 140.0 / 3.6  # m/s
 
 
 class Both:
-    """The law in Python and in C, stepped together; what they say is asserted to be the same, and finite."""
+    """The law with its guard in Python and in C, stepped together: the same torque, status and state, all finite.
+
+    The guard takes speeds of any size, and neither a wheel that stands nor a stuck sensor for a fault.
+    """
 
     def __init__(self, made, row, v) -> None:
-        self.code, self.module, self.compiled = made
-        self.p, self.c = self.module.Parameters(*row), self.compiled.Parameters(*row)
-        self.state, self.memory = begun(self.module, v, self.p), self.compiled.State()
-        assert self.compiled.init(self.memory, v, self.c) == 0
+        self.code, self.module, self.program = made
+        self.p = self.module.Parameters(*row)
+        limits = {"period": self.p.period, "radius": self.p.r, "torque_max": self.p.torque_max}
+        off = dict.fromkeys(("speed_max", "wheel_speed_max", "stuck_time", "lock_time"), 1.79e308)
+        guard = Guard(**limits, torque_min=self.p.torque_min, **off)
+        self._g, self._q = SimpleNamespace(**dict(Guard.State())), SimpleNamespace(**dict(guard))
+        names = self.code.law.states
+        self.state = SimpleNamespace(**{**dict.fromkeys(names, 0.0), **vars(self.module.start(v))})
+        self.row = self.program.numbers(*row, *(value for _, value in guard))
+        assert self.program.init(v, self.row) == 0
 
     def step(self, *measured) -> float:
-        torque, self.s, self.state = self.module.step(self.state, *measured, self.p)
-        out = self.compiled.step(self.memory, *measured, self.c)
-        assert same((out.torque, out.s, *fields(self.memory)), (torque, self.s, *self.state))
-        assert all(map(math.isfinite, (torque, self.s, *self.state)))
+        m, others = Measurement(0.0, *measured[:2], 0.0), measured[2:]
+        good = is_good(self._g, m, self._q) if all(map(math.isfinite, others)) else 0.0
+        wanted = self.module.law_step(self.state, *measured, self.p) if good else 0.0
+        torque = guarded(self._g, m, self._q, good, wanted)
+        self.status = Status(int(self._g.status))
+        found, status = self.program.step(*measured[:2], 0.0, *others)
+        names = self.code.law.states
+        mine = (torque, *(getattr(self.state, one) for one in names))
+        both = (found, *self.program.first(len(names)))
+        # relative to the size where that is above 1
+        assert all(abs(a - b) <= 1e-12 * max(1.0, abs(a)) for a, b in zip(mine, both, strict=True))
+        assert (status, all(map(math.isfinite, mine))) == (self.status, True)
         return torque
 
     def run(self, seconds, v, omega) -> np.ndarray:
@@ -457,53 +474,44 @@ def test_the_adhesion_in_the_code_is_the_law(adhesion) -> None:
         omega, sigma = (1 - slip) * v / p.r, slip * v
         z = float(functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p_law))
         Ta = p.r * float(functions.force(v, sigma, z, 0.0, 0.0, 0.0, p_law))
-        start = begun(inside, v, p)
-        start = start._replace(z=z) if law.has_state else start
-        expected = outside.step(begun(outside, v, q), v, omega, Ta, q)[0]
-        assert inside.step(start, v, omega, p)[0] == pytest.approx(expected, rel=1e-9)
+        start = inside.start(v)
+        if law.has_state:
+            start.z = z
+        expected = outside.law_step(outside.start(v), v, omega, Ta, q)
+        assert inside.law_step(start, v, omega, p) == pytest.approx(expected, rel=1e-9)
 
 
 @needs_compiler
-def test_a_sample_left_out_holds_the_command_for_a_time_and_then_releases(in_both_languages) -> None:
+def test_an_adhesion_torque_that_is_no_number_releases_the_brake(in_both_languages) -> None:
+    """Held for the guard's hold time, then released; the law rests meanwhile."""
     law = published(in_both_languages(None), None, 25.0)
-    sound = [25.0, 53.0, 4000.0]
-    for wrong, place in itertools.product((math.nan, math.inf, -math.inf), range(3)):
-        lost = [wrong if i == place else value for i, value in enumerate(sound)]
-        assert not law.module.valid(*lost)
-        assert law.compiled.valid(*lost) == 0
-        held = law.step(*sound)
+    for wrong in (math.nan, math.inf, -math.inf):
+        held, state = law.step(25.0, 53.0, 4000.0), dict(vars(law.state))
         assert 0.0 < held < 9000.0
-        state = law.state
-        torques = [law.step(*lost) for _ in range(300)]
-        samples = torques.count(held)
-        assert samples * PERIOD == pytest.approx(HOLD_TIME, abs=1.5 * PERIOD)  # a sum of periods is one more or less
-        assert torques == [held] * samples + [0.0] * (300 - samples)
-        assert law.state[: -len(KEPT)] == state[: -len(KEPT)]  # the law rests
+        torques = [law.step(25.0, 53.0, wrong) for _ in range(400)]
+        assert torques[:99] == [held] * 99
+        assert (torques[-1], law.status, vars(law.state)) == (0.0, Status.FAULT, state)
 
 
 @needs_compiler
 def test_parameters_that_are_refused_name_themselves_and_keep_the_brake_released(in_both_languages) -> None:
     both = published(in_both_languages("lugre"), sample_law("lugre"), V0)
-    names = both.code.law.parameters
+    names, good = both.code.law.parameters, list(both.row)
     may_be_zero = {"Bn", "K", "k1", "k2", "boundary", "torque_min", "adhesion_alpha1", "adhesion_alpha2", *OPTIONS}
     above = {"lambda_d": 13.2, "torque_min": 10.0}  # a slip in per cent; a brake that cannot release
+
+    def refused(v, changed):
+        """The code of init; the step after a refusal."""
+        row = [changed.get(name, value) for name, value in zip(names, good, strict=False)] + good[len(names) :]
+        code = both.program.init(v, both.program.numbers(*row))
+        if code:
+            assert both.program.step(V0, 70.0, 0.0) == (0.0, Status.FAULT)
+        return code
+
     for place, name in enumerate(names, 1):
-        bad = [math.nan, math.inf, -math.inf, *([] if name in may_be_zero else [0.0, -1.0])]
-        for value in bad + ([above[name]] if name in above else []):
-            assert _refused(both, V0, {name: value}) == place, (name, value)
-    assert _refused(both, math.nan, {}) == len(names) + 1
-    assert _refused(both, V0, dict.fromkeys(names, 0.0)) == 1
-    assert _refused(both, V0, dict.fromkeys(may_be_zero & set(names), 0.0)) == 0
-    untouched = both.compiled.State()  # of static storage, without init
-    assert both.compiled.step(untouched, V0, 70.0, both.c).torque == 0.0
-
-
-def _refused(both, v, changed) -> int:
-    """The code of init, the same in both languages; the step that follows a refusal."""
-    row = [changed.get(name, value) for name, value in zip(both.p._fields, both.p, strict=True)]
-    p, c, memory = both.module.Parameters(*row), both.compiled.Parameters(*row), both.compiled.State()
-    code, state = both.module.init(v, p)
-    assert both.compiled.init(memory, v, c) == code
-    if code:
-        assert both.module.step(state, V0, 70.0, p)[0] == both.compiled.step(memory, V0, 70.0, c).torque == 0.0
-    return code
+        bad = [math.nan, *([] if name in ("torque_min", "torque_max") else [math.inf, -math.inf])]
+        bad += ([] if name in may_be_zero else [0.0, -1.0]) + ([above[name]] if name in above else [])
+        assert [refused(V0, {name: value}) for value in bad] == [place] * len(bad), name
+    assert refused(math.nan, {}) == len(good) + 1
+    assert refused(V0, dict.fromkeys(may_be_zero & set(names), 0.0)) == 0
+    assert both.program.init(V0) == 1  # the default parameters are the user's to fill in

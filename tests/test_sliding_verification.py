@@ -13,8 +13,7 @@ from project import ROOT
 from railslip_ctrl import PARK2008, Actuator, Rail, load_law, load_vehicle
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.report.verification import conclusion_text, evidence, findings_text
-from railslip_ctrl.sliding.code import NOT_HOLDING
-from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.sliding.law import NOT_HOLDING, PUBLISHED_LAW
 from railslip_ctrl.verification import actuator_effects as effects
 from railslip_ctrl.verification import layered as layers
 from railslip_ctrl.verification import limit_cycles as cycles

@@ -215,6 +215,7 @@ def test_a_rectangle_is_certified_until_a_corner_passes_the_boundary(plant, dead
         assert region.certified_rectangle(kp, tuple(moved)) is certain
         assert intersection([region, region]).certified_rectangle(kp, tuple(moved)) is certain
         assert region.certified_contains(kp[column], moved[row]) is certain
+    assert region.certified_rectangle((kp[column],) * 2, (moved[row],) * 2)  # a point is one too
 
 
 @pytest.mark.parametrize(("marginal", "stable"), [(False, ((0.0, 9.0),)), (True, ((0.0, 1.0), (1.0, 9.0)))])

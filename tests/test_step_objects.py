@@ -1,6 +1,5 @@
 """Controllers known by their step: Python objects and Numba functions in runs and campaigns, and what they do wrong."""
 
-import math
 import re
 from pathlib import Path
 from unittest.mock import Mock
@@ -12,18 +11,20 @@ import scipy.signal
 from project import refused
 
 from railslip_ctrl import Envelope, InputError, PIController, PIGains, ReferenceSlip, judge, load_controller
+from railslip_ctrl.controllers.braking import linear_control
+from railslip_ctrl.controllers.files import as_control
+from railslip_ctrl.controllers.linear import full_brake_torque
+from railslip_ctrl.controllers.user_step import StepControl
 from railslip_ctrl.core.user_files import record_in
-from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation import built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
 from railslip_ctrl.simulation.campaign.specification import Campaign
-from railslip_ctrl.simulation.catalogue import full_brake_torque
-from railslip_ctrl.simulation.step_objects import StepControl, as_control
 
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
 DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
-BUILT_IN = LinearControl(DESIGN, REFERENCE, rule="backward", tracking_time=math.inf)
+BUILT_IN = linear_control(DESIGN, reference=REFERENCE, rule="backward", anti_windup=False)
 
 
 def as_run(controller, name=None):
@@ -58,7 +59,9 @@ def proportional(t, v, omega):
     return 1210.0 * (0.132 * v - (v - RADIUS * omega))
 
 
-@pytest.mark.parametrize("controller", [PI(), StepControl(pi, REFERENCE, start_numbers=(0.0,))], ids=["own", "numba"])
+@pytest.mark.parametrize(
+    "controller", [PI(), StepControl(thing=pi, reference=REFERENCE, start_numbers=(0.0,))], ids=["own", "numba"]
+)
 def test_one_law_in_every_form_makes_one_run(controller):
     expected, found, again = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller, controller))
     # sums in another order, over 48 s of a stable loop
@@ -68,12 +71,12 @@ def test_one_law_in_every_form_makes_one_run(controller):
 
 
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
-    short, held = SCENARIO.with_changes(events=()), SCENARIO.adhesion.reference
-    expected = simulate(short, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
+    short = SCENARIO.with_changes(events=())
+    expected = simulate(short, linear_control(PIController(PIGains(kp=1210.0, ki=0.0)), reference=REFERENCE))
     assert as_run(PI()).reference == REFERENCE  # its own
     for function in (proportional, proportional.py_func):
         made = as_run(function)
-        assert (made.name, made.period, made.reference) == ("proportional", 0.01, held)
+        assert (made.label, made.period, made.reference) == ("proportional", 0.01, None)
         assert simulate(short, function).braking_distance == pytest.approx(expected.braking_distance, rel=1e-9)
 
 
@@ -82,12 +85,12 @@ def test_a_linear_system_runs_as_it_is_given(form):
     s = ct.tf("s")
     system = 1210.0 + 1220.0 / s
     given = {"tf": system, "ss": ct.tf2ss(system), "scipy": scipy.signal.lti(system.num[0][0], system.den[0][0])}
-    given = (given | {"discrete": ct.sample_system(system, 0.01, "tustin"), "PI": BUILT_IN.design})[form]
+    given = (given | {"discrete": ct.sample_system(system, 0.01, "tustin"), "PI": BUILT_IN.system})[form]
     limit, reference = full_brake_torque(SCENARIO.vehicle), SCENARIO.adhesion.reference
-    own = LinearControl(BUILT_IN.design, reference, torque_low=0.0, torque_high=limit, tracking_time=None)
+    own = linear_control(BUILT_IN.system, reference=reference, torque_min=0.0, torque_max=limit)
     assert (own.period, own.rule) == (0.01, "tustin")  # what a system used alone has, and what is given has
-    assert LinearControl(ct.sample_system(system, 0.02, "tustin"), reference).period == 0.02
-    assert as_run(given).torque_high == limit
+    assert linear_control(ct.sample_system(system, 0.02, "tustin"), reference=reference).period == 0.02
+    assert as_run(given).torque_max == limit
     found, expected = simulate(SCENARIO, given, seed=1), simulate(SCENARIO, own, seed=1)
     # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
@@ -186,14 +189,14 @@ def test_a_run_has_its_own_copy_or_begins_by_a_reset_and_an_interruption_interru
         simulate(SCENARIO, one)
 
 
-@pytest.mark.parametrize(("period", "told"), [(0, "0 s is not allowed; give a finite value >= 1e"), (1e9, "<= 180$")])
+@pytest.mark.parametrize(("period", "told"), [(0, "0 is not allowed; give a value >= 1e"), (1e9, "<= 180$")])
 def test_a_period_that_no_run_has_is_told_with_its_controller_or_file(railslip, file, period, told):
     path = file("mine.py", KINDS.replace("{}", "Timed()").replace("dt = 0.01", f"period = {period}"))
     with pytest.raises(InputError, match=f"^controller Timed: period: .*{told}"):  # 180 s: once a run, and no more
         simulate(SCENARIO, load_controller(path))
     if not period:
         for command in ("margins --rail dry", "simulate --scenario stop --out out"):
-            begins = f"railslip: error: --controller: {path}: controller mine: period: 0 s is not allowed"
+            begins = f"railslip: error: --controller: {path}: controller mine: period: 0 is not allowed"
             assert refused(railslip(*command.split(), "--controller", path)).startswith(begins)
         assert not Path("out").exists()
 
@@ -249,7 +252,7 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controll
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):
         run = "has no step to run by; give it step(t, v, omega)"
-    judged = StepControl(mine, REFERENCE) if run is None else mine  # as a command makes it of a file
+    judged = StepControl(thing=mine) if run is None else mine  # as a command makes it of a file
     for told, ask in ((margins, lambda: judge(judged, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
         if told is None:
             ask()
@@ -262,10 +265,10 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controll
 
 @pytest.mark.parametrize(("make", "told"), [
     (lambda: simulate(SCENARIO, lambda t, v: 0.0), r"step cannot be called with \(t, v, omega\)"),
-    (lambda: simulate(SCENARIO, ct.tf([190, -190], [1, -1], 1e-9)), "period: 1e-09 s is not allowed; give a fin"),
+    (lambda: simulate(SCENARIO, ct.tf([190, -190], [1, -1], 1e-9)), "period: 1e-09 is not allowed; give a value >= 1e"),
     (lambda: simulate(SCENARIO, {}), "controller: dict is not a linear system"),
     (lambda: simulate(SCENARIO, "pi-lead"), "'pi-lead' is a name; give the controller, of a file by load_controller"),
-    (lambda: StepControl(3, REFERENCE), "has no step"),
+    (lambda: StepControl(thing=3), "has no step"),
 ])  # fmt: skip
 def test_what_cannot_run_is_refused_in_a_line(make, told):
     with pytest.raises(InputError, match=told):

@@ -4,12 +4,15 @@ import itertools
 import math
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import control as ct
 import numpy as np
 import pytest
 from figure_checks import defects
+from matplotlib.contour import ContourSet
 from scipy import signal
+from scipy.interpolate import RegularGridInterpolator
 from test_sampled import INTEGRATOR, gain
 
 import railslip_ctrl as rs
@@ -24,7 +27,9 @@ from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.report import plots
+from railslip_ctrl.report.plots import designs, style
 from railslip_ctrl.report.plots.style import figure_bytes
+from railslip_ctrl.report.recommendation import GainMap
 
 NUM, DEN = [1.5, 6.0], [2.0, 9.0, 10.0]  # zero -4, poles -2 and -2.5
 SYSTEMS = {
@@ -97,9 +102,8 @@ def test_a_loop_has_what_python_control_asks_of_it():
 
 def test_python_control_s_plots_of_a_loop_itself_say_what_they_take():
     for plot in (ct.bode_plot, ct.nyquist_plot, ct.nichols_plot, ct.singular_values_plot):
-        with pytest.raises(AttributeError, match=r"bode_plot and its like loop\.frequency_response\(omega\)"):
+        with pytest.raises(AttributeError, match=r"give its functions loop\.frequency_response\(omega\)"):
             plot(LOOP)
-    assert not hasattr(LOOP, "dt")  # by which a system is known
 
 
 H, FINE = 0.2, 20
@@ -402,17 +406,44 @@ def test_sweep_figure_leaves_gaps_where_unstable():
     assert np.isnan(figure.axes[0].lines[0].get_ydata()[0])
 
 
-def test_the_map_of_a_judgement_writes_its_numbers():
+def test_the_contours_of_gains_are_where_their_levels_are():
+    """kp along x, ki along y: of a record with other numbers of both, and of a region's phase margins."""
+    kp, ki = np.geomspace(100.0, 800.0, 5), np.geomspace(1.0, 90.0, 7)
+    ms, region = 1.2 + 0.01 * kp[:, None] + 0.002 * ki**2, stabilizing_pi(LAG, 0.1)
+    record = RegularGridInterpolator((kp, ki), 1 / ms)
+    drawn = designs._gains(GainMap(kp, ki, ms, (200.0, 4.0), 9), "car").axes[0]
+    for ax, value in (
+        (drawn, lambda *gains: record(gains)),
+        (region.plot(kp_limit=5, ki_limit=30).axes[1], lambda *gains: region.loops(*gains)[0].margins().phase_deg),
+    ):
+        (lines,) = (one for one in ax.collections if isinstance(one, ContourSet) and not one.filled)
+        assert len(lines.levels) > 2
+        for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+            place = path.vertices[len(path.vertices) // 2]
+            assert value(*place) == pytest.approx(level, rel=0.1)  # drawn as if linear in a cell
+
+
+def test_the_map_of_a_judgement_has_the_worst_of_its_cases_where_the_labels_of_speed_and_load_are():
+    """In its colour, and in its number, rounded up."""
     lead = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
-    found = rs.judge(lead, rs.Envelope(speeds=(20.0, 100.0))).map
-    figure = found.plot()
-    for ax, worst in zip(figure.axes, (found.operating, found.with_tolerances), strict=True):
-        cells = [t.get_text() for t in ax.texts]
-        assert [one == "unst." for one in cells] == np.isinf(worst.ravel()).tolist()
-        up = [float(one) - x for one, x in zip(cells, worst.ravel(), strict=True) if np.isfinite(x)]
-        assert 0 <= min(up) <= max(up) < 0.0101 * max(1.0, np.max(worst[np.isfinite(worst)]) / 10)  # never below
-    assert found.operating.max() < 9.99
-    assert np.isinf(found.with_tolerances).any()
+    judged = rs.judge(lead, rs.Envelope(speeds=(20.0, 100.0)))
+    points, axes, unstable = judged.points, judged.map.plot().axes, []
+    for ax, speed, load in itertools.product(axes, (20.0, 100.0), ("empty", "loaded")):
+        there = (points.speed_kmh == speed) & (points.load == load) & (points.operating | (ax is axes[1]))
+        rows, columns = ([t.get_text() for t in labels] for labels in (ax.get_yticklabels(), ax.get_xticklabels()))
+        worst = judged.run_ms[there].max()
+        x, y = ax.get_xticks()[columns.index(load)], ax.get_yticks()[rows.index(f"{speed:g}")]
+        event = SimpleNamespace(**dict(zip("xy", ax.transData.transform((x, y)), strict=True)))
+        assert ax.images[0].get_cursor_data(event) == min(worst, designs._MS_TOP)
+        (number,) = (text.get_text() for text in ax.texts if text.get_position() == (x, y))
+        unstable.append(number == "unst.")
+        assert math.isinf(worst) if unstable[-1] else 0 <= float(number) - worst < 0.0101 * max(1.0, worst / 10)
+    assert (any(unstable[:4]), any(unstable[4:])) == (False, True)
+
+
+def test_panels_that_nothing_is_drawn_in_are_not_seen():
+    figure, axes = style.grid_of(3, 2, "title", (0.5, 2.0))
+    assert ([ax.get_visible() for ax in figure.axes], len(axes)) == ([True, True, True, False], 3)
 
 
 def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():

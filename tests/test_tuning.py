@@ -3,6 +3,7 @@
 import math
 from dataclasses import fields, replace
 from functools import partial
+from types import SimpleNamespace
 
 import control as ct
 import numpy as np
@@ -10,15 +11,18 @@ import pytest
 
 import railslip_ctrl as rs
 from railslip_ctrl import PARK2008, DeadTimeLoop, PIController, PIGains, Rail, Rational, published_law, tune_pi
+from railslip_ctrl.controllers.pi import PI, PID
+from railslip_ctrl.controllers.scheduled import GainSchedule
+from railslip_ctrl.controllers.systems import actuated_plant, wheel_slip_loop
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import actuated_plant, common_pi, gain_for_crossover, most_phase, wheel_slip_loop
+from railslip_ctrl.design import common_pi, gain_for_crossover, most_phase
 from railslip_ctrl.design import schedule as by_speed
 from railslip_ctrl.design import tuning as rules
 from railslip_ctrl.design.assessment import Verdict, assess
-from railslip_ctrl.design.schedule import GainSchedule, lowest_held_speed, plant_at, schedule_gains
+from railslip_ctrl.design.schedule import lowest_held_speed, plant_at, schedule_gains
 from railslip_ctrl.design.specification import Specification, family_margins, is_robust, worst_of
 from railslip_ctrl.design.tuning import Kind, first_order_model, pi_for_crossover, pi_transfer_function, tune_cases
-from railslip_ctrl.design.tuning_search import Forbidden
+from railslip_ctrl.design.tuning_search import Family, Forbidden
 from railslip_ctrl.model.vehicle import TABLE4_PI, Actuator
 
 SPEED = 100 / 3.6
@@ -265,6 +269,24 @@ SLOW_AND_FAST, ICY = [1 / (S - 0.2), 1 / (S - 5)], {"ms_max": 3.0, "names": ("dr
 FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
 
 
+def test_without_dead_time_a_pi_is_the_limit_of_short_dead_times_in_as_many_steps(monkeypatch):
+    rows, row, found, steps = [], Family.row, [], []
+    monkeypatch.setattr(Family, "row", lambda *given: rows.append(given) or row(*given))
+    plant = 1.2 / ((S - 0.25) * (0.6 * S + 1))
+    for dead_time in (0.0, 1e-6, 1e-3):
+        found.append(tune_pi(plant, dead_time, ms_max=2.0))
+        steps.append(len(rows) - sum(steps))
+    none, microsecond, millisecond = found
+    assert steps[0] <= steps[2]  # 2000 for 150 if stable gains of Ms > 2 above all samples are not seen to be forbidden
+    for gain in ("kp", "ki"):  # to first order in the dead time; 1e-3 is the second order's share
+        near, far = (getattr(none, gain) - getattr(other, gain) for other in (microsecond, millisecond))
+        assert near == pytest.approx(1e-3 * far, rel=0.02)
+    assert none.worst.ms == pytest.approx(2.0, rel=1e-9)
+    for kp in none.kp * np.linspace(0.5, 2.0, 61):  # brute force: no kp has a larger ki
+        loop = DeadTimeLoop(pi_transfer_function(kp, none.ki * (1 + 1e-6)) * Rational.from_control(plant))
+        assert not loop.is_stable() or loop.margins().ms > 2.0
+
+
 @pytest.mark.parametrize(("plants", "dead_times", "asked", "found_by_brute_force"), [
     (FAMILY, DEAD_TIMES, {"ms_max": 2.5, "phase_min_deg": 30, "delay_min_s": 0.1}, 1.2210),
     (FAMILY, DEAD_TIMES, {"phase_min_deg": 40}, 1.0605),
@@ -311,9 +333,9 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.7, 60.0), "needs ki"),
     (lambda: pi_for_crossover(1 / (S - 5), 2.4, 1.0, 90.0), r"does not stabilise the plant \(2 unstable poles\)"),
     (lambda: pi_for_crossover(MODE, 0.06, 3.0, 75.0), r"another gain crossover leaves only 71\.9"),
-    (lambda: tuned_at_100("pdf"), "choose one of"),
-    (lambda: tuned_at_100("pi", lead=0.6), "does not go with"),
-    (lambda: tuned_at_100("pid", lead=0.6), "searches"),
+    (lambda: rs.tune(rs.Envelope(), "pdf"), "choose one of pi, pi-lead, pid, seeking"),
+    (lambda: tuned_at_100(PI, lead=0.6), "does not go with"),
+    (lambda: tuned_at_100(PID, lead=0.6), "searches"),
     (lambda: rules.simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
     (lambda: rules.simc_pi(lags(1.0), -0.1), "dead time"),
     (lambda: rules.simc_pi(Rational([], [], 1.0), 0.1), "must have poles"),
@@ -331,9 +353,21 @@ def test_contradictory_or_impossible_input_is_refused(call, match):
         call()
 
 
-def tuned_at_100(structure, **given):
+def tuned_at_100(kind, **given):
     plants = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
-    return tune_cases(plants, PARK2008.actuator, structure=structure, specification=Specification(ms_max=1.8), **given)
+    return tune_cases(plants, PARK2008.actuator, kind=kind, specification=Specification(ms_max=1.8), **given)
+
+
+@pytest.mark.parametrize("ki_min", [None, 1.0])
+def test_the_derivative_time_of_a_pid_is_the_best(ki_min):
+    """ki has its maximum, and Ms its minimum, at 0.8 s; far from there nothing is feasible."""
+
+    def tuned(lead):
+        away = math.log(lead / 0.8) ** 2
+        design = SimpleNamespace(ki=1.0 - away, worst=SimpleNamespace(ms=2.0 + away)) if away < 0.5 else None
+        return SimpleNamespace(lead=lead, ki_min=ki_min, design=design)
+
+    assert rules._searched(tuned, 0.6).lead == pytest.approx(0.8, rel=3e-3)  # the search ends at 2e-3 of ln
 
 
 def brute_force(plants, dead_times, ms_max, kp, ki):

@@ -2,14 +2,18 @@
 
 import math
 from fractions import Fraction
+from typing import ClassVar
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from railslip_ctrl.cli.options import Number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import cite
-from railslip_ctrl.core.units import ms_down, ms_up, rounded, rounded_down, rounded_up, shown, to_unit
+from railslip_ctrl.core.units import ms_down, ms_up, quantity, rounded, rounded_down, rounded_up, shown, to_unit
+from railslip_ctrl.identification.logs import find_columns
+from railslip_ctrl.model.vehicle import Record
 
 
 @pytest.mark.parametrize(("value", "unit", "expected"), [
@@ -57,6 +61,62 @@ def test_text_that_needs_a_unit_is_refused_without_one(text: str, unit: str, rem
     assert to_unit(text, unit) == float(text)  # the command line, where all is text
     for given_, of, expected in (("150 ms", "s", 0.15), ("13.2 %", "1", 0.132), (150, "s", 150.0)):
         assert to_unit(given_, of, text_needs_unit=True) == pytest.approx(expected, rel=1e-12)
+
+
+class Given(Record):
+    """A record as of a TOML file, with a key for each quantity of a log."""
+
+    text_needs_unit: ClassVar[bool] = True
+    time: float = quantity("s", "time", default=0.0)
+    train_speed: float = quantity("m/s", "speed", default=0.0)
+    wheel_angular_speed: float = quantity("rad/s", "angular speed", default=0.0)
+    brake_torque: float = quantity("N*m", "torque", default=0.0)
+    wheel_load: float = quantity("N", "load", default=0.0)
+    mass: float = quantity("kg", "mass", default=0.0)
+
+
+HEADER = {"time": "t", "train_speed": "v", "wheel_angular_speed": "omega", "brake_torque": "Tb"}
+TRADE = [
+    ("time", "s", 1e-3, "ms msec MS"),
+    ("time", "s", 60.0, "min MIN Min"),
+    ("train_speed", "m/s", 1 / 3.6, "km/h KM/H Km/h kmh kph KPH kmph KMPH km/hr km·h⁻¹ km.h-1"),
+    ("train_speed", "m/s", 1.0, "m/s M/S mps m.s-1 m·s^-1"),
+    ("train_speed", "m/s", 0.44704, "mph MPH mi/h"),
+    ("train_speed", "m/s", 1852 / 3600, "kn kt"),
+    ("wheel_angular_speed", "rad/s", math.pi / 30, "rpm RPM Rpm 1/min min-1 min^-1 min⁻¹ /min U/min rev/min r/min"),
+    ("wheel_angular_speed", "rad/s", 1.0, "rad/s RAD/S rads rad/sec"),
+    ("brake_torque", "N*m", 1.0, "Nm N.m N-m N·m N⋅m nm NM"),
+    ("brake_torque", "N*m", 1e3, "kNm kN.m kN-m kN*m KNM knm"),
+    ("brake_torque", "N*m", 10.0, "daNm daN.m"),
+    ("brake_torque", "N*m", 1e6, "MNm MN.m"),
+    ("wheel_load", "N", 1e3, "kN KN kn"),
+    ("mass", "kg", 1e3, "t T tonne tonnes"),
+]
+
+
+@pytest.mark.parametrize(("name", "unit", "factor", "spellings"), TRADE, ids=lambda one: str(one)[:20])
+def test_the_trade_s_names_mean_the_same_in_an_option_a_file_and_a_log(name, unit, factor, spellings) -> None:
+    wanted = pytest.approx(2.0 * factor, rel=1e-12)  # a product or two
+    for spelling in spellings.split():
+        text = f"2 {spelling}"
+        assert Number(unit).convert(text, None, None) == wanted, spelling
+        assert getattr(Given.model_validate({name: text}), name) == wanted, spelling
+        if name != "mass":
+            header = [f"{cell} [{spelling}]" if key == name else cell for key, cell in HEADER.items()]
+            header += [f"wheel load [{spelling}]"] * (name == "wheel_load")
+            assert 2.0 * find_columns(header)[name].factor == wanted, spelling
+    assert to_unit("9 kNm/(m/s)", "N*m/(m/s)") == pytest.approx(9e3)
+
+
+@pytest.mark.parametrize(("text", "unit", "message"), [
+    *((f"40 {ton}", "kg", "may be a tonne, a short or a long ton; write t,") for ton in ("tons", "ton", "TON", "kton")),
+    *((f"3 {per}", "rad/s", "may mean cycles or radians") for per in ("1/s", "s-1", "1/h")),  # 2 pi apart
+    ("3 mNm", "N*m", "has the wrong dimension"), ("3 MNM", "N*m", "is not a unit"),  # milli or mega
+    ("3 psi", "N*m", "wrong dimension"), ("3 C", "N", "wrong dimension"), ("10² m", "m", "is not a unit"),
+])  # fmt: skip
+def test_a_unit_of_two_meanings_is_asked_back(text: str, unit: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        to_unit(text, unit)
 
 
 TOWERS = ("m**999999999", "m**9**9**9**9", "m^4^4", "m²^4", "(((((((min^4)^4)^4)^4)^4)^4)^4)^4", "m*99999999**99999999")

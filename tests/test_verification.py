@@ -2,18 +2,18 @@
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from project import script
 
 from railslip_ctrl import PARK2008, DomainError, InputError, ReferenceSlip, derive
+from railslip_ctrl.controllers.sliding import Sliding
 from railslip_ctrl.model import plant
 from railslip_ctrl.report.verification import evidence, verification_text
-from railslip_ctrl.simulation import SlidingControl, published_scenario
-from railslip_ctrl.sliding.code import NOT_HOLDING
-from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.simulation import published_scenario
+from railslip_ctrl.sliding.law import NOT_HOLDING, PUBLISHED_LAW
 from railslip_ctrl.verification import published_law, reaching, robust
 from railslip_ctrl.verification.fixed_step import simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify
@@ -273,7 +273,8 @@ def test_the_recorded_rate_is_the_derivative_of_s_and_theta_steps_with_the_mass(
     theta1 = (1/r)(1/M - 1/Mn), here worked out by hand for 3517 -> 5276 kg."""
 
     def signals(law, **changes):
-        base, control = published_scenario(as_published=False), SlidingControl(law, ReferenceSlip(dry=0.132, wet=0.092))
+        base, held = published_scenario(as_published=False), ReferenceSlip(dry=0.132, wet=0.092)
+        control = Sliding(**asdict(law), reference=held)
         return judge_run(base.with_changes(**changes), control, seed=None).signals
 
     found = signals(replace(PUBLISHED_LAW, k1=0.0, k2=0.0), events=(), longest_time=3.0)

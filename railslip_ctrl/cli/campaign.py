@@ -13,17 +13,19 @@ import click
 
 from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
-from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
+from railslip_ctrl.report.export import check_directory, json_text
+from railslip_ctrl.report.pictures import Drawings, write_results
 from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option, tell_remarks
+from .options import controller_option, refuse_given, tell_remarks
 from .output import progress, show
-from .settings import HELP, json_option, option, preset
+from .settings import HELP, json_option, option, preset, switch
 
 _REPORT = ("report.txt", "report.json")
+_PICTURES = ("distributions", "scatter")  # PNG
 
 
 @click.command(context_settings=HELP)
@@ -40,6 +42,7 @@ _REPORT = ("report.txt", "report.json")
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
+@switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(
     campaign_file: Path,
@@ -49,6 +52,7 @@ def command(
     scheduler: str | None,
     worst_by: str,
     number: int | None,
+    internal: bool,
     as_json: bool,
 ) -> None:
     """Run a scenario many times with sampled quantities, on every core, with statistics; an interrupted campaign is
@@ -60,11 +64,14 @@ def command(
     Example: railslip campaign tolerances.toml --out tolerances
     """
     check_extra("campaign", "campaign")
-    check_directory(out, _REPORT)
+    check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
     campaign = load_campaign(campaign_file, controllers=controller)
     tell_remarks(campaign.scenario.vehicle)
-    if number is not None:
-        _replay(campaign, number, out, as_json=as_json)
+    if number is None:
+        refuse_given("internal", because="without --replay")
+    else:
+        refuse_given("workers", "scheduler", "worst_by", because="with --replay")
+        _replay(campaign, number, out, internal=internal, as_json=as_json)
         return
     check_measure(worst_by)
     with _bar(campaign.runs) as tell:
@@ -72,28 +79,36 @@ def command(
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
-    files = write_files(out, {"report.txt": text, "report.json": json_text(content), **_pictures(summary)})
-    show(as_json, lambda: content, lambda: campaign_text(summary))
-    progress(f"wrote {len(files)} files to {out}")
+    try:
+        results = {"report.txt": text, "report.json": json_text(content)}
+        count = write_results(out, results, partial(_drawings, summary), ["png"])
+    finally:
+        show(as_json, lambda: content, lambda: campaign_text(summary))
+    progress(f"wrote {count} files to {out}")
 
 
-def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
-    from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.runs import replay_figure
+def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_json: bool) -> None:
+    def figures() -> Drawings:
+        from railslip_ctrl.report.plots.runs import replay_figure
+
+        return {f"run-{number}": replay_figure(again)}
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
     again = replay(campaign, number, out)
-    logs = {f"run-{number}-{name}.csv": partial(_write_csv, run) for name, run in again.runs.items()}
-    files = write_files(out, {**logs, f"run-{number}.png": partial(save_figure, replay_figure(again))})
-    show(as_json, lambda: replay_json(again), lambda: replay_text(again))
-    progress(f"wrote {', '.join(str(file) for file in files)}")
+    logs = {f"run-{number}-{name}.csv": partial(_write_csv, run, internal=internal) for name, run in again.runs.items()}
+    try:
+        write_results(out, logs, figures, ["png"])
+    finally:
+        show(as_json, lambda: replay_json(again), lambda: replay_text(again))
+    progress(f"wrote {', '.join(str(out / name) for name in (*logs, f'run-{number}.png'))}")
 
 
-def _write_csv(run: Run, path: Path) -> None:
+def _write_csv(run: Run, path: Path, *, internal: bool) -> None:
     """Time series, SI, with every digit; what is no number is left empty."""
     assert run.signals is not None, "a replay records them"
-    columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
+    own = run.controller_signals.items() if internal else ()
+    columns = {**run.signals._asdict(), **{f"controller_{name}": values for name, values in own}}
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)
@@ -101,12 +116,11 @@ def _write_csv(run: Run, path: Path) -> None:
             rows.writerow("" if isinstance(x, float) and math.isnan(x) else x for x in row)
 
 
-def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
-    from railslip_ctrl.report.plots import save_figure
+def _drawings(summary: CampaignSummary) -> Drawings:
     from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 
-    figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
-    return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}
+    figures = zip(_PICTURES, (distributions_figure(summary), scatter_figure(summary)), strict=True)
+    return {name: figure for name, figure in figures if figure is not None}
 
 
 @contextmanager

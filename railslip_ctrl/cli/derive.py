@@ -8,14 +8,15 @@ from typing import Any, get_args
 
 import click
 
+from railslip_ctrl.controllers.c_code import law_program
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_document, derivation_json, derivation_text
 from railslip_ctrl.report.export import check_directory, json_text, write_files
-from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
-from railslip_ctrl.sliding.derivation import Reference, derive
+from railslip_ctrl.sliding.code import LawCode, LawNumbers, generate, law_numbers, with_numbers
+from railslip_ctrl.sliding.derivation import Derivation, Reference, derive
 
 from .options import law_from_file, number_option
 from .output import print_text, progress
@@ -41,7 +42,12 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
 )
 @option("--format", "|".join(_FORMATS), "What to print.", "text", to="form")
 @json_option
-@path_option("--out", "FILE", "Write it into a file instead; its folder is made if missing.", "it is printed")
+@path_option(
+    "--out",
+    "FILE",
+    "Write it into a file instead, C into FILE and its header; its folder is made if missing.",
+    "it is printed",
+)
 def command(
     reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None
 ) -> None:
@@ -52,18 +58,22 @@ def command(
     """
     if as_json and form is not None:
         raise InputError(f"--format: {form!r} beside --json is not allowed; give one of the two")
-    if out is not None:
-        _check_out(out)  # before the work, not after it
-    name, law, file = _law(adhesion, initial_speed)
     given = "json" if as_json else _one_of("--format", form or "text", _FORMATS)
-    chosen = _one_of("--reference", reference, get_args(Reference)), name, law, file, given
+    if out is not None:
+        _check_out(out, given)  # before the work, not after it
+    name, law, file = _law(adhesion, initial_speed)
+    chosen = _one_of("--reference", reference, get_args(Reference)), name, law, file
     if out is None:
-        print_text(lambda: _text(*chosen))
+        print_text(lambda: _text(*chosen, given))
         return
-    text = _text(*chosen)
+    if given == "c":
+        program = law_program(_derived(*chosen)[1], name=out.stem)
+        texts = {out.name: program.source, out.with_suffix(".h").name: program.header}
+    else:
+        texts = {out.name: _text(*chosen, given)}
     made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
-    write_files(out.parent, {out.name: text})
-    progress(f"wrote {out}{made}")
+    write_files(out.parent, texts)
+    progress(f"wrote {' and '.join(str(out.with_name(one)) for one in texts)}{made}")
 
 
 def _one_of(option: str, word: str, known: Sequence[str]) -> Any:
@@ -72,19 +82,29 @@ def _one_of(option: str, word: str, known: Sequence[str]) -> Any:
     return word
 
 
-def _check_out(out: Path) -> None:
-    """InputError where the file could not be written."""
+def _check_out(out: Path, form: str) -> None:
+    """InputError where the file could not be written, or does not end in .c for C."""
     if out.name == "" or out.is_dir():
         raise InputError(f"--out: {str(out)!r} is a folder; give the path of a file")
+    if form == "c" and out.suffix != ".c":
+        raise InputError(f"--out: {str(out)!r} does not end in .c; give the path of the C source file")
     check_directory(out.absolute().parent, [out.name])
 
 
-def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None, form: str) -> str:
+def _derived(
+    reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None
+) -> tuple[Derivation, LawCode, tuple[LawNumbers, ...]]:
+    """The derivation, the law's code, and the numbers of a file."""
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
-    code = generate(derivation) if file is None else with_numbers(generate(derivation), numbers, file)
+    code = generate(derivation)
+    return derivation, code if file is None else with_numbers(code, numbers, file), numbers
+
+
+def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None, form: str) -> str:
+    derivation, code, numbers = _derived(reference, adhesion, law, file)
     if form in ("c", "python"):
-        return code.c if form == "c" else code.python
+        return law_program(code).in_one_file if form == "c" else code.python
     rows = errata(derivation)
     if form == "json":
         return json_text(derivation_json(derivation, rows, code, numbers), ensure_ascii=False)

@@ -20,7 +20,7 @@ from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
+from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text
 from railslip_ctrl.report.identification import (
     identification_json,
     identification_text,
@@ -30,12 +30,14 @@ from railslip_ctrl.report.identification import (
     series_text,
     series_toml,
 )
+from railslip_ctrl.report.pictures import Drawings, write_results
 
-from .options import from_file, number_option, tell_remarks
+from .options import from_file, number_option, tell_remarks, whole_number
 from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
+_MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
 
 
 @click.command(context_settings=HELP)
@@ -81,6 +83,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "the header's",
     multiple=True,
 )
+@preset("--skip-lines", "N", "Number of lines to skip at the beginning of each log.", "0")
 @option(
     "--delay",
     "NAME=S",
@@ -115,10 +118,11 @@ def command(
     """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
-    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]"; the header may be a comment
-    (#), the units a line below it. It may be gzipped; - is standard input. The model is for
-    --adhesion fitted/model.toml of linearize, margins, tune, simulate, report, derive and verify --law layered; that
-    of several logs is over v0, and is taken at --initial-speed. Exit status 0, or 2 for bad input.
+    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
+    stand in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
+    - is standard input. The model is for --adhesion fitted/model.toml of linearize, margins, tune, simulate, report,
+    derive and verify --law layered. That of several logs is over v0, and is taken at --initial-speed. Exit status 0, or
+    2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
@@ -152,15 +156,17 @@ def command(
     text = _report(found)
     record = identification_json(found) if isinstance(found, Identification) else series_json(found)
     content = json.loads(options_named(json.dumps(record)))
-    if out is not None:
-        files = _files(found, text, content)
-        write_files(out, files)
-        told = ", the model to model.toml" if "model.toml" in files else ""
-        if isinstance(found, LogSeries):
-            told += ", to be taken at --initial-speed" if told else ""
-            told += "; model-1.toml and so on are for the v0 of their log"
-        progress(f"wrote {len(files)} files to {out}{told}")
-    show(as_json, lambda: content, lambda: _report(found))
+    try:
+        if out is not None:
+            files = _files(found, text, content)
+            count = write_results(out, files, partial(_drawings, found))
+            told = ", the model to model.toml" if "model.toml" in files else ""
+            if isinstance(found, LogSeries):
+                told += ", to be taken at --initial-speed" if told else ""
+                told += "; model-1.toml and so on are for the v0 of their log"
+            progress(f"wrote {count} files to {out}{told}")
+    finally:
+        show(as_json, lambda: content, lambda: _report(found))
 
 
 def _report(found: Identification | LogSeries) -> str:
@@ -182,6 +188,7 @@ def _options(given: Mapping[str, Any]) -> Options:
         observer=Observer(observer),
         columns=_pairs("--column", given["column"]),
         units=_pairs("--unit", given["unit"]),
+        skip_lines=whole_number("--skip-lines", given["skip_lines"], 0, _MOST_SKIPPED),
         delays={
             name: to_unit(text, "s", name=f"--delay {name}") for name, text in _pairs("--delay", given["delay"]).items()
         },
@@ -261,19 +268,19 @@ def _file_names(count: int) -> list[str]:
 
 
 def _files(found: Identification | LogSeries, text: str, content: Mapping[str, Any]) -> dict[str, FileContent]:
-    from railslip_ctrl.report import plots
-
     logs = found.logs if isinstance(found, LogSeries) else (found,)
     named = zip(_model_names(len(logs)), logs, strict=True)
     files: dict[str, FileContent] = {name: options_named(model_toml(each)) for name, each in named}
     files |= {"identification.txt": text, "identification.json": json_text(content)}
-    figures = [plots.adhesion_figure(logs)]
+    whole = series_toml(found) if isinstance(found, LogSeries) else None
+    return files if whole is None else files | {"model.toml": options_named(whole)}
+
+
+def _drawings(found: Identification | LogSeries) -> Drawings:
+    from railslip_ctrl.report import plots
+
     if isinstance(found, LogSeries):
-        whole = series_toml(found)
-        files |= {} if whole is None else {"model.toml": options_named(whole)}
-        figures.append(plots.coefficients_figure(found))
+        logs, others = found.logs, [plots.coefficients_figure(found)]
     else:
-        figures += [plots.drift_figure(found), plots.braking_figure(found)]
-    for name, figure in zip(_pictures(len(logs)), figures, strict=True):
-        files |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
-    return files
+        logs, others = (found,), [plots.drift_figure(found), plots.braking_figure(found)]
+    return dict(zip(_pictures(len(logs)), [plots.adhesion_figure(logs), *others], strict=True))

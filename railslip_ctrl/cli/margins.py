@@ -8,13 +8,12 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.controllers.pi import FILTER_RATIO
+from railslip_ctrl.controllers.systems import PIController
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import assess
-from railslip_ctrl.design.controllers import seeking_of
-from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.tuning import FILTER_RATIO
+from railslip_ctrl.design.judging import finds_slip, judge
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
@@ -80,11 +79,12 @@ def command(
         judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         show(as_json, lambda: judgement_json(judgement), lambda: judgement_text(judgement))
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
+    options.refuse_given("nominal", because="without --envelope")
     points = cases.points()
     if controller is not None:
         given = given_controller(controller, points[0], gains)
-        points = cases.points(None if seeking_of(given) else getattr(given, "reference", None))
-        below = getattr(given, "cut_out_speed", 0.0) / KMH
+        points = cases.points(None if finds_slip(given) else getattr(given, "reference", None))
+        below = given.controlled_from / KMH
         slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
         if slow:
             options.warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
@@ -108,7 +108,7 @@ def given_controller(
     text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
 ) -> Any:
     """The controller of `--controller`, for the vehicle of a point; `reference` where it has none, or the law's."""
-    from railslip_ctrl.simulation.catalogue import controller_named, default_column
+    from railslip_ctrl.design.catalogue import controller_named, default_column
 
     held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if options.is_file(text):

@@ -6,7 +6,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,9 +14,12 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
+from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
+from railslip_ctrl.design.catalogue import NAMES
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import (
     AdhesionLaw,
@@ -24,9 +27,9 @@ from railslip_ctrl.model.adhesion import (
     initial_speeds_in,
     is_over_initial_speed,
     law_classes,
-    law_in,
     law_names,
     load_law,
+    named_law,
     published_law,
     wheel_load_in,
 )
@@ -34,9 +37,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation import Scenario
-from railslip_ctrl.simulation.catalogue import NAMES
-from railslip_ctrl.simulation.controllers import Controller, reference_slip
-from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
+from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario
 
 from .output import progress
 from .settings import Option, json_option, option, path_option, preset, switch
@@ -200,7 +201,7 @@ class CaseOptions:
         found = []
         for rail in self.chosen_rails():
             law = self.law(rail)
-            held = law.reference_slip(rail) if reference is None else reference_slip(reference, rail)
+            held = law.reference_slip(rail) if reference is None else reference.on(rail)
             held = held if self.slip is None else self.slip
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
@@ -443,9 +444,9 @@ def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *,
 
     `assumed` is whether nobody gave v0, and it is the default.
     """
-    if path.suffix.lower() == ".py":
-        return from_file("--adhesion", path, law_in)
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
+    if path.suffix.lower() == ".py":  # which says neither
+        return law
     if wheel_load is not None:
         _warn_of_wheel_load(law, path, wheel_load)
     _warn_of_initial_speed(path, initial_speed, assumed=assumed)
@@ -493,6 +494,12 @@ def _is_given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
 
+def refuse_given(*options: str, because: str) -> None:
+    """InputError for an option that was given to the command that runs, and is not used."""
+    for name in filter(_is_given, options):
+        raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
+
+
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     """The gains given, both or neither (then None: Table 4's are meant)."""
     if (kp is None) != (ki is None):
@@ -518,8 +525,7 @@ def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip |
 
     InputError that names the option.
     """
-    from railslip_ctrl.simulation.controller_files import load_controller
-    from railslip_ctrl.simulation.step_objects import as_control
+    from railslip_ctrl.controllers.files import as_control, load_controller
 
     path = Path(text)
     given = naming("--controller", lambda: load_controller(path, initial_speed=law_speed))

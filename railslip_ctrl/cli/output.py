@@ -34,8 +34,11 @@ def print_text(text: Callable[[], str]) -> None:
 
 
 def progress(message: str) -> None:
-    """A line of progress on standard error."""
-    click.echo(f"railslip: {message}", err=True)
+    """A line of progress on standard error; work goes on when its reader has gone (`2>&1 | head`)."""
+    try:
+        click.echo(f"railslip: {message}", err=True)
+    except OSError:
+        sys.stderr = None
 
 
 def command_line(ctx: click.Context) -> str:

@@ -45,11 +45,13 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; an interruption that click does not see, as it would print an empty line."""
+        """Run the command. Click would print an empty line when interrupted, and exit with 1 on a broken pipe."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise click.Abort from None
+        except BrokenPipeError:
+            _end_without_reader()
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -120,13 +122,17 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     except click.Abort:
         raise KeyboardInterrupt from None
     except BrokenPipeError:
-        # the reader (head, less) has gone: nothing more to say, and nothing to say it to
-        sys.stdout = None
-        sys.exit(141)
+        _end_without_reader()
     except OSError as error:
         sys.stdout = None
         _fail(f"the output cannot be written ({error.strerror or error}); make room or choose another place")
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _end_without_reader() -> NoReturn:
+    """Exit as a shell reports a program that SIGPIPE has ended: the reader of the output (head, less) has gone."""
+    sys.stdout = None  # else Python would try to write the rest
+    sys.exit(141)
 
 
 # What the package calls a quantity that an option gives, where a message begins with it.

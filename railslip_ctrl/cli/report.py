@@ -11,9 +11,9 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.folders import claimed
-from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.report.design_report import (
     RECOMMENDED,
     design_report_json,
@@ -24,6 +24,7 @@ from railslip_ctrl.report.design_report import (
 from railslip_ctrl.report.document import WIDTH, width
 from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.report.page import page
+from railslip_ctrl.report.pictures import Drawings, Pictures
 from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
 
 from .margins import given_controller
@@ -35,6 +36,7 @@ from .options import (
     controller_option,
     envelope_options,
     gain_options,
+    refuse_given,
 )
 from .output import command_line, progress, show
 from .settings import HELP, preset, switch
@@ -91,6 +93,8 @@ def command(
     """
     if whole:
         check_extra("html", "--html", ", or give --no-html")
+    else:
+        refuse_given("fresh", because="with --no-html")
     started = time.perf_counter()
 
     def told(message: str) -> None:
@@ -109,7 +113,7 @@ def command(
     for one in given.values():
         if not no_margins(one):
             wheel_slip_loop(plant, one)  # refuses what is not linear there
-    pictures: dict[str, dict[str, bytes]] = {}
+    pictures = Pictures()
     with claimed(out):
         draw = partial(_draw, pictures=pictures, told=told)
         found = design_report(
@@ -118,33 +122,37 @@ def command(
         _draw(found, pictures, told)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
         files, content, text = _made(found, pictures, whole, command_line(ctx), rest, _again(cases, found, out))
-        written = write_files(out, {name: files[name] for name in content["files"]})
-    show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
-    told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
+        drawn = {name: files.pop(name) for name in [*pictures.files(), _PAGE] if name in files}
+        try:
+            count = pictures.write(out, write_files(out, files), drawn)
+        finally:
+            show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
+    told(f"wrote {count} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Callable[[str], None]) -> None:
+def _draw(found: DesignReport, pictures: Pictures, told: Callable[[str], None]) -> None:
     """Add the pictures that are not drawn yet, PNG and SVG by name."""
-    from railslip_ctrl.report.plots.designs import report_drawings
-    from railslip_ctrl.report.plots.style import figure_files
 
-    if not pictures:
+    def drawings() -> Drawings:
+        from railslip_ctrl.report.plots.designs import report_drawings
+
+        return report_drawings(found)
+
+    if not pictures.drawn:
         told("pictures")
-    missing = {name: make for name, make in report_drawings(found).items() if name not in pictures}
-    pictures.update({name: figure_files(make()) for name, make in missing.items()})
+    pictures.draw(drawings)
 
 
 def _made(
-    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, command: str, rest: str, again: str
+    found: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)
-    drawn = [name for name in _PICTURES if name in pictures]
-    files = {f"{name}.{form}": content for name in drawn for form, content in pictures[name].items()}
+    files = pictures.files()
     if found.control is not None:
         files[RECOMMENDED] = found.control.toml.encode()
     if whole:
-        svg = {name: forms["svg"] for name, forms in pictures.items()}
+        svg = {name: forms["svg"] for name, forms in pictures.drawn.items()}
         files[_PAGE] = page(first, design_sections(found, again), svg, command, found.date, found.seconds).encode()
     content = design_report_json(found, [*_TEXTS, *files])
     files["report.json"] = json_text(content).encode()

@@ -6,17 +6,19 @@ import datetime
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
 from railslip_ctrl.core.errors import check_extra
+from railslip_ctrl.design.assessment import ControllerGroup, published_groups
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.paper import tables
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
 from railslip_ctrl.report.export import check_directory, json_text, write_files
+from railslip_ctrl.report.pictures import Drawings, Pictures
 from railslip_ctrl.report.reproduction import FIGURES, reproduction_json, reproduction_text
 
 from .options import whole_number
@@ -60,30 +62,24 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     worth = sensitivity(min(count, SENSITIVITY_SEEDS), progress=progress) if with_sensitivity else None
     text = reproduction_text(comparison, tables.table3(), found, worth)
     content = reproduction_json(comparison, tables.table3(), found, worth)
-    if out is not None:
-        write_files(out, _files(text, content, comparison, found, command_line(ctx)))
-        progress(f"wrote {len(names)} files to {out}")
-    show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), found, worth))
+    try:
+        if out is not None:
+            written = write_files(out, {"reproduction.txt": text, "reproduction.json": json_text(content)})
+            count = _write_page(out, written, comparison, found, command_line(ctx))
+            progress(f"wrote {count} files to {out}")
+    finally:
+        show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), found, worth))
     ctx.exit(0 if comparison.within else 1)
 
 
-def _files(
-    text: str, content: dict[str, Any], comparison: tables.Table5, facts: Sequence[tables.Fact], command: str
-) -> dict[str, str | bytes]:
+def _write_page(
+    out: Path, written: Sequence[Path], comparison: tables.Table5, facts: Sequence[tables.Fact], command: str
+) -> int:
+    """Write the page and its figures after what is `written`; the number of files."""
     from railslip_ctrl.core.folders import cached
-    from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.design.schedule import plant_at
     from railslip_ctrl.paper.errata import errata
-    from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry
     from railslip_ctrl.report.page import page
-    from railslip_ctrl.report.plots.designs import bode_figure, nyquist_figure
-    from railslip_ctrl.report.plots.reproduction import (
-        deviations_figure,
-        model_figures,
-        run_figures,
-        wet_and_dry_figure,
-    )
-    from railslip_ctrl.report.plots.style import figure_files
     from railslip_ctrl.report.reproduction import reproduction_first_page, reproduction_sections
     from railslip_ctrl.sliding.derivation import derive
 
@@ -93,18 +89,30 @@ def _files(
     points = [plant_at("bristle", PARK2008, rail, v).point for rail in Rail for v in (100.0, 60.0, 20.0)]
     groups = published_groups([replace(point, initial_speed_kmh=INITIAL_SPEED_KMH) for point in points])
     progress("pictures")
-    figures = {
-        **model_figures(model_curves()),
-        "fig_17": wet_and_dry_figure(wet_and_dry()),
-        **run_figures(published_runs()),
+    pictures = Pictures()
+    pictures.draw(partial(_drawings, comparison, groups))
+    svg = {name: files["svg"] for name, files in pictures.drawn.items()}
+    about = (comparison, facts, wrong, groups)
+    today, seconds = datetime.date.today(), time.perf_counter() - started
+    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, command, today, seconds)
+    figures = {f"{name}.png": files["png"] for name, files in pictures.drawn.items() if name in FIGURES}
+    return pictures.write(out, written, {_PAGE: html, **figures})
+
+
+def _drawings(comparison: tables.Table5, groups: tuple[ControllerGroup, ...]) -> Drawings:
+    from railslip_ctrl.report.plots.designs import bode_figure, nyquist_figure
+    from railslip_ctrl.report.plots.reproduction import (
+        deviations_figure,
+        model_figures,
+        run_figures,
+        wet_and_dry_figure,
+    )
+
+    return {
+        **model_figures(tables.model_curves()),
+        "fig_17": wet_and_dry_figure(tables.wet_and_dry()),
+        **run_figures(tables.published_runs()),
         "table5": deviations_figure(comparison),
         "bode": bode_figure(groups),
         "nyquist": nyquist_figure(groups),
     }
-    drawn = {name: figure_files(figure) for name, figure in figures.items()}
-    svg = {name: files["svg"] for name, files in drawn.items()}
-    about = (comparison, facts, wrong, groups)
-    today, seconds = datetime.date.today(), time.perf_counter() - started
-    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, command, today, seconds)
-    files = {"reproduction.txt": text, "reproduction.json": json_text(content), _PAGE: html}
-    return {**files, **{f"{name}.png": drawn[name]["png"] for name in FIGURES}}

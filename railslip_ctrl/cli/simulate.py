@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
-from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
-from railslip_ctrl.simulation import Run, Scenario, Simulator
-from railslip_ctrl.simulation.catalogue import (
+from railslip_ctrl.design.catalogue import (
     COLUMNS,
     controller_named,
     default_column,
     held_reference,
     is_tuned_when_asked,
 )
-from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
+from railslip_ctrl.report.pictures import Drawings, write_results
+from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
+from railslip_ctrl.simulation import Run, Scenario, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from . import options
@@ -54,6 +57,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
+@switch("--internal", "Write the controller's internal state into the time series too.")
 @click.option(
     "--out",
     "--plot",
@@ -77,6 +81,7 @@ def command(
     seed: str,
     no_noise: bool,
     csv: Path | None,
+    internal: bool,
     out: Path | None,
     log_period: float,
     as_json: bool,
@@ -87,6 +92,10 @@ def command(
 
     Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
     """
+    if csv is None and out is None:
+        options.refuse_given("internal", because="without --csv or --out")
+    if no_noise:
+        options.refuse_given("seed", because="with --no-noise")
     if csv is not None:
         check_file(csv, "--csv")
     if out is not None:
@@ -105,12 +114,13 @@ def command(
         )
     run = simulator.run(noise, record_every=every)  # always, as the report says when events in distance happened
     content = simulation_json(run, column, law_speed)
-    if csv is not None:
-        write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")
-    if out is not None:
-        files = write_files(out, _files(run, content, law_speed))
-        progress(f"wrote {len(files)} files to {out}")
-    show(as_json, lambda: content, lambda: simulation_text(run, law_speed))
+    with ExitStack() as parts:  # called from the last to the first, each whatever has failed before
+        parts.callback(show, as_json, lambda: content, lambda: simulation_text(run, law_speed))
+        if out is not None:
+            parts.callback(_write, out, run, content, simulation_text(run, law_speed), internal=internal)
+        if csv is not None:
+            series = {csv.name: partial(write_simulation_csv, run, internal=internal)}
+            parts.callback(write_files, csv.parent, series, option="--csv")
     ctx.exit(0 if run.stopped else 1)
 
 
@@ -142,7 +152,7 @@ def _chosen(
     column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)
     if column is None and gains is not None:
         raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
-    reference = held_reference(law, slip, column, "--slip", "--slip X, or --gains for that of Table 4")
+    reference = held_reference(name, law, slip, column, dashes="--")
     if is_tuned_when_asked(name, vehicle.empty(), own):
         progress(f"tuning {name} for {vehicle.name}; this takes some seconds")
     column = column or default_column(law)
@@ -152,13 +162,15 @@ def _chosen(
     return made, column if name in _TABLE_4 and own is None else None
 
 
-def _files(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, FileContent]:
-    from railslip_ctrl.report.plots.runs import simulation_figure
-    from railslip_ctrl.report.plots.style import figure_files
+def _write(out: Path, run: Run, content: dict[str, Any], text: str, *, internal: bool) -> None:
+    def figures() -> Drawings:
+        from railslip_ctrl.report.plots.runs import simulation_figure
 
-    return {
-        "simulation.txt": simulation_text(run, law_speed),
+        return {"simulation": simulation_figure(run)}
+
+    results: dict[str, FileContent] = {
+        "simulation.txt": text,
         "simulation.json": json_text(content),
-        "simulation.csv": lambda path: write_simulation_csv(run, path),
-        **{f"simulation.{form}": picture for form, picture in figure_files(simulation_figure(run)).items()},
+        "simulation.csv": partial(write_simulation_csv, run, internal=internal),
     }
+    progress(f"wrote {write_results(out, results, figures)} files to {out}")

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
+from railslip_ctrl.controllers.base import PERIOD, Controller
+from railslip_ctrl.controllers.braking import braking_control
+from railslip_ctrl.controllers.files import structure_named, structures
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.sampled import loop_as_run, sampled_peak
+from railslip_ctrl.controllers.systems import PIController
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import ms_up
-from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
-from railslip_ctrl.design.envelope_tuning import SeekingDesign, seeking_over, tune_over
+from railslip_ctrl.design.envelope_tuning import Design, by_rule, hand_over_of, tune_over
 from railslip_ctrl.design.specification import ROBUST_MS
-from railslip_ctrl.design.tuning import Specification, check_structure, tune_cases
+from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.vehicle import Rail
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.report.export import check_file
-from railslip_ctrl.report.text import seeking_json, seeking_text, tuning_json, tuning_text
-from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
+from railslip_ctrl.report.text import by_rule_json, by_rule_text, tuning_json, tuning_text
+from railslip_ctrl.simulation.embedded import save_c
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import DEFAULT_ENVELOPE, CaseOptions, Number, case_options, envelope_options, number_option
+from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, envelope_options, number_option, refuse_given
 from .output import progress, show
 from .settings import HELP, path_option, preset, switch
 
@@ -31,9 +37,10 @@ from .settings import HELP, path_option, preset, switch
 @envelope_options("the vehicle's own or the default, unless points are named")
 @preset(
     "--structure",
-    "pi|pi-lead|pid|seeking",
-    "PI; PI with a lead on the actuator's lag; PID in series form, its derivative time searched too; or the "
-    "seeking controller, whose gains follow from rules; the result is judged.",
+    f"{'|'.join(structures())}|FILE.py",
+    "Kind of controller: "
+    + "; ".join(f"{name}, {kind.title}" for name, kind in structures().items())
+    + "; or the class of your own kind in a Python file.",
     "pi",
 )
 @number_option("--ms-max", "1", "Largest Ms allowed, a ratio; ki is maximised.", "none", gt=1)
@@ -43,16 +50,14 @@ from .settings import HELP, path_option, preset, switch
 @number_option("--ki-min", "N*m/m", "Least integral gain, N*m/m.", "none", gt=0)
 @number_option("--lead", "s", "Lead of pi-lead, s.", "the actuator's lag", gt=0)
 @number_option("--lead-filter", "s", "Time constant of the lead's filter, s.", "a tenth of it", gt=0)
-@preset(
+@number_option(
     "--period",
-    "S",
-    "Sampling period of the controller, s; at most twice the lead's filter unless given.",
-    PERIOD,
-    type=Number("s", ge=LEAST_STEP),
+    "s",
+    "Sampling period of the controller, s; at most twice the lead's filter, or a twelfth of the dead time for seeking.",
+    f"{PERIOD:g}, or that if it is less",
+    ge=LEAST_STEP,
 )
-@path_option(
-    "--out", "FILE.toml|FILE.c", "File for --controller; FILE.c, of the seeking controller alone: its C99 program."
-)
+@path_option("--out", "FILE.toml|FILE.c", "File for --controller, or the controller as a C99 program.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -68,7 +73,7 @@ def command(
     ki_min: float | None,
     lead: float | None,
     lead_filter: float | None,
-    period: float,
+    period: float | None,
     out: Path | None,
 ) -> None:
     """Find one set of gains for all operating points of an envelope, empty and loaded together. The result is judged
@@ -79,27 +84,29 @@ def command(
     """
     specification, judgement = Specification(ms_max, phase_min, delay_min), None
     leads = {"lead": lead, "lead_filter": lead_filter}
-    _check_out(out, structure)
-    if structure == "seeking":
+    _check_out(out)
+    kind = structure_named(structure)
+    if not issubclass(kind, PI):
         if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
-            raise InputError("--structure seeking: its gains go by rules; give --ms-max alone")
+            raise InputError(f"--structure {structure}: its gains go by rules; give --ms-max alone")
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-        _seek(ctx, seeking_over(judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
-    _check_asked(structure, specification, minimise_ms, ki_min)
+        _by_rule(ctx, by_rule(kind, judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
+    _check_asked(specification, minimise_ms, ki_min)
     if envelope is None and cases.name_points():
+        refuse_given("nominal", because="at operating points")
+        if out is None:
+            refuse_given("period", because="at operating points without --out")
         points = cases.points()
         plants, actuator = [linearize(point) for point in points], points[0].vehicle.actuator
-        tuned = tune_cases(plants, actuator, structure=structure, specification=specification, ki_min=ki_min, **leads)
+        tuned = tune_cases(plants, actuator, kind=kind, specification=specification, ki_min=ki_min, **leads)
         if out is not None and tuned.design is not None:
-            _saved(tuned.controller(tuned.design), points, out, period)
+            _saved(kind, tuned.controller(tuned.design), points, out, period)
     else:
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-        tuned, found = tune_over(
-            judged, specification, structure, ki_min=ki_min, nominal=nominal, period=period, **leads
-        )
+        tuned, found = tune_over(judged, specification, kind, ki_min=ki_min, nominal=nominal, period=period, **leads)
         judgement = None if found is None else found.judgement
         if found is not None and judgement is not None and out is not None:
-            found.save(out)
+            _write(found, out, judged.vehicle)
             if hand_over := hand_over_of(judgement):
                 progress(f"below {hand_over:g} km/h the file holds a torque, without slip control")
     if out is not None and tuned.design is not None:
@@ -108,35 +115,45 @@ def command(
     ctx.exit(0 if tuned.design is not None else 1)
 
 
-def _check_out(out: Path | None, structure: str) -> None:
+def _check_out(out: Path | None) -> None:
     if out is not None:
-        if out.suffix.lower() not in ((".toml", ".c") if structure == "seeking" else (".toml",)):
-            either = " or, with --structure seeking, FILE.c" if out.suffix.lower() == ".c" else ""
-            raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml{either}")
+        if out.suffix.lower() not in (".toml", ".c"):
+            raise InputError(f"--out: {str(out)!r} is neither a TOML file nor a C program; give FILE.toml or FILE.c")
         check_file(out, "--out")
 
 
-def _seek(ctx: click.Context, found: SeekingDesign, out: Path | None, as_json: bool) -> None:
-    """Write and print the seeking controller, and end."""
-    if out is not None and not found.reason:
-        found.save(out)
-        progress(f"wrote {out}")
-    show(as_json, lambda: seeking_json(found), lambda: seeking_text(found))
+def _write(control: Design | Controller, out: Path, vehicle: Vehicle) -> None:
+    """Write a controller as a file for --controller, or as C99."""
+    if out.suffix.lower() == ".c":
+        save_c(control, out, vehicle)
+    else:
+        control.save(out)
+
+
+def _by_rule(ctx: click.Context, found: Design, out: Path | None, as_json: bool) -> NoReturn:
+    """Write and print a controller whose parameters follow from the vehicle, and end."""
+    try:
+        if out is not None and not found.reason:
+            _write(found, out, found.judgement.envelope.vehicle)
+            progress(f"wrote {out}")
+    finally:
+        show(as_json, lambda: by_rule_json(found), lambda: by_rule_text(found))
     ctx.exit(1 if found.reason else 0)
 
 
-def _check_asked(structure: str, specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:
-    check_structure(structure)
+def _check_asked(specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:
     if minimise_ms != (ki_min is not None):
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and specification == Specification():
         raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
 
 
-def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float) -> None:
+def _saved(
+    kind: type[PI], controller: PIController, points: list[OperatingPoint], out: Path, period: float | None
+) -> None:
     """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
-    control = braking_control(controller, points, _held(points), name=out.stem, period=period)
-    control.save(out)
+    control = braking_control(controller, points, _held(points), name=out.stem, period=period, kind=kind)
+    _write(control, out, points[0].vehicle)
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
     told = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"

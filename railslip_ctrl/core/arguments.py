@@ -182,6 +182,7 @@ def _taken(kind: Any, value: Any) -> Any:
             any(type(value) is type(one) and value == one for one in inner), value, " or ".join(map(repr, inner))
         )
     if origin in (float, int):
+        value = value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
         abstract, wanted = (Real, "a number") if origin is float else (Integral, "an integer")
         _that(isinstance(value, abstract) and not isinstance(value, (bool, np.bool_)), value, wanted)
         return _not_too_large(value)

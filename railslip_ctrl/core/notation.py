@@ -6,9 +6,10 @@ Symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
+
+from railslip_ctrl.core.records import dataclass
 
 from .templates import texts
 

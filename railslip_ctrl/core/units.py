@@ -1,17 +1,20 @@
 """Numbers with units: the one place where text becomes SI; and numbers rounded to the safe side.
 
 A plain number is in the unit that its option or key states; text may carry its own ("65 N*m/(km/h)"). Text without one
-is taken on the command line, and refused in records and files. Pint is imported only for text with a unit.
+is taken on the command line, and refused in records and files. Options, TOML files and log headers share one grammar:
+the names of `TRADE_UNITS` first, then Pint's. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+import unicodedata
+from collections.abc import Callable, Iterator
 from functools import cache
 from numbers import Real
 from tokenize import TokenError
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
@@ -26,12 +29,33 @@ _LONGEST_QUANTITY = 60  # characters: what is longer is not looked at
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
 
+_MINUS = str.maketrans({"\N{MINUS SIGN}": "-"})  # word processors and spreadsheets write it for a hyphen
+
+TRADE_UNITS = MappingProxyType(
+    {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "min": "min", "h": "h", "hr": "h"}
+    | {"m": "m", "mm": "mm", "km": "km", "kg": "kg", "t": "tonne"}
+    | dict.fromkeys(("kmh", "kph", "kmph"), "km/h")
+    | {"mph": "mile/h", "mps": "m/s", "rad": "rad", "rads": "rad/s", "rpm": "rpm", "rps": "turn/s"}
+    | dict.fromkeys(("rev", "revs"), "turn")
+    | {"N": "N", "daN": "daN", "kN": "kN", "Nm": "N*m", "daNm": "daN*m", "kNm": "kN*m", "MNm": "MN*m"}
+)
+"""Names of units in railway logs, and Pint's names for them.
+
+Pint reads some as other units: kmph as kilo-mile per hour, kNm as a textile unit. Another case (RPM, KM/H) is read
+alike if Pint knows no unit of the right dimension in that case.
+"""
+
+_ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm would be milli or mega
+_TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))  # of an angular speed; U is German
+_TON = re.compile(r"k?tons?(_?f(orce)?)?", re.IGNORECASE)
+
 # The words of a unit. Only these reach Pint, whose own grammar is wider (numbers, towers of powers such as
-# 9**9**9**9, the word "squared") and can be made to compute for ever.
+# 9**9**9**9, the word "squared") and can be made to compute for ever. A digit that follows a name is a power (m2,
+# min-1); a point or a hyphen between names is a product (N.m, N-m).
 _UNIT_WORD = re.compile(
-    r"\s*(?:(?P<name>[A-Za-zµμΩ_]+|°[A-Za-z]*|%)"
-    r"|(?P<power>(?:\^|\*\*)\s*-?[1-4](?![0-9])|[²³])"
-    r"|(?P<one>1(?![0-9]))|(?P<open>\()|(?P<close>\))|(?P<sign>[*/·]))\s*"
+    r"\s*(?:(?P<name>[A-Za-zµμΩ]+(?:_[A-Za-zµμΩ]+)*|°[A-Za-z]*|%)"
+    r"|(?P<power>(?:(?:\^|\*\*)\s*|(?<=[A-Za-z)]))-?[1-4](?![0-9]))"
+    r"|(?P<one>1(?![0-9]))|(?P<open>\()|(?P<close>\))|(?P<sign>[*/·⋅∙×.-]))\s*"
 )
 _MOST_POWERS = 6
 
@@ -96,12 +120,13 @@ def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
 def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
     if _NOT_FINITE.fullmatch(text):
         return float(text)
+    text = text.translate(_MINUS)
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST_QUANTITY else None
     if match is None:
         raise InputError(f"{shown(text)} is not a number{_in(unit)}, with or without a unit")
     number, given = float(match[1]), (match[2] or "").strip()
     if given:
-        return number * _factor(given, unit, text)
+        return number * factor(given, unit, of=text)
     if needs_unit and unit == "1":
         raise InputError(f"{shown(text)} is text; give the number without quotes")
     if needs_unit:
@@ -111,39 +136,59 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
     return number
 
 
-def _factor(given: str, unit: str, text: str) -> float:
-    """How many `unit` one `given` is."""
+def factor(given: str, unit: str, *, of: str = "") -> float:
+    """Return how many `unit` one `given` is.
+
+    InputError for text that is no unit, is ambiguous, or has another dimension; it names `of`, the text with the unit.
+    """
     words = _unit_words(given)
     if words is None:
-        raise _not_a_unit(given, unit, text)
+        raise _not_a_unit(given, unit, of)
+    if any(_TON.fullmatch(word) for word in words):
+        raise InputError(f"{shown(of or given)} may be a tonne, a short or a long ton; write t, short_ton or long_ton")
 
     import pint
 
-    registry = _registry()
-    try:
-        parsed = registry.parse_units(words)
-        target = "" if unit == "1" else unit
-        one, two = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
-    except pint.DimensionalityError:
-        raise InputError(f"{shown(text)} has the wrong dimension; it must be convertible to {unit!r}") from None
-    except _FAILURES:
-        raise _not_a_unit(given, unit, text) from None
-    if "rad" in unit and "hertz" in str(parsed):  # to Pint a hertz is 1/s and a radian 1
-        raise InputError(f"{shown(text)} may mean cycles or radians; give a number in {unit!r}")
-    # decibels and temperatures with an offset are no multiples of a unit
-    if not math.isclose(two, 2.0 * one, rel_tol=1e-9):
-        raise _not_a_unit(given, unit, text)
-    return one
+    registry, wrong = _registry(), False
+    for reading in _readings(words, unit):
+        try:
+            parsed = registry.parse_units(reading)
+            target = "" if unit == "1" else unit
+            one, two = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
+        except pint.DimensionalityError:
+            wrong = True
+            continue
+        except _FAILURES:
+            continue
+        # to Pint a hertz is 1/s and a radian 1
+        if ("rad" in unit and "hertz" in str(parsed)) or (unit == "rad/s" and str(parsed).startswith("1 / ")):
+            raise InputError(f"{shown(of or given)} may mean cycles or radians; give a number in {unit!r}")
+        # decibels and temperatures with an offset are no multiples of a unit
+        if math.isclose(two, 2.0 * one, rel_tol=1e-9):
+            return one
+    if wrong:
+        raise InputError(f"{shown(of or given)} has the wrong dimension; it must be convertible to {unit!r}")
+    raise _not_a_unit(given, unit, of)
 
 
-def _not_a_unit(given: str, unit: str, text: str) -> InputError:
-    return InputError(f"{shown(given)} in {shown(text)} is not a unit; give a number{_in(unit)}")
+def _not_a_unit(given: str, unit: str, of: str) -> InputError:
+    return InputError(f"{shown(given)}{f' in {shown(of)}' if of else ''} is not a unit; give a number{_in(unit)}")
 
 
-def _unit_words(given: str) -> str | None:
+def _readings(words: list[str], unit: str) -> Iterator[str]:
+    """Yield what a unit may mean, for Pint: in the trade's names, in Pint's own, in the trade's names in any case."""
+    if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
+        yield "rpm"
+    for known in (TRADE_UNITS, {}, _ANY_CASE):
+        key = str.lower if known is _ANY_CASE else str
+        yield "".join(f"({known[key(word)]})" if key(word) in known else word for word in words)
+
+
+def _unit_words(given: str) -> list[str] | None:
     """`given` in the words that Pint may see, a product for every space; None if it holds others."""
     words: list[str] = []
     previous, position = "", 0
+    given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces
     while position < len(given):
         match = _UNIT_WORD.match(given, position)
         if match is None:
@@ -154,9 +199,10 @@ def _unit_words(given: str) -> str | None:
             return None
         if kind in {"name", "one", "open"} and previous in {"name", "one", "close", "power"}:
             words.append("*")
-        words.append(match[kind].replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**"))
+        word = match[kind].replace("^", "").replace("*", "").strip() if kind == "power" else match[kind]
+        words.append(f"**{word}" if kind == "power" else "*" if kind == "sign" and word != "/" else word)
         previous, position = kind, match.end()
-    return "".join(words) if sum("**" in word for word in words) <= _MOST_POWERS else None
+    return words if sum("**" in word for word in words) <= _MOST_POWERS else None
 
 
 def quantity(

@@ -1,9 +1,8 @@
-"""Design and judgement of slip controllers: linear ones, and the seeking controller's inner loop.
+"""Design and judgement of slip controllers.
 
-Imports `loop`, `model` and `core`. Begin with `controllers` (linear controllers, and the loop they close), then
-`envelope` and `judging` (the operating points a design must hold, and one verdict over them).
+Imports `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `envelope` and `judging`: the operating points
+that a design must hold, and one verdict over them.
 
-- `controllers`: linear controllers, continuous or sampled, and the wheel-slip loop; `difference` steps a sampled one
 - `assessment`: one loop at one operating point: margins, limits, verdict
 - `envelope`: the operating points and tolerances that a design must hold
 - `judging`: margins of every case of an envelope, and one verdict
@@ -14,10 +13,10 @@ Imports `loop`, `model` and `core`. Begin with `controllers` (linear controllers
 - `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` is the method
 - `limits`: what no controller can beat, and what a controller asks of the brake
 - `compensators`: Smith predictors and the predictor-observer
-- `seeking`: gains of the seeking controller, by rules, and the exact loop of its inner part
+- `catalogue`: the controllers that come with the package, by name
 """
 
-from .controllers import (
+from railslip_ctrl.controllers.systems import (
     PIController,
     PolynomialController,
     StateSpaceController,
@@ -26,6 +25,7 @@ from .controllers import (
     linear_controller,
     wheel_slip_loop,
 )
+
 from .stabilizing import (
     IntersectionRegion,
     MarginGrid,

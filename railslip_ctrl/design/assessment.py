@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.sampled import loop_as_run
+from railslip_ctrl.controllers.systems import PIController, actuated_plant, linear_controller, wheel_slip_loop
 from railslip_ctrl.core.arguments import Complexes, checked
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
@@ -20,7 +23,6 @@ from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, Actuator, table4_gains
 
-from .controllers import PIController, actuated_plant, linear_controller, loop_as_run, seeking_of, wheel_slip_loop
 from .limits import Limits, fundamental_limits
 from .specification import is_robust
 
@@ -147,13 +149,17 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None of an unstable loop), Pade rows and
     verdict. InputError: an argument of another kind.
     """
-    design = seeking_of(controller) or linear_controller(controller, plant.point)
-    loop = wheel_slip_loop(plant, design, actuator)
+    controller = getattr(controller, "controller", controller)  # of a design
+    if isinstance(controller, Controller):
+        controller = controller.believing(plant.point.vehicle)
+    loop = wheel_slip_loop(plant, controller, actuator)
+    own = isinstance(controller, Controller) and controller.loop(plant.point, actuator) is not None
+    design = controller if own else linear_controller(controller, plant.point)
     margins = loop.margins() if loop.is_stable() else None
     run = None if isinstance(loop, SampledLoop) else loop_as_run(plant, controller, actuator)
     sampled = run.margins() if run is not None and run.is_stable() else None
     return Assessment(
-        label=label or design.structure,
+        label=label or (design.kind if isinstance(design, Controller) else design.structure),
         plant=plant,
         controller=design,
         actuator=actuator,
@@ -190,7 +196,7 @@ def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
     stable = [one for one in margins if one is not None]
     if len(stable) < len(margins):
         return Verdict.UNSTABLE
-    if seeking_of(controller) is None and controller.transfer_function.gain == 0:  # Ms is 1: of nothing
+    if not isinstance(controller, Controller) and controller.transfer_function.gain == 0:  # Ms is 1: of nothing
         return Verdict.NO_FEEDBACK
     return Verdict.ROBUST if is_robust(max(one.ms for one in stable)) else Verdict.FRAGILE
 

@@ -10,20 +10,20 @@ model, since only the true plant is perturbed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 
 _LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has four digits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Compensator:
     """A dead-time compensator C(s), N*m/(m/s), in its loop L = C G exp(-tau s).
 

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
@@ -34,14 +33,14 @@ import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
+from railslip_ctrl.controllers.systems import pi_transfer_function
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots
 from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots, rounded_roots
 from railslip_ctrl.loop.stability import RootCount
-
-from .controllers import pi_transfer_function
 
 # --- real values on the axis ------------------------------------------------------------------------------------------
 #
@@ -400,7 +399,9 @@ class Decomposition:
         if above.degree() < below.degree():
             return 0.0
         ratio = -above.coeffs()[-1] / below.coeffs()[-1]
-        return float(ratio) if above.degree() == below.degree() else math.copysign(math.inf, 1 if ratio > 0 else -1)
+        if above.degree() > below.degree():
+            return math.copysign(math.inf, 1 if ratio > 0 else -1)
+        return int(ratio.p) / int(ratio.q)
 
     @property
     def _fixed(self) -> fmpq_poly:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -32,10 +32,11 @@ from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError, MissingParametersError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_in, load_law, published_law, wheel_load_in
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law, published_law, wheel_load_in
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle
@@ -430,8 +431,6 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
 def _law_of_file(path: Path, envelope: Envelope) -> tuple[AdhesionLaw, float | None]:
     """The law in a file, and the wheel load, N, at which it was found, if that says it."""
     try:
-        if path.suffix.lower() == ".py":
-            return law_in(path), None
         return load_law(path, initial_speed_kmh=envelope.initial_speed), wheel_load_in(path)
     except InputError as error:
         raise InputError(f"Envelope: laws: {error}") from None

@@ -5,153 +5,145 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.controllers.base import PERIOD, Controller
+from railslip_ctrl.controllers.braking import SURE_SHARE, braking_control
+from railslip_ctrl.controllers.files import structure_named
+from railslip_ctrl.controllers.pi import FILTER_RATIO, PI, PID, PILead
+from railslip_ctrl.controllers.sampled import SampledController, run_period, sampled_loop, sampled_peak
+from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, rounded_up
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail
 
-from .controllers import (
-    PERIOD,
-    PIController,
-    SampledController,
-    run_period,
-    sampled_loop,
-    sampled_peak,
-    wheel_slip_loop,
-)
 from .envelope import Envelope, EnvelopePoints
 from .judging import Judgement, judge, judge_points, margins_at
-from .seeking import SeekingGains
 from .specification import ROBUST_MS, Specification, family_margins, is_robust, worst_of
-from .tuning import FILTER_RATIO, TunedCases, tune_cases
+from .tuning import TunedCases, tune_cases
 
 Floats = NDArray[np.float64]
 Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 
 
 @dataclass(frozen=True)
-class EnvelopeDesign(PIController):
-    """A tuned controller with its `judgement` over the envelope, and the slip ratios it is to hold.
+class Design:
+    """A controller as it brakes, with its `judgement` over an envelope; `simulate`, `campaign` and `judge` take it.
 
-    `reference` is None where the laws of the envelope have different ones; `period` is that at which it runs, s.
+    `reason` says why it does not have the Ms asked for at the speeds that it controls; empty if it has.
     """
 
-    judgement: Judgement | None = None
-    reference: ReferenceSlip | None = None
-    period: float = PERIOD
+    controller: Controller
+    judgement: Judgement
+    reason: str = ""
 
-    @cached_property
-    def as_run(self) -> SampledController:
-        """Its difference equations, by Tustin's rule."""
-        return SampledController(PIController(self.gains, self.lead, self.lead_filter), self.period)
+    @property
+    def structure(self) -> str:
+        """The kind of its controller."""
+        return self.controller.kind
 
     def __str__(self) -> str:
-        lead = f", lead {self.lead:.4g} s / {self.lead_filter:.4g} s" if self.structure == "PI-lead" else ""
-        gains = f"{self.structure}: kp {self.gains.kp:.5g} N*m/(m/s), ki {self.gains.ki:.5g} N*m/m{lead}"
-        return f"{gains}\n{self.judgement}"
+        return f"{self.controller.described()}\n{self.judgement}"
 
     def save(self, path: str | Path) -> None:
-        """Write the TOML file that every command takes with --controller: the controller as it brakes, with its limits.
+        """Write the TOML file that every command takes with --controller.
 
         InputError where it cannot be written, or the laws of the envelope have different reference slips.
         """
-        designed = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
-        designed.tuned_control(self, name=Path(path).stem).save(path)
+        if self.controller.reference is None and self.controller.follows_reference:
+            raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
+        self.controller.model_copy(update={"name": Path(path).stem}).save(path)
 
 
-@dataclass(frozen=True)
-class SeekingDesign:
-    """The seeking controller of a vehicle, its gains by rule, with its `judgement` over an envelope.
-
-    `control` is it as it brakes; `reason` why it has not the Ms asked for at the speeds that it controls, else empty.
-    """
-
-    control: Any
-    judgement: Judgement
-    reason: str = ""
-    structure: ClassVar[str] = "seeking"
-
-    @property
-    def gains(self) -> SeekingGains:
-        """Its numbers."""
-        return self.control.gains  # type: ignore[no-any-return]
-
-    def __str__(self) -> str:
-        told = ", ".join(f"{name} {value:.5g}" for name, value in self.gains.model_dump().items())
-        return f"{self.structure}: {told}\n{self.judgement}"
-
-    def save(self, path: str | Path) -> None:
-        """Write the TOML file that every command takes with --controller, or its C99 program to a path that ends in .c.
-
-        InputError where it cannot be written.
-        """
-        if Path(path).suffix.lower() != ".c":
-            replace(self.control, name=Path(path).stem).save(path)
-            return
-        code = import_module("railslip_ctrl.simulation.seeking_code")  # a room above this one, as above
-        code.save_c_program(self.control, self.judgement.envelope.vehicle.wheel.radius, path)
-
-
-def seeking_over(
-    envelope: Envelope, ms_max: float = ROBUST_MS, *, nominal: bool = False, period: float = PERIOD
-) -> SeekingDesign:
-    """As `tune` with the structure "seeking"; one that does not keep it is a result, with its reason."""
-    catalogue = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
-    control = catalogue.seeking_control(envelope.vehicle, period=check_period(period))
+def by_rule(
+    kind: type[Controller],
+    envelope: Envelope,
+    ms_max: float = ROBUST_MS,
+    *,
+    nominal: bool = False,
+    period: float | None = None,
+) -> Design:
+    """The controller of a kind whose parameters follow from the vehicle, judged; one with a larger Ms than `ms_max` is
+    a result, with its reason."""
+    asked = {} if period is None else {"period": check_period(period)}
+    control = kind.for_vehicle(envelope.vehicle, **asked)
     judgement = judge(control, envelope, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
     worst = float(judgement.ms[used].max(initial=0.0))
     reason = "" if worst <= ms_max else f"its gains go by rules, with which Ms is {worst:.4g}, not <= {ms_max:g}"
-    return SeekingDesign(control, judgement, reason)
+    return Design(control, judgement, reason)
+
+
+def hand_over_of(judgement: Judgement) -> float:
+    """The speed, km/h, below which slip is no longer controlled: the lowest at which a design is robust, or if it is
+    nowhere, stable with every tolerance; 0, never, over a single speed."""
+    robust = judgement.robust_from_kmh
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    return lowest if len(judgement.envelope.speeds) > 1 else 0.0
 
 
 @checked
 def tune(
     envelope: Envelope,
-    structure: str = "pi-lead",
-    ms_max: float = 2.0,
+    structure: str | type[Controller] = "pi-lead",
+    ms_max: float | None = None,
     *,
+    phase_min: float | None = None,
+    delay_min: float | None = None,
+    minimise_ms: bool = False,
+    ki_min: float | None = None,
+    nominal: bool = False,
     lead: float | None = None,
     lead_filter: float | None = None,
-    period: float = PERIOD,
-) -> EnvelopeDesign | SeekingDesign:
-    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
-    the seeking controller, whose gains go by rules.
+    period: float | None = None,
+) -> Design:
+    """The largest integral gain that keeps a specification at every operating point of an envelope, empty and loaded
+    together; or a controller of a kind whose parameters follow from the vehicle. The arguments are the options of
+    `railslip tune`.
 
     - envelope: what the controller must hold.
-    - structure: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or
-      "seeking".
-    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are
-      judged, not tuned for.
+    - structure: a kind: "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched;
+      one that follows from the vehicle, such as "seeking"; or the class of a kind of one's own.
+    - ms_max: largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled; 2 if nothing else
+      is asked for. Tolerances are judged, not tuned for.
+    - phase_min, delay_min: least phase margin, deg, and least delay margin, s.
+    - minimise_ms, ki_min: minimise the worst Ms instead, at an integral gain of at least `ki_min`, N*m/m.
+    - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
-    - period: sampling period at which it runs, s, or twice the lead's filter if that is less.
+    - period: sampling period at which it runs, s, or twice the lead's filter if that is less; left out 10 ms, or that
+      of the kind's rule.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
     InfeasibleDesignError: no gains keep it; says from which speed (km/h) up some do, also with less slip and a faster
-    brake. InputError: an unknown structure, a number out of its range, or an envelope without points.
+    brake. InputError: an unknown structure, a number out of its range, `ki_min` or `minimise_ms` alone, an argument
+    that the structure does not use, or an envelope without points.
     """
-    if structure == "seeking":
-        if lead is not None or lead_filter is not None:
-            raise InputError("lead: does not go with the structure 'seeking', whose gains go by rules; leave it out")
-        found = seeking_over(envelope, ms_max, period=period)
+    asked, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
+    if not issubclass(kind, PI):
+        unused = {"phase_min": phase_min, "delay_min": delay_min, "minimise_ms": minimise_ms or None, "ki_min": ki_min}
+        for name, given in (unused | {"lead": lead, "lead_filter": lead_filter}).items():
+            if given is not None:
+                raise InputError(f"{name}: does not go with {kind.kind!r}, whose gains go by rules; leave it out")
+        found = by_rule(kind, envelope, ROBUST_MS if ms_max is None else ms_max, nominal=nominal, period=period)
         if found.reason:
             raise InfeasibleDesignError(found.reason)
         return found
-    tuned, design = tune_over(
-        envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter, period=period
-    )
+    if minimise_ms != (ki_min is not None):
+        raise InputError("minimise_ms and ki_min: go together; give both, or neither to maximise ki")
+    if not minimise_ms and asked == Specification():
+        asked = Specification(ROBUST_MS)
+    leads = {"lead": lead, "lead_filter": lead_filter}
+    tuned, design = tune_over(envelope, asked, kind, ki_min=ki_min, nominal=nominal, period=period, **leads)
     if design is None:
         raise InfeasibleDesignError(tuned.reason)
     return design
@@ -160,24 +152,24 @@ def tune(
 def tune_over(
     envelope: Envelope,
     specification: Specification,
-    structure: str,
+    kind: type[PI],
     *,
     ki_min: float | None = None,
     lead: float | None = None,
     lead_filter: float | None = None,
     nominal: bool = False,
-    period: float = PERIOD,
-) -> tuple[TunedCases, EnvelopeDesign | None]:
+    period: float | None = None,
+) -> tuple[TunedCases, Design | None]:
     """As `tune`, for any specification, judged at the operating points alone if `nominal`; an infeasible one is a
     result, with its reason."""
-    check_period(period)
+    held_for = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
     actuator = envelope.vehicle.actuator
-    late = _held(actuator, period)
+    late = _held(actuator, held_for)
     tuned_at = partial(
         tune_cases,
         actuator=late,
-        structure=structure,
+        kind=kind,
         specification=specification,
         ki_min=ki_min,
         lead=lead,
@@ -185,19 +177,21 @@ def tune_over(
     )
     plants = operating_plants(points)
     tuned = _early(tuned_at, plants)
-    at_one_lead = partial(tuned_at, structure="pi-lead", lead=tuned.lead) if structure == "pid" else tuned_at
+    at_one_lead = partial(tuned_at, kind=PILead, lead=tuned.lead) if issubclass(kind, PID) else tuned_at
     if tuned.design is not None and len(tuned.points) < len(plants):
         search = at_one_lead if len(plants) > _MANY else tuned_at
-        tuned = replace(_for_all(search, tuned, plants, late), structure=structure)
+        tuned = replace(_for_all(search, tuned, plants, late), kind=kind)
     if tuned.design is None:
-        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, period)])), None
+        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, held_for)])), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
     assert worst is not None, "less dead time than it was tuned with"
     margins = tuple(loop.margins() for loop in loops)
     design = replace(tuned.design, kp=gains.kp, ki=gains.ki, worst=worst, margins=margins)
-    return replace(tuned, design=design), judged_design(run, envelope, points, held_slips(envelope, points), nominal)
+    return replace(tuned, design=design), judged_design(
+        kind, run, envelope, points, held_slips(envelope, points), nominal
+    )
 
 
 def _held(actuator: Actuator, period: float) -> Actuator:
@@ -206,7 +200,7 @@ def _held(actuator: Actuator, period: float) -> Actuator:
 
 
 def sampled_below(
-    design: PIController, period: float, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
+    design: PIController, period: float | None, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
 ) -> SampledController:
     """A design tuned with the delay of its hold as it runs, ki so much less that no sampled loop has more than an Ms.
 
@@ -227,16 +221,21 @@ def sampled_below(
 
 
 def judged_design(
+    kind: type[PI],
     run: SampledController,
     envelope: Envelope,
     points: EnvelopePoints,
     held: ReferenceSlip | None,
     nominal: bool = False,
-) -> EnvelopeDesign:
-    """A tuned controller with its judgement."""
-    pi = run.design
+) -> Design:
+    """A tuned controller of a kind, as it brakes, with its judgement."""
     judgement = judge_points(run, envelope, points, nominal=nominal)
-    return EnvelopeDesign(pi.gains, pi.lead, pi.lead_filter, judgement, held, run.period)
+    operating = [plant.point for plant in operating_plants(points)]
+    hand_over = hand_over_of(judgement)
+    control = braking_control(
+        run.design, operating, held, name=kind.kind, hand_over_kmh=hand_over, period=run.period, kind=kind
+    )
+    return Design(control, judgement)
 
 
 def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
@@ -346,9 +345,6 @@ def held_slips(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | No
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 """Reference slips that are tried, over those of the envelope."""
 
-SURE_SHARE = 0.8
-"""Torque that a run begins with, over the least that any operating point holds: what every rail surely takes."""
-
 REACH_SHARE = 0.5
 """Share of the time of a stop in which a design must have built up the torque that its reference slip takes."""
 
@@ -383,7 +379,7 @@ class StructureChoice:
 
     structure: str
     reference_factor: float
-    design: EnvelopeDesign | SeekingDesign | None
+    design: Design | None
     reason: str = ""
     reach_s: float = math.inf
     stop_s: float = math.nan
@@ -398,7 +394,7 @@ class StructureChoice:
     @property
     def tier(self) -> tuple[bool, float, float]:
         """Smaller is better: what comes first in the criterion of `select`, of the judgement alone."""
-        if self.design is None or self.design.judgement is None:
+        if self.design is None:
             return True, math.inf, math.inf
         judgement = self.design.judgement
         usable, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
@@ -413,11 +409,11 @@ class StructureChoice:
     @property
     def words(self) -> str:
         """What it is and what its judgement says."""
-        if isinstance(self.design, SeekingDesign):
-            return f"seeking: {self.design.judgement.verdict_line}"
+        if self.design is not None and not isinstance(self.design.controller, PI):
+            return f"{self.structure}: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
         name = f"{kind}, {self.reference_factor:g} of the reference slip"
-        if self.design is None or self.design.judgement is None:
+        if self.design is None:
             return f"{name}: {self.reason}"
         less = f"; adhesion {100 * (self.adhesion_share - 1):+.2g} %" if self.reference_factor != 1.0 else ""
         slow = "" if self.reaches else f"; its reference takes {self.reach_s:.3g} s of a stop of {self.stop_s:.3g} s"
@@ -500,7 +496,7 @@ def _choice(
         return StructureChoice(structure, factor, None, str(error), lead_filter=lead[1])
     kept = [plant for plant in operating_plants(points) if plant.point.speed_kmh > 0.999 * (from_kmh or 0.0)]
     run = sampled_below(found, period, kept, envelope.vehicle.actuator, None if from_kmh is None else ROBUST_MS)
-    design = judged_design(run, envelope, points, held)
+    design = judged_design(PILead if lead[0] > 0 else PI, run, envelope, points, held)
     reach, stop = _reach(run.design, points, envelope)
     return StructureChoice(structure, factor, design, "", reach, stop, lead_filter=lead[1])
 

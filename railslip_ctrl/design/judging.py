@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from importlib import import_module
 from itertools import compress, product
@@ -12,7 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.files import is_kind
+from railslip_ctrl.controllers.sampled import SampledController, loop_as_run, run_period, sampled_peak
+from railslip_ctrl.controllers.systems import PIController, has_step, linear_controller, linear_of, wheel_slip_loop
 from railslip_ctrl.core.arguments import Flags, Floats, checked
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, ms_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
@@ -22,20 +27,7 @@ from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import (
-    PIController,
-    SampledController,
-    has_step,
-    linear_controller,
-    linear_of,
-    loop_as_run,
-    run_period,
-    sampled_peak,
-    seeking_of,
-    wheel_slip_loop,
-)
 from .envelope import Case, Envelope, EnvelopePoints
-from .seeking import seeking_margins
 from .specification import is_robust
 
 UNSAMPLED = "the loop is continuous: sampling, which adds at most 4 % to its Ms, is not judged"
@@ -289,7 +281,7 @@ class Judgement:
     @property
     def hand_over_kmh(self) -> float:
         """Below this speed, km/h, the controller does not control slip, as it says itself; 0: never."""
-        return float(getattr(self.controller, "cut_out_speed", 0.0)) / KMH
+        return self.controller.controlled_from / KMH if isinstance(self.controller, Controller) else 0.0
 
     @property
     def verdict_in_use(self) -> str | None:
@@ -305,7 +297,7 @@ class Judgement:
     @property
     def slips_told(self) -> tuple[str, ...]:
         """What the slips stand for that were judged at: reference slips on a knife's edge, or those that it finds."""
-        if seeking_of(self.controller) is None:
+        if not finds_slip(self.controller):
             return self.envelope.knife_edges()
         points = [plant.point for plant in self.points.plants]
         found = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
@@ -429,21 +421,31 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
     Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
     every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.
     """
-    held, seeking = getattr(controller, "reference", None), seeking_of(controller)
-    if seeking is not None:  # it seeks its own slip, whatever the envelope's reference
-        # where it hands over, and where the slip that it holds begins to fade: the worst speed may be one of these
-        own = [round(speed / KMH, 9) for speed in (seeking.hand_over_speed, seeking.fade_speed)]
+    controller = getattr(controller, "controller", controller)  # of a design
+    if is_kind(controller):
+        controller = controller.for_vehicle(envelope.vehicle)
+    if isinstance(controller, Controller):
+        controller = controller.believing(envelope.vehicle)
+    if finds_slip(controller):  # whatever the envelope's reference
+        own = [round(speed / KMH, 9) for speed in controller.speeds_to_judge()]
         inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
         envelope = envelope.at(speeds=sorted({*envelope.speeds, *inside}))
-        points = envelope.points(nominal=nominal, held=seeking.held_slip)
+        points = envelope.points(nominal=nominal, held=controller.held_slip)
         return judge_points(controller, envelope, points, nominal=nominal)
+    held = getattr(controller, "reference", None)
     if envelope.reference is None and isinstance(held, ReferenceSlip):
         envelope = envelope.at(reference=held)
-    if not (hasattr(controller, "as_run") or has_step(controller) or callable(linear_of(controller))):
+    runs = isinstance(controller, Controller) or hasattr(controller, "as_run") or has_step(controller)
+    if not (runs or callable(linear_of(controller))):
         design = linear_controller(controller)
         if isinstance(design, PIController) or design.period is None:
             controller = SampledController(design, run_period(design))
     return judge_points(controller, envelope, envelope.points(nominal=nominal), nominal=nominal)
+
+
+def finds_slip(controller: Any) -> bool:
+    """Whether a controller finds the slip that it holds by itself."""
+    return isinstance(controller, Controller) and controller.finds_slip
 
 
 def judge_points(controller: Any, envelope: Envelope, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
@@ -459,12 +461,14 @@ def margins_at(
     With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
-    if (gains := seeking_of(controller)) is not None:
-        found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
-        found["stable"], found["ms"] = seeking_margins(
-            [plant.point for plant in points.plants], gains, points.actuators, (points.plant, points.actuator)
+    if isinstance(controller, Controller):
+        own = controller.stable_and_ms(
+            [plant.point for plant in points.plants], points.actuators, (points.plant, points.actuator)
         )
-        return BatchMargins(**found)
+        if own is not None:
+            found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
+            found["stable"], found["ms"] = own
+            return BatchMargins(**found)
     used = np.unique(points.plant).tolist()
     if callable(linear_of(controller)):
         designs = [linear_controller(controller, points.plants[i].point) for i in used]

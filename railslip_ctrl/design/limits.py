@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes

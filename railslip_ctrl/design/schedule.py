@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import Floats, check_fields, checked, number
+from railslip_ctrl.controllers.scheduled import GainSchedule, ScheduleEntry
+from railslip_ctrl.controllers.systems import PIController, actuated_plant, controller_system, wheel_slip_loop
+from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.core.user_files import validated
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import LinearPlant, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
-from .controllers import PIController, actuated_plant, controller_system, wheel_slip_loop
 from .specification import family_margins
 from .stabilizing import stabilizing_pi
 from .tuning import tune_pi
@@ -29,87 +29,6 @@ from .tuning import tune_pi
 _SPEED_TOLERANCE_KMH = 1e-6
 _LOWEST_KMH = 0.5  # km/h; slower, nobody controls slip
 _BETWEEN = 25  # speeds at which interpolated gains are checked
-
-
-@dataclass(frozen=True)
-class ScheduleEntry:
-    """Gains at one speed on one rail, tuned over the vehicle's loads there, and the worst Ms with them."""
-
-    rail: Rail
-    speed_kmh: float
-    gains: PIGains
-    worst_ms: float
-
-
-@dataclass(frozen=True)
-class GainSchedule:
-    """PI gains over speed and rail, linear in speed between entries and constant outside, with one lead (s) for all.
-
-    Below `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms`
-    is the largest Ms over the scheduled speeds and between them. InputError for values that no schedule has.
-    """
-
-    entries: tuple[ScheduleEntry, ...]
-    lead: float
-    lead_filter: float
-    lowest_speed_kmh: float
-    worst_ms: float
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if not self.entries:
-            raise InputError("gain schedule: it has no entries; give at least one speed")
-        seen = set()
-        for entry in self.entries:
-            number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)
-            number("gain schedule: worst Ms", entry.worst_ms, ge=1)
-            if (entry.rail, entry.speed_kmh) in seen:
-                raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h comes twice; keep one")
-            seen.add((entry.rail, entry.speed_kmh))
-        number("gain schedule: lowest speed", self.lowest_speed_kmh, "km/h", ge=0)
-        if not self.worst_ms >= 1:
-            raise InputError(f"gain schedule: worst Ms {self.worst_ms} is not allowed; give a value >= 1")
-        PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
-
-    def controller(self, speed: float, rail: Rail) -> PIController:
-        """The controller at a speed (m/s, > 0) on a rail.
-
-        Raises InputError for a speed that is not finite and positive, or a rail without entries.
-        """
-        number("speed", speed, "m/s", gt=0)
-        mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
-        if not mine:
-            raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
-        speeds = [e.speed_kmh for e in mine]
-        kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
-        ki = float(np.interp(speed / KMH, speeds, [e.gains.ki for e in mine]))
-        return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
-
-    def to_json(self) -> str:
-        """The schedule as JSON, SI except where a key names a unit; `from_json` reads it back."""
-        entries = []
-        for e in self.entries:
-            gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
-            entries.append({"rail": e.rail.value, "speed_kmh": e.speed_kmh, **gains, "worst_ms": e.worst_ms})
-        limits = {"lowest_speed_kmh": self.lowest_speed_kmh, "worst_ms": self.worst_ms}
-        content = {"lead_s": self.lead, "lead_filter_s": self.lead_filter, **limits, "entries": entries}
-        return json.dumps(content, indent=2, allow_nan=False)
-
-    @classmethod
-    def from_json(cls, text: str) -> GainSchedule:
-        """Read what `to_json` wrote; InputError for anything else."""
-        try:
-            content = json.loads(text)
-            entries = []
-            for e in content["entries"]:
-                gains = validated(PIGains, {"kp": e["kp_si"], "ki": e["ki_si"]}, "gain schedule")
-                entries.append(ScheduleEntry(Rail(e["rail"]), float(e["speed_kmh"]), gains, float(e["worst_ms"])))
-            others = [float(content[key]) for key in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")]
-        except InputError:
-            raise
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
-        return cls(tuple(entries), *others)
 
 
 @checked

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, fill_alone, stack
 

@@ -14,7 +14,7 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, number, numbers
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.crossings import SIZE, ExactLoop, Response
 from railslip_ctrl.loop.stability import RootCount, count_right_of, root_count

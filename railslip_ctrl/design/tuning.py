@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.pi import PI, PID, PILead
+from railslip_ctrl.controllers.systems import PIController, actuated_plant, pi_transfer_function
 from railslip_ctrl.core.arguments import checked, number, numbers
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.loop.deadtime import frequency_curve
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, PIGains
 
-from .controllers import PIController, actuated_plant, pi_transfer_function
 from .specification import Specification, Worst, family_margins, worst_of
 from .tuning_search import Family, largest_ki, least_ms
 
@@ -159,17 +160,14 @@ def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
 # --- tuning at operating points, with the structures that the command offers ------------------------------------------
 
 
-STRUCTURES = ("pi", "pi-lead", "pid")
 _LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times looked at first, over the actuator's lag
-FILTER_RATIO = 0.1
-"""Time constant of a lead's filter over that of the lead, unless given: the high-frequency gain is 10 times kp."""
 
 
 @dataclass(frozen=True)
 class TunedCases:
     """What was asked of a structure at some operating points, and the design, or None and the reason; SI."""
 
-    structure: str
+    kind: type[PI]
     points: tuple[OperatingPoint, ...]
     specification: Specification
     ki_min: float | None
@@ -189,17 +187,11 @@ class TunedCases:
         return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
 
 
-def check_structure(structure: str) -> None:
-    """InputError for one that is not of `STRUCTURES`."""
-    if structure not in STRUCTURES:
-        raise InputError(f"structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}, seeking")
-
-
 def tune_cases(
     plants: Sequence[LinearPlant],
     actuator: Actuator,
     *,
-    structure: str = "pi",
+    kind: type[PI] = PI,
     specification: Specification,
     ki_min: float | None = None,
     lead: float | None = None,
@@ -207,25 +199,25 @@ def tune_cases(
 ) -> TunedCases:
     """Tune one controller for all the plants; an infeasible specification is a result, with its reason.
 
-    `structure` is "pi"; "pi-lead", with a lead at the actuator's lag (or `lead`, s); or "pid", in the series form
-    (kp + ki/s) (Td s + 1)/(Tf s + 1) with Td searched between 0.3 and 3 times the lag. `lead_filter`, s, is a tenth of
-    the lead if not given. With `ki_min`, N*m/m, the worst Ms is minimised at ki of at least this; else ki is maximised.
+    `kind` is that of the controller: behind kp + ki/s it has its `compensator`. A `PI` has none; a `PILead` has a lead
+    at the actuator's lag, or `lead`, s; of a `PID` the lead is searched between 0.3 and 3 times the lag. `lead_filter`,
+    s, is a tenth of the lead if not given. With `ki_min`, N*m/m, the worst Ms is minimised at ki of at least this; else
+    ki is maximised.
 
     InputError for an unknown structure, a lead for a plain PI, or a contradictory specification.
     """
-    check_structure(structure)
-    if structure == "pi" and (lead is not None or lead_filter is not None):
+    if not issubclass(kind, PILead) and (lead is not None or lead_filter is not None):
         given = "lead" if lead is not None else "lead filter"
-        raise InputError(f"{given}: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
-    if structure == "pid" and lead is not None:
+        raise InputError(f"{given}: does not go with structure {kind.kind!r}; choose 'pi-lead' or 'pid'")
+    if issubclass(kind, PID) and lead is not None:
         raise InputError("lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
-    tuned = partial(_tune, plants, actuator, structure, specification, ki_min, lead_filter)
-    if structure == "pid":
+    tuned = partial(_tune, plants, actuator, kind, specification, ki_min, lead_filter)
+    if issubclass(kind, PID):
         return _searched(tuned, actuator.lag or actuator.dead_time or 1.0)
-    return tuned(0.0 if structure == "pi" else actuator.lag if lead is None else lead)
+    return tuned(lead)
 
 
-def _searched(tuned: Callable[[float], TunedCases], lag: float) -> TunedCases:
+def _searched(tuned: Callable[[float | None], TunedCases], lag: float) -> TunedCases:
     """PID: the derivative time that serves the specification best, between 0.3 and 3 times the actuator's lag."""
     from scipy.optimize import minimize_scalar
 
@@ -250,14 +242,14 @@ def _searched(tuned: Callable[[float], TunedCases], lag: float) -> TunedCases:
 def _tune(
     plants: Sequence[LinearPlant],
     actuator: Actuator,
-    structure: str,
+    kind: type[PI],
     specification: Specification,
     ki_min: float | None,
     lead_filter: float | None,
-    lead: float,
+    lead: float | None,
 ) -> TunedCases:
-    filter_time = FILTER_RATIO * lead if lead_filter is None else lead_filter
-    shape = PIController(PIGains(kp=1.0, ki=0.0), lead, filter_time).transfer_function
+    compensator = kind.compensator(actuator, lead, lead_filter)
+    shape = compensator.transfer_function
     points = tuple(plant.point for plant in plants)
     family = Family(
         [shape * actuated_plant(plant, actuator) for plant in plants],
@@ -270,7 +262,7 @@ def _tune(
         design = _tuned(family, specification, ki_min)
     except InfeasibleDesignError as error:
         reason = str(error)
-    return TunedCases(structure, points, specification, ki_min, lead, filter_time, design, reason)
+    return TunedCases(kind, points, specification, ki_min, compensator.lead, compensator.lead_filter, design, reason)
 
 
 # --- one PI for some operating points, at a fixed integral time -------------------------------------------------------

@@ -19,19 +19,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 
+from railslip_ctrl.controllers.systems import pi_transfer_function
 from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.loop.crossings import Response, frequency_nodes
 
-from .controllers import pi_transfer_function
 from .decomposition import Interval, common_intervals
 from .specification import Specification, family_margins
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
@@ -62,6 +63,8 @@ class Forbidden:
         self._inverse[~np.isfinite(self._inverse)] = np.nan  # at a zero on the axis, where nothing is forbidden
         self._size = np.abs(self._inverse)
         mine = [self._member == i for i in range(len(omegas))]
+        last = np.cumsum([omega.size for omega in omegas]) - 1
+        self._last_of_double = last[[r.dead_time == 0 and r.system.relative_degree == 2 for r in responses]]
         self.reach = min(_REACH * float(np.nanmax(self._size[one])) for one in mine)
         """kp, in size, beyond which a crossover of some plant lies above all samples; the like for ki are `ki_ends`."""
         self.reach = min(self.reach, *(_FARTHEST * kp for kp in usual_kp))
@@ -104,12 +107,25 @@ class Forbidden:
             half = np.minimum(*(_leg(radius, x / self._omega - self._inverse.imag) for x in (ki, to or ki)))
             hit = half > 0
             parts.append((-self._inverse.real[hit] - half[hit], -self._inverse.real[hit] + half[hit]))
+            parts.append(self._beyond_samples(max(ki, to or ki), radius))
         low, high = (np.concatenate(ends) for ends in zip(*parts, strict=True))
         order = np.argsort(low)
         starts = np.maximum(np.append(-np.inf, np.maximum.accumulate(high[order])), -self.reach)
         ends = np.minimum(np.append(low[order], np.inf), self.reach)
         wide = ends - starts > _NARROWEST * np.maximum(np.abs(starts), np.abs(ends))
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
+
+    def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
+        """kp, from and to, that Ms forbids above the last sample of plants that fall as 1/s^2, without dead time.
+
+        There centre -x and radius of the ellipses grow as omega^2, y at most as omega, and ki/omega falls. So if
+        ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre. Such gains are stable:
+        without this, every row would keep a gap up there.
+        """
+        last = self._last_of_double
+        last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
+        kp = -self._inverse.real[last]
+        return np.where(kp > 0, kp, -np.inf), np.where(kp > 0, np.inf, kp)
 
     def _arcs(self, vertical: Floats, specification: Specification) -> list[tuple[Floats, Floats]]:
         """kp, from and to, that put a crossover between neighbouring samples where it leaves too little phase."""

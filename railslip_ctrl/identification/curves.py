@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats, Integers
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
@@ -39,6 +40,7 @@ class Options:
     - columns, units: header and unit of a quantity's column, by quantity.
     - delays, zeros: column delay, s, and sensor offset, SI, by quantity.
     - fixed, bounds: value (SI), or lowest and highest, of a parameter, by name.
+    - skip_lines: lines at the beginning of a log, before which no header is looked for.
     - block_bytes: how much of a log is read at a time.
     """
 
@@ -54,6 +56,7 @@ class Options:
     zeros: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    skip_lines: int = 0
     block_bytes: int = BLOCK_BYTES
 
 
@@ -347,7 +350,8 @@ def read_curve(
     `progress` is told the share read, `observed` is given the samples as they come.
     InputError with one line for a log that cannot be used.
     """
-    log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
+    o = options
+    log = Log(path, columns=o.columns, units=o.units, skip_lines=o.skip_lines, block_bytes=o.block_bytes)
 
     def blocks() -> Iterator[Rows]:
         for rows in log.rows():
@@ -360,8 +364,8 @@ def read_curve(
     stamps = StampFilter(log.name)
     try:
         gathered = _Gathered(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
-    except InputError as error:  # what was assumed may be what is wrong
-        raise InputError("; ".join([str(error), *log.notes])) from None
+    except InputError as error:  # what was assumed or not read may be what is wrong
+        raise log.refused(error) from None
     finally:
         log.close()
     return gathered.curve(log.broken, stamps, log.notes)

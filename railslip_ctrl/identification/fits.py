@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .curves import Cells, Stretches
@@ -562,6 +563,10 @@ class Fit:
     `followed`, (2, k), is slip ratio and mu as a dynamic model had them along the log's motion, None for a model that
     is a curve; `known_stderrs` are standard deviations of parameters that are known from elsewhere, by name.
     `with_profiles` tells whether intervals were taken from the profile of the likelihood where that is needed.
+
+    A prediction-error fit has its `deviance`, -2 log likelihood of the wheel's motion, and its `inflation`, the
+    long-run variance of the whitened errors with its degrees of freedom. `coarse` is mu at the knots of a table by the
+    fit with every second knot, None for other models.
     """
 
     model: FitModel
@@ -576,6 +581,9 @@ class Fit:
     followed: Floats | None = None
     known_stderrs: Mapping[str, float] = field(default_factory=dict)
     with_profiles: bool = True
+    deviance: float = math.nan
+    inflation: tuple[float, int] = (math.nan, 0)
+    coarse: Floats | None = None
 
     @property
     def values(self) -> Floats:

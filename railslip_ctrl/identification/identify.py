@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import peak
@@ -33,10 +34,8 @@ from .log_checks import (
     LOADS_DIFFER,
     LOWEST_MU,
     ORDINARY,
-    TrainLag,
     deceleration_differs,
     is_wrong_wheel,
-    train_lag,
     units_or,
 )
 from .observed import BrakedRows, Observed
@@ -53,67 +52,45 @@ Clean dry steel on steel in air has 0.6 to 0.8 in every handbook; more than the 
 bare metals seize, as in vacuum. A law that has it would lead every command that takes it astray.
 """
 
-# what mu tends to as a model slides slowly: what that is called, and how it follows from parameters and wheel load, N
-_LIMITS: dict[str, tuple[str, Callable[[Mapping[str, Any], float], float]]] = {
-    "beam": ("mu_max", lambda p, load: p["mu_max"]),
-    "polach": ("mu0", lambda p, load: p["mu0"]),
-    "lugre": ("Fs by wheel load", lambda p, load: p["Fs"] / load),
-}
-for _name in ("bristle", "bristle_rest", "curve"):
-    _LIMITS[_name] = ("gamma/beta by wheel load", lambda p, load: p["gamma"] / p["beta"] / load)
-
-
-class ImpossibleFitError(InputError):
-    """A fit with adhesion that cannot be."""
-
 
 # --- the fit -------------------------------------------------------------------------------------------------------
 
 
-def highest_mu(found: Fit, setting: models.Setting) -> tuple[str, float]:
-    """The highest adhesion coefficient of a fitted model, and what it is called: its peak or its limit of friction.
+def highest_mu(found: Fit, setting: models.Setting) -> float:
+    """The highest adhesion coefficient of a fitted model, at the lowest or the highest of `DRIFT_SPEEDS`.
 
-    The peak is that at the lowest or the highest of `DRIFT_SPEEDS`, the limit what it tends to as it slides slowly.
     InputError for a law whose force nowhere brakes.
     """
     speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
     law = found.model.make_force_law(found.values, found.law.rail)
     try:
-        top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
+        return max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
         raise InputError(told("nowhere positive")) from None
-    if found.model.name not in _LIMITS:
-        return "peak", top
-    called, limit_of = _LIMITS[found.model.name]
-    limit = limit_of({**found.model.known, **{p.name: p.value for p in found.parameters}}, setting.wheel_load)
-    return (f"limit of friction ({called})", limit) if limit > top else ("peak", top)
 
 
 def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
-    """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive."""
-    what, value = highest_mu(found, setting)
+    """InputError for a fit with adhesion above `IMPOSSIBLE_MU`, or nowhere positive."""
+    value = highest_mu(found, setting)
     if value <= IMPOSSIBLE_MU:
         return
     seen = curve.highest_mu  # of the log itself, which tells the likely cause
     cause = units_or(seen, curve.factors)
     if LOWEST_MU <= seen <= HIGHEST_MU:
-        # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
-        name, _ = _LIMITS.get(found.model.name, ("", None))
-        bound = f"`bounds` {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another `model`"
-        cause = told("log is ordinary", seen=seen, bound=bound)
+        cause = told("log is ordinary", seen=seen)
     given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in found.model.known]
     cause = told("fixed is given", values=", ".join(given), cause=cause) if given else cause
-    raise ImpossibleFitError(told("impossible mu", what=what, value=value, limit=IMPOSSIBLE_MU, cause=cause))
+    raise InputError(told("impossible mu", value=value, limit=IMPOSSIBLE_MU, cause=cause))
 
 
 def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
     """What is not to be believed of a fit that is no impossible one, a sentence each."""
-    what, value = highest_mu(found, setting)
+    value = highest_mu(found, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
     doubts = []
     if not ordinary:
         cause = units_or(value, curve.factors)
-        doubts.append(told("fitted mu", model=found.model.name, what=what, value=value, **ORDINARY, cause=cause))
+        doubts.append(told("fitted mu", model=found.model.name, value=value, **ORDINARY, cause=cause))
     untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
     if untold:
         doubts.append(told("any other", parameters=", ".join(untold)))
@@ -131,8 +108,11 @@ def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tup
 
 _NOTHING = 1e-11  # stands for a bound of 0 that is open
 _ALIKE = 2.6  # standard errors
+# --- the delay of the wheel's speed ----------------------------------------------------------------------------------
+
 _MOST_ROWS = 2000  # of whole runs from the record's beginning: ten rig tests tell a tenth of an interval
-_LEAST_GAIN = 40.0  # of the deviance; a model that is not the rig's own gains up to 26 by a shift there is no cause for
+_LEAST_GAIN = 40.0  # of the deviance, over the whitened errors' long-run variance: seen without a delay is up to 26
+_GAIN_OF_TABLE = 6.6  # of a table's deviance, at least: chi-squared at 1 %; a table takes a part of a delay itself
 _HOPELESS = 0.5  # of this gain, below which that of a parabola through three lags is not searched further
 _RESOLVED = 0.03  # of the log's interval, to which a lag is looked for: a fifth or less of its error
 _MOST_LAGS = 10  # of the search between two ends, as each is a fit
@@ -142,72 +122,90 @@ _CURVED = 0.25  # of the interval, over which the deviance's bend about the lag 
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much the wheel's speed is late beside the other columns, s, with its standard error; negative: early.
-
-    The error is NaN where the likelihood does not bend as at a maximum.
-    """
+    """By how much the wheel's speed is late beside the other columns, s, with its standard error; negative: early."""
 
     seconds: float
     stderr: float
 
 
-def lag_of(fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> Lag | None:
-    """The likeliest lag of the wheel's speed; None where none is far more likely than no lag.
+class Shifted:
+    """How well a model follows the wheel's motion with the wheel's speed shifted, its parameters fitted anew.
 
-    The parameters are fitted anew for each lag that is tried: half an interval either way, then on while likelier.
+    Of whole runs from the record's beginning, `_MOST_ROWS` at most, but the first in any case.
     """
-    if not is_followed(fit.model, record):
-        return None
-    ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
-    whole = ends[ends <= _MOST_ROWS]  # as many whole runs as there is room for, the first in any case
-    rows = int(whole[-1] if len(whole) else min(ends[0], _MOST_ROWS))
-    kept = replace(record, **{name: values[:rows] for name, values in vars(record).items()})
-    if not is_followed(fit.model, kept):
-        return None
-    start, known = fit.values, dict[float, float]()  # a search begins where the best one ended
 
-    def deviance(lag: float) -> float:
-        nonlocal start
-        if lag not in known:
-            problem = PredictionErrors(fit.model, earlier(kept, lag), vehicle, wheel_load)
-            known[lag], values = problem.likeliest(start)
-            start = values if known[lag] <= min(known.values()) else start
-        return known[lag]
+    def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
+        ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
+        whole = ends[ends <= _MOST_ROWS]
+        rows = int(whole[-1] if len(whole) else min(ends[0], _MOST_ROWS))
+        self._record = replace(record, **{name: values[:rows] for name, values in vars(record).items()})
+        self._model, self._vehicle, self._wheel_load = fit.model, vehicle, wheel_load
+        self._start, self._known = fit.values, dict[float, tuple[float, float]]()
+        self.followed = is_followed(fit.model, self._record)
+        self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
-    interval = float(np.median(np.diff(kept.time)[np.diff(kept.run) == 0]))
+    def inflation(self, lag: float) -> float:
+        """Long-run variance of the whitened errors at a lag that was tried, 1 or more."""
+        return max(self._known[lag][1], 1.0)
+
+    def deviance(self, lag: float) -> float:
+        """-2 log likelihood; a search begins where the best one before it ended."""
+        if lag not in self._known:
+            problem = PredictionErrors(self._model, earlier(self._record, lag), self._vehicle, self._wheel_load)
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+                found, values, inflation = problem.likeliest(self._start)
+            self._known[lag] = found, inflation
+            self._start = values if found <= min(self._known.values())[0] else self._start
+        return self._known[lag][0]
+
+
+def lag_of(
+    fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float, *, table: Fit | None = None
+) -> Lag | None:
+    """Most likely delay of the wheel's speed, or None if the motion does not clearly favour one.
+
+    If a `table` is given it has to follow the motion better with the delay too.
+    """
+    shifted = Shifted(fit, record, vehicle, wheel_load)
+    if not shifted.followed:
+        return None
     try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
-            return _likeliest(deviance, interval)
+        lag = _likeliest(shifted)
+        if lag is None or table is None:
+            return lag
+        beside = Shifted(table, record, vehicle, wheel_load)
+        return lag if beside.deviance(0.0) - beside.deviance(lag.seconds) > _GAIN_OF_TABLE else None
     except ValueError:  # SciPy's and LAPACK's word for errors that are not finite: nothing can be told
         return None
 
 
-def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | None:
+def _likeliest(shifted: Shifted) -> Lag | None:
     """Where -2 log likelihood of the motion is least over the lag, far below that without one; else None."""
     from scipy.optimize import minimize_scalar
 
+    deviance, interval = shifted.deviance, shifted.interval
     now, half = deviance(0.0), interval / 2.0
+    low, middle, high = -half, 0.0, half
     ahead = min((half, -half), key=deviance)
-    if deviance(ahead) >= now:  # within half an interval: searched where a parabola through the three gains enough
-        bend, tilt = deviance(half) + deviance(-half) - 2.0 * now, deviance(half) - deviance(-half)
-        if not bend > 0.0 or tilt**2 / (8.0 * bend) <= _LEAST_GAIN:
-            return None
-        low, high = -half, half
-    else:
-        before, lag = 0.0, ahead
-        while abs(lag) < LONGEST_DELAY and deviance(2.0 * lag) < deviance(lag):
-            before, lag = lag, 2.0 * lag
-        low, high = sorted((before, 2.0 * lag))
-        constant, slope, square = np.polynomial.polynomial.polyfit(at := (low, lag, high), [*map(deviance, at)], 2)
-        if square > 0.0 and now - (constant - slope**2 / (4.0 * square)) <= _HOPELESS * _LEAST_GAIN:
-            return None
+    if deviance(ahead) < now:
+        before, middle = 0.0, ahead
+        while abs(middle) < LONGEST_DELAY and deviance(2.0 * middle) < deviance(middle):
+            before, middle = middle, 2.0 * middle
+        low, high = sorted((before, 2.0 * middle))
+    at = (low, middle, high)
+    constant, slope, square = np.polynomial.polynomial.polyfit(at, [*map(deviance, at)], 2)
+    least = constant - slope**2 / (4.0 * square) if square > 0.0 else deviance(middle)
+    if now - least <= _HOPELESS * _LEAST_GAIN:
+        return None
     options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
     found = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
-    if now - found.fun <= _LEAST_GAIN:
-        return None
     lag, step = float(found.x), _CURVED * interval
-    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * deviance(lag)) / step**2
-    return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
+    inflation = shifted.inflation(found.x)
+    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * found.fun) / step**2 / inflation
+    if (now - found.fun) / inflation <= _LEAST_GAIN or not bend > 0.0:
+        return None
+    stderr = math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval)
+    return Lag(lag, stderr) if abs(lag) > _ALIKE * stderr else None
 
 
 def earlier(record: BrakedRows, lag: float) -> BrakedRows:
@@ -224,15 +222,13 @@ def earlier(record: BrakedRows, lag: float) -> BrakedRows:
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
     """What a lag is to be told as, the log's interval in s; `delays` are those that the user has given, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
-    error = f" ± {lag.stderr:.1g} s" if math.isfinite(lag.stderr) else ""
-    beside = f", more than the `delays` {wheel_column}={given:.4g} that is given" if given else ""
     cause = ""
     if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
         late, cause = interval / 2.0, "half an interval, as a difference of counts is: "
     remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} undoes it"
     remedy = told("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
     side, seconds = "late" if late > 0 else "early", abs(lag.seconds)
-    return told("wheel is late", side=side, seconds=seconds, error=error, beside=beside, remedy=remedy)
+    return told("wheel is late", side=side, seconds=seconds, error=lag.stderr, remedy=remedy)
 
 
 # --- the models of a log ---------------------------------------------------------------------------------------------
@@ -240,83 +236,46 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 
 DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which a fit is looked at, of the initial speed
 
-OF_EACH_KIND = ("bristle", "beam", "burckhardt")
-"""Models with a prediction-error fit: one that builds up, one with a kink, a smooth one."""
-
-_NO_PEAK = (*models.SLIDING_ALONE, "table")  # or one that lies on a knot
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
-
-    fits: tuple[Fit, ...]
-    failures: tuple[str, ...]
-    impossible: tuple[str, ...]
-
 
 class Candidates:
-    """What can be fitted to a curve.
+    """What can be fitted to a curve; the regimes are parted where the data's mu is highest."""
 
-    The regimes are parted at the peak of the best model that follows the whole curve by a formula, else where the
-    data's mu is highest.
-    """
-
-    def __init__(
-        self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting, regimes: results.Regimes | None = None
-    ) -> None:
+    def __init__(self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
-        self.regimes = regimes or results.regimes_of_data(curve.cells)
+        self.regimes = results.regimes_of_data(curve.cells)
 
-    def fitted(self, names: Sequence[str]) -> Fitted:
-        """The models of some names, with the intervals of a single one."""
-        fits: list[Fit] = []
-        failures, impossible, alone = [], [], len(names) == 1
-        for name in sorted(names, key=models.SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
-            if name in models.SLIDING_ALONE:
-                self.regimes = self._regimes_of(fits)
+    def fitted(self, names: Sequence[str]) -> tuple[tuple[Fit, ...], tuple[str, ...]]:
+        """The models of some names, with the intervals of a single one; and why others have none, a sentence each."""
+        fits, failures, alone = list[Fit](), list[str](), len(names) == 1
+        for name in names:
             try:
                 fits.append(self._fit(name, profiles=alone))
             except InputError as error:
                 failures.append(f"{self.curve.name}: {error}" if alone else f"{self.curve.name}: {name}: {error}")
-                impossible += [name] if isinstance(error, ImpossibleFitError) else []
-        self.regimes = self._regimes_of(fits)
-        return Fitted(tuple(fits), tuple(failures), tuple(impossible))
+        return tuple(fits), tuple(failures)
 
     def with_intervals(self, found: Fit) -> Fit:
         """A fit of these with the intervals of its parameters; as it is where it has them."""
         return found if found.with_profiles else self._fit(found.model.name, profiles=True)
 
-    def better_followed(self, found: Fit) -> Fit:
-        """The best of some models with a prediction-error fit, where it is better than one of the user's."""
-        free = Candidates(self.curve, self.vehicle, replace(self.setting, fixed={}, bounds={}))
-        others = free.fitted([name for name in OF_EACH_KIND if name != found.model.name]).fits
-        return results.compare([found, *others], self.curve.cells)[0].fit
+    def table_of(self, fits: Sequence[Fit]) -> Fit | None:
+        """The table among some fits, else one fitted now; None if the motion cannot be followed with a table."""
+        found = next((each for each in fits if each.model.name == "table"), None)
+        if found is None:
+            with suppress(InputError):
+                found = self._fit("table", profiles=False)
+        return found if found is not None and found.coarse is not None else None
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
         """One model. InputError where it cannot be fitted, or has adhesion that cannot be."""
-        curve, setting = self.curve, self.setting
+        curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
         first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
             found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
             check_fit(found, setting, curve)
-        return replace(found, with_profiles=profiles)
-
-    def _regimes_of(self, fits: Sequence[Fit]) -> results.Regimes:
-        whole, own = (
-            [each for each in fits if each.model.name not in _NO_PEAK],
-            results.regimes_of_data(self.curve.cells),
-        )
-        if not whole:
-            return own
-        best, setting = results.compare(whole, self.curve.cells)[0].fit, self.setting
-        law = best.model.make_force_law(best.values, setting.rail)
-        with suppress(DomainError):
-            found = results.peak_of_law(law, setting.initial_speed, setting.wheel_load)
-            return results.regimes_of(found.slip, best.model.name, self.curve.cells, own)
-        return own
+        return replace(found, with_profiles=profiles or name == "table")
 
 
 # --- the job: a log, or several, to adhesion curve, fits and the slip to hold, as records ----------------------------
@@ -344,11 +303,10 @@ class Identification:
 
     `vehicle` and `options` are as given, `setting` is what the fits took as known, `curve` what was taken from the log.
     `scores` are of all models fitted, the lowest BIC first, `lines` their curves in that order; `chosen` is the model
-    asked for, or the first that is not the table; `not_fitted` says why models were left out. `peaks` are over speed,
-    on the log's rail and on wet rail; `regimes` are parted at the chosen model's, where the log goes past it;
+    asked for, the first formula that fits, or the table; `not_fitted` says why models were left out. `peaks` are over
+    speed, on the log's rail and on wet rail; `regimes` are parted at the chosen model's, where the log goes past it;
     `reference` has the slips to hold at the initial speed, None without a peak. `warnings` are what was wrong with the
-    log, and what the fits show to be, `doubts` what is not to be believed of the chosen model, `train_lag` what a lag
-    of the train's speed would do, None where the log does not tell.
+    log, and what the fits show to be, `doubts` what is not to be believed of the chosen model.
     """
 
     vehicle: Vehicle
@@ -364,7 +322,6 @@ class Identification:
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
     doubts: tuple[str, ...] = ()
-    train_lag: TrainLag | None = None
 
     @property
     def speeds_shown(self) -> tuple[float, float]:
@@ -382,7 +339,7 @@ class Identification:
         if self.reference is not None:
             return None
         seen = float(self.curve.cells.slip.max())
-        return told("peak beyond", seen=seen) if self.own_peak.slip > seen else told("no peak")
+        return told("peak beyond", seen=seen) if self.own_peak.slip >= seen else told("no peak")
 
     @property
     def peak_notes(self) -> tuple[str, ...]:
@@ -434,12 +391,17 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
     candidates = Candidates(curve, vehicle, setting)
-    found = candidates.fitted(names)
-    if not found.fits:
-        raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
-    scores, chosen, peaks, without = _chosen(results.compare(found.fits, curve.cells), candidates)
-    left_out = (told("left out", log=curve.name, models=", ".join(found.impossible)),) if found.impossible else ()
-    warnings = (*curve.warnings, *_against_the_log(curve, setting, options), *_late(chosen.fit, candidates, options))
+    fits, failures = candidates.fitted(names)
+    if not fits:
+        raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
+    table = candidates.table_of(fits)
+    scores, chosen, peaks, without = _chosen(results.compare(fits, curve.cells), candidates, table)
+    warnings = (
+        *_misfit(scores, chosen.fit, table, curve.name),
+        *curve.warnings,
+        *_against_the_log(curve, setting, options),
+        *_late(chosen.fit, table, candidates, options),
+    )
     of_model = _of_model(chosen, peaks, candidates)
     return Identification(
         vehicle=vehicle,
@@ -447,10 +409,9 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
         curve=curve,
         setting=setting,
         scores=scores,
-        not_fitted=(*found.failures, *without),
+        not_fitted=(*failures, *without),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(*warnings, *left_out),
-        train_lag=train_lag(curve.record, vehicle.wheel.radius, of_model["regimes"].boundary),
+        warnings=warnings,
         **of_model,
     )
 
@@ -471,15 +432,24 @@ def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candid
 
 
 def _chosen(
-    scores: tuple[results.Score, ...], candidates: Candidates
+    scores: tuple[results.Score, ...], candidates: Candidates, table: Fit | None
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
-    """The scores, the first that is not the table, its peaks, and why models before it had none; else InputError."""
+    """The scores, the first formula that fits, its peaks, and why models before it had none; else InputError.
+
+    The table is chosen if no formula fits.
+    """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
-    for score in sorted(scores, key=lambda each: each.fit.model.name == "table"):
+
+    def rank(score: results.Score) -> int:  # formulas that the motion does not judge come after the table
+        if score.fit.model.name == "table" or table is None:
+            return int(score.fit.model.name == "table")
+        return 0 if results.misfit_probability(score.fit, table) >= results.FALSE_MISFIT else 2
+
+    for score in sorted(scores, key=rank):
         with_intervals = replace(score, fit=candidates.with_intervals(score.fit))
         try:
-            peaks = _peaks(with_intervals, setting, curve)
+            peaks = _peaks(with_intervals, setting, curve, table)
         except DomainError as error:
             failures.append(f"{curve.name}: {score.fit.model.name}: {error}")
             scores = tuple(each for each in scores if each is not score)
@@ -500,20 +470,28 @@ def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Opt
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
-def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step, unless something else is amiss first."""
-    curve, load = candidates.curve, candidates.setting.wheel_load
-    if curve.survey.is_mixed or is_wrong_wheel(curve.rolling):
+def _misfit(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
+    """A sentence if the chosen formula does not fit, or none does."""
+    nearest = next((score.fit for score in scores if score.fit.model.name != "table"), chosen)
+    of = chosen if chosen.model.name != "table" else nearest
+    if table is None or not results.is_misfit(of, table):
         return ()
-    lag = lag_of(fit, curve.record, candidates.vehicle, load)
+    numbers = {"model": of.model.name, "limit": results.FALSE_MISFIT, "most": results.departure(of, table)}
+    return (f"{log}: {told('no formula fits' if chosen is not of else 'model does not fit', **numbers)}",)
+
+
+def _late(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
+    """A sentence where the motion shows that the columns are out of step, unless something else is amiss first.
+
+    It rests on a formula only if that fits, else on the table.
+    """
+    curve, load = candidates.curve, candidates.setting.wheel_load
+    if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
+        return ()
+    best = table if table is not None and results.is_misfit(fit, table) else fit
+    lag = lag_of(best, curve.record, candidates.vehicle, load, table=table)
     if lag is None:
         return ()
-    if deceleration_differs(curve.deceleration_ratio):
-        return (told("shifted, deceleration", log=curve.name, seconds=lag.seconds),)
-    better = candidates.better_followed(fit) if options.model != "best" else fit
-    if better is not fit and lag_of(better, curve.record, candidates.vehicle, load) is None:
-        models = {"model": fit.model.name, "better": better.model.name}
-        return (told("shifted, other law", log=curve.name, seconds=lag.seconds, **models),)
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
 
 
@@ -522,13 +500,22 @@ def _wheel_told(curve: AdhesionCurve) -> tuple[str, ...]:
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
-def _peaks(score: results.Score, setting: models.Setting, curve: AdhesionCurve) -> tuple[results.PeakSlip, ...]:
-    """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
-    speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
-    peaks = results.drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
+def _peaks(
+    score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
+) -> tuple[results.PeakSlip, ...]:
+    """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold.
+
+    The interval of a formula contains that of the table, unless the formula follows the motion better than any table.
+    """
+    fit, v0, widest = score.fit, setting.initial_speed, None
+    speeds = [share * v0 for share in DRIFT_SPEEDS]
+    if table is not None and fit.model.name != "table" and not fit.deviance < table.deviance:
+        own = results.peak_of_fit(fit, v0, setting.wheel_load, setting.rail)
+        widest = results.table_intervals(table) / np.array([[own.slip], [own.coefficient]])
+    peaks = results.drift(fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting), widest=widest)
     seen = float(curve.cells.slip.max())
     return tuple(
-        replace(peak, reference=math.nan, reference_coefficient=math.nan) if peak.slip > seen else peak
+        replace(peak, reference=math.nan, reference_coefficient=math.nan) if peak.slip >= seen else peak
         for peak in peaks
     )
 
@@ -627,8 +614,9 @@ def _choosing(identification: Identification, name: str) -> Identification:
     if identification.chosen.fit.model.name == name:
         return identification
     curve, setting = identification.curve, identification.setting
-    candidates = Candidates(curve, identification.vehicle, setting, identification.regimes)
+    candidates = Candidates(curve, identification.vehicle, setting)
     score = next(s for s in identification.scores if s.fit.model.name == name)
     chosen = replace(score, fit=candidates.with_intervals(score.fit))
+    peaks = _peaks(chosen, setting, curve, candidates.table_of([each.fit for each in identification.scores]))
     scores = tuple(chosen if each is score else each for each in identification.scores)
-    return replace(identification, scores=scores, **_of_model(chosen, _peaks(chosen, setting, curve), candidates))
+    return replace(identification, scores=scores, **_of_model(chosen, peaks, candidates))

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
@@ -468,59 +468,6 @@ def column_steps(
             label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
             found.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
     return tuple(found)
-
-
-# --- the train's speed ---------------------------------------------------------------------------------------------
-
-TRAIN_LAG = 0.01  #: s, of the train's speed, that is told what it would do: a message of a bus, or a short filter
-
-_ABOUT_PEAK = (0.7, 1.3)  # of the slip of the peak, between which the deceleration is taken
-_LEAST_ROWS_ABOUT_PEAK = 3  # of a run between them, to have a slope
-
-
-@dataclass(frozen=True)
-class TrainLag:
-    """What a lag of the train's speed of `TRAIN_LAG`, s, would do to the slip at the peak of the adhesion.
-
-    A train that slows down by a m/s^2 reads a tau faster than it is: the slip ratio is (1 - slip) a tau/v too large,
-    the `slip_shift`. While the adhesion alone slows it down, a is proportional to mu, and no single log tells the shift
-    from a softer contact. A fit takes it for one, so that its peak moves by more than the rows do: that of the brush
-    model, near 3 mu N/Kx, by three times as much where the rise alone tells Kx. `deceleration`, m/s^2, and `speed`,
-    m/s, are the train's about the peak.
-    """
-
-    lag: float
-    slip_shift: float
-    peak_slip: float
-    deceleration: float
-    speed: float
-
-    def __str__(self) -> str:
-        return told("train lag", milliseconds=1e3 * self.lag, lag=self)
-
-
-def train_lag(record: BrakedRows, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
-    """The shift of the slip at the peak by a lag in s, from deceleration and speed on the runs' way up there.
-
-    `radius` of the wheel in m. None where no run has rows enough about the peak, or the train does not slow down there.
-    """
-    low, high = (share * peak_slip for share in _ABOUT_PEAK)
-    slip = 1.0 - radius * record.omega / record.speed
-    products, squares, speeds = 0.0, 0.0, []
-    for run in np.unique(record.run):
-        at = record.run == run
-        time, speed, of_run = record.time[at], record.speed[at], slip[at]
-        beyond = of_run > high
-        end = int(np.argmax(beyond)) if beyond.any() else len(of_run)
-        near = np.flatnonzero(of_run[:end] >= low)
-        if len(near) >= _LEAST_ROWS_ABOUT_PEAK:
-            t = time[near] - time[near].mean()
-            products, squares = products + float(t @ speed[near]), squares + float(t @ t)
-            speeds.append(float(speed[near].mean()))
-    if not products < 0.0:
-        return None
-    deceleration, speed_there = -products / squares, float(np.mean(speeds))
-    return TrainLag(lag, (1.0 - peak_slip) * deceleration * lag / speed_there, peak_slip, deceleration, speed_there)
 
 
 # --- what was met while the log was observed -----------------------------------------------------------------------

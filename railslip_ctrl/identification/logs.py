@@ -1,16 +1,17 @@
-"""Reading a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
+"""Read a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
-A header cell is a name with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "brake_torque_kNm"; case,
-spaces, underscores and hyphens do not count. `NAMES` lists the names. The unit decides what `n` means; without one it
-is the wheel load. A wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of
-the wheel's two speeds must be there; other columns are not read.
+A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
+spaces, underscores and hyphens do not count. Of several brackets the last with a unit of the quantity counts; brackets
+without one are refused. A cell without a unit is SI. The unit decides what `n` means; without one it is the wheel load.
+A wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of the two wheel
+speeds are required; other columns are not read.
 
-The header is the first line that is neither empty nor a comment (#). Where that line has numbers already, it is the
-last comment above it that names the columns, as NumPy writes it. A line of units may follow it.
+The header is the first line that names the required columns. If the log begins with numbers, it is the last comment (#)
+above them that does so, as NumPy writes it. A line of units may follow.
 
-Every row keeps the number of its line. A line that is no row (cut, or with something else than numbers) is left out and
-named; a line without a line end at the end of the file is taken to be cut, unless it has all its cells. A column that
-can be done without and is empty is as if absent.
+Every row keeps the number of its line. A line that is no row (cut, or with other text than numbers) is left out and
+named. A last line without a line end is taken to be cut, unless it has all its cells. An empty optional column is
+taken as absent.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ import stat
 import sys
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -37,8 +39,9 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import texts
-from railslip_ctrl.core.units import shown, to_unit
+from railslip_ctrl.core.units import KMH, TRADE_UNITS, factor, shown
 from railslip_ctrl.core.user_files import close_match, file_name
 
 Lines = Integers
@@ -59,17 +62,9 @@ NAMES = MappingProxyType({quantity: tuple(known["names"]) for quantity, known in
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")
 
-# Spellings of measurement systems that a unit grammar does not know, or reads as something else: 1/min is rad/min to
-# it, but revolutions a minute in a column of speeds.
-_SPELLINGS = MappingProxyType(
-    {"knm": "kN*m", "nm": "N*m", "kmh": "km/h", "kph": "km/h", "rads": "rad/s", "kn": "kN", "sec": "s"}
-    | {"rev/s": "turn/s"}
-    | dict.fromkeys(("1/min", "min^-1", "u/min", "r/min", "rev/min"), "rpm")
-)
-_HEADER = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))?\s*")
-_SUFFIX = re.compile(r"(?P<name>.+)[_ ](?P<unit>kmh|ms|rads|rpm|knm|nm|kn|s|n)", re.IGNORECASE)
+_BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)[\])}>]")
 _PLACE = re.compile(r"[1-9]\d*")
-_SUFFIX_UNITS = MappingProxyType({"ms": "m/s", "s": "s", "n": "N", "rpm": "rpm"})
+_SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # what may follow a name without brackets; Pint's c may not
 
 
 @dataclass(frozen=True)
@@ -77,9 +72,9 @@ class Column:
     """Where a quantity is in a log: the column's number, its header, and what one of its unit is in SI."""
 
     quantity: str
+    factor: float
     index: int
     header: str
-    factor: float
     unit_given: bool
 
 
@@ -107,10 +102,8 @@ def find_columns(
                 raise _several(column.quantity, header, sorted((other.index, index)))
             found[column.quantity] = column
     missing = [q for q in ("time", "train_speed", "brake_torque") if q not in found]
-    if not any(q in found for q in _WHEEL):
-        missing.append("wheel_speed")
-    if missing:
-        quantity = missing[0]
+    if missing or not {*_WHEEL} & found.keys():
+        quantity = [*missing, "wheel_speed"][0]
         called = " or ".join(repr(name) for name in NAMES[quantity][:2])
         raise InputError(
             f"header: no column for {quantity}; call one {called}, or give `columns` {quantity}=HEADER "
@@ -119,52 +112,35 @@ def find_columns(
     return found
 
 
-def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
-    """A header's cells, each with its unit of a row of them, but for those that have one; `-` and nothing are none."""
-    bare = [unit.strip(" \t[]()") for unit in units]
-    return [
-        f"{cell.strip()} [{unit}]" if unit not in ("", "-") and not _split(cell)[1] else cell
-        for cell, unit in zip(header, bare, strict=True)
-    ]
-
-
-def is_unit(cell: str, quantity: str) -> bool:
-    """Whether a cell is a unit of a quantity, in brackets or not."""
+@cache
+def is_unit(text: str, quantity: str) -> bool:
+    """True if a text is a unit of a quantity; of an angular speed also for `wheel_speed`."""
     with suppress(InputError):
-        return _column(quantity, 0, f"x [{cell.strip(' []()')}]", None).unit_given
+        return bool(_unit(text, quantity))
     return False
 
 
 def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
-    at = [i for i, cell in enumerate(header) if wanted.strip() in (cell.strip(), _split(cell)[0])]
+    at = [i for i, cell in enumerate(header) if " ".join(wanted.split()) in _names(cell, quantity)]
     if not at and _PLACE.fullmatch(wanted.strip()) and int(wanted) <= len(header):
         return int(wanted) - 1
     if len(at) != 1:
-        count = f"{len(at)} columns are" if at else "no column is"
-        hint = close_match(wanted, header)
-        raise InputError(
-            f"`columns` {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}"
-            f"{_by_place(at)}"
-        )
+        count = f"`columns` {quantity}: {len(at) or 'no'} {'columns are' if at else 'column is'} called {shown(wanted)}"
+        raise InputError(f"{count}; {close_match(wanted, header)}the header has {_cells(header)}{_by_place(at)}")
     return at[0]
 
 
 def _recognised(header: Sequence[str], quantity: str) -> int | None:
-    names, at = {_plain(name) for name in NAMES[quantity]}, []
-    for i, cell in enumerate(header):
-        name, unit = _split(cell)
-        # n is a letter for two quantities: n [1/min] is no load
-        other = _plain(name) == "n" and not (is_unit(unit, quantity) if unit else quantity == "wheel_load")
-        if {_plain(cell), _plain(name)} & names and not other:
-            at.append(i)
+    known = {_plain(name) for name in NAMES[quantity]}
+    at = [i for i, cell in enumerate(header) if known & {_plain(name) for name in _names(cell, quantity)}]
     if len(at) > 1:
         raise _several(quantity, header, at)
     return at[0] if at else None
 
 
 def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    cells, option = _cells([header[i] for i in at]), f"`columns` {quantity}=HEADER"
-    return InputError(f"header: {quantity} may be any of {cells}; say which with {option}{_by_place(at)}")
+    which = f"say which with `columns` {quantity}=HEADER{_by_place(at)}"
+    return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {which}")
 
 
 def _by_place(at: Sequence[int]) -> str:
@@ -172,34 +148,56 @@ def _by_place(at: Sequence[int]) -> str:
 
 
 def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
-    in_header = _split(cell)[1]
-    given = unit if unit is not None else in_header
-    if not given:
-        return Column(quantity, index, cell.strip(), 1.0, unit_given=False)
-    if quantity == "wheel_speed" and is_unit(given, "wheel_angular_speed"):
-        quantity = "wheel_angular_speed"
-    spelled = _SPELLINGS.get(given.strip().lower(), given.strip())
-    where = f"`units` {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
-    try:
-        factor = to_unit(f"1 {spelled}", UNITS[quantity])
-    except InputError:
+    where = f"header, column {cell.strip()!r}" if unit is None else f"`units` {quantity}"
+    texts, failure = [unit] if unit is not None else _split(cell)[1], ""
+    for text in texts or (text for _, text in _suffixes(cell) if is_unit(text, quantity)):
+        try:
+            return Column(*_unit(text, quantity), index, cell.strip(), unit_given=True)
+        except InputError as error:
+            failure = failure or str(error).split(";", maxsplit=1)[0]
+    if not texts and re.search(r"[\[({]", _BRACKETS.sub("", cell)):
+        failure = "a bracket is not closed"
+    if failure:
         raise InputError(
-            f"{where}: {shown(given)} is not a unit of {quantity}; give one convertible to {UNITS[quantity]!r}, "
+            f"{where}: {failure}; give a unit of {quantity}, convertible to {UNITS[quantity]!r}, "
             f"in the header or as `units` {quantity}=UNIT"
-        ) from None
-    return Column(quantity, index, cell.strip(), factor, unit_given=True)
+        )
+    return Column(quantity, 1.0, index, cell.strip(), unit_given=False)
 
 
-def _split(cell: str) -> tuple[str, str]:
-    """A header cell's name and unit, the latter empty where there is none."""
-    match = _HEADER.fullmatch(cell)
-    if match is None:
-        return cell.strip(), ""
-    name, unit = match["name"], match["square"] or match["round"] or ""
-    suffix = _SUFFIX.fullmatch(name)
-    if not unit and suffix is not None:
-        return suffix["name"], _SUFFIX_UNITS.get(suffix["unit"].lower(), suffix["unit"])
-    return name, unit
+def _unit(text: str, quantity: str) -> tuple[str, float]:
+    """The quantity that a unit makes of one, and what one of the unit is in SI."""
+    if quantity == "wheel_speed":
+        with suppress(InputError):
+            return quantity, factor(text, UNITS[quantity])
+        quantity = "wheel_angular_speed"
+    return quantity, factor(text, UNITS[quantity])
+
+
+def _split(cell: str) -> tuple[str, list[str]]:
+    """A header cell's name, and the texts in its brackets, the last first."""
+    texts = [text.strip() for text in reversed(_BRACKETS.findall(cell)) if text.strip()]
+    return " ".join(_BRACKETS.sub(" ", cell).split()).rstrip(" /,:"), texts
+
+
+def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
+    """Ways to part a header cell without brackets into a name and a unit: v_kmh, v_m_s, "Tb kN m", v_ms (m/s)."""
+    words = re.split(r"[\s_,:]+", cell.strip())
+    for count, sign in ((1, ""), (2, "/"), (2, " ")):
+        name, text = " ".join(words[:-count]).rstrip(" /"), sign.join(words[-count:])
+        if name and all(part.lower() in _SUFFIXES for part in re.split(r"[ /*.]", text)):
+            yield name, text
+            if text.lower() == "ms":
+                yield name, "m/s"
+
+
+def _names(cell: str, quantity: str) -> set[str]:
+    """The names that a header cell may have as a column of a quantity: with its unit, and without."""
+    name, texts = _split(cell)
+    if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
+        return set()  # n is a letter for two quantities: n [1/min] is no load
+    named = {name} if texts else {before for before, text in _suffixes(cell) if is_unit(text, quantity)}
+    return {" ".join(cell.split()), name, *named}
 
 
 def _plain(name: str) -> str:
@@ -216,124 +214,128 @@ COMMENT = b"#"
 
 BLANKS = " "  #: the separator of cells apart by any number of spaces and tabs
 
-_SEPARATORS = (";", "\t", ",")
-_LONGEST_HEADER = 64 << 10  # bytes, with the comments before it
+_SEPARATORS = (";", "\t", ",", "|")
+_BLANK = codecs.BOM_UTF8 + b" \t\r\n"
+_MOST_ABOVE = 200  # lines among which the header is looked for: data loggers write tens of lines above it
 _WORDS = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to the name before it
+_GROUPS = re.compile("(?<=\\d)[ '\u2019\u00a0\u2009\u202f](?=\\d{3}(?!\\d))")
+_NOTHING = ("", "-", "--", "n/a", "na", "nan", "null", "none")
+_ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in names)
 
 
 @dataclass(frozen=True)
 class Header:
-    """How the rows are read: the header's cells, the columns by quantity, and what separates the cells of a row.
-
-    `next_line` is the number of the line after the header, or of the first row where that is `pending`: read already.
-    """
+    """How the rows are read, from the number of the first line after the header and its units."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
     separator: str
     next_line: int
-    pending: bytes
+    notes: tuple[str, ...]
 
 
 def read_header(
-    readline: Callable[[int], bytes], name: str, columns: Mapping[str, str] | None, units: Mapping[str, str] | None
+    file: LogFile, columns: Mapping[str, str] | None, units: Mapping[str, str] | None, skip_lines: int
 ) -> Header:
-    """The header of a log, read by `readline` from its beginning; `name` is for errors, the rest as of `logs.Log`."""
-    lines: list[bytes] = []  # up to the first that is neither empty nor a comment
-    while sum(map(len, lines)) < _LONGEST_HEADER and (line := readline(_LONGEST_HEADER)):
-        lines.append(line)
-        if not _passed_over(line):
-            break
-    if not lines or _passed_over(lines[-1]):
-        raise InputError(f"{name}: the file is empty or has no header; give a CSV file with a header")
-    text = _decoded(lines[-1], name)
-    if not lines[-1].endswith(b"\n"):
-        raise InputError(f"{name}: nothing after line {len(lines)}; give a CSV file with a header and rows")
-    separator = _separator(text)
-    cells = split_cells(text, separator) or [text]
-    if _has_numbers(cells):
-        return _from_comments([_decoded(line, name) for line in lines], lines[-1], name, columns, units)
-    following = readline(_LONGEST_HEADER)
-    whole = following.endswith(b"\n") and b"\0" not in following
-    below = split_cells(_decoded(following, name), separator) or [] if whole else []
-    may_be_units = len(below) == len(cells) and not _has_numbers(below)
-    try:
-        found = find_columns(cells, columns, units)
-        if may_be_units and any(is_unit(below[column.index], column.quantity) for column in found.values()):
-            named = find_columns(with_units(cells, below), columns, units)
-            return Header(tuple(cells), named, separator, len(lines) + 2, b"")
-        return Header(tuple(cells), found, separator, len(lines) + 1, following)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    """Read the header of a log from its beginning; arguments as of `Log`. The file goes on after it."""
+    lines = file.first_lines()
+    if b"\0" in lines[0]:
+        raise InputError(f"{file.name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
+    searched = range(skip_lines, min(len(lines), skip_lines + _MOST_ABOVE))
+    plain = [i for i in searched if lines[i].strip(_BLANK) and not _is_comment(lines[i])]
+    if not plain:
+        raise InputError(f"{file.name}: empty, or no header from line {skip_lines + 1} on; give a CSV with a header")
+    comments = [i for i in reversed(range(skip_lines, plain[0])) if _is_comment(lines[i])]
+    find = partial(find_columns, columns=columns, units=units)
+    best = (0, 0, f"line {plain[0] + 1}: no header, but numbers; name the columns in a line above, with their units")
+    for at in (*plain, *comments):
+        for cells, separator, end in _records(lines, at, plain[0]):
+            try:
+                found, end = _with_units_below(cells, lines, end, plain[0], find)
+            except InputError as error:
+                known = len({_plain(_split(cell)[0]) for cell in cells} & _ALL_NAMES)
+                if known or (at in plain and not _has_numbers(cells)):
+                    best = max(best, (known, len(cells), str(error)), key=lambda each: each[:2])
+                continue
+            if _has_numbers([cells[column.index] for column in found.values()]):  # a row, its columns given by places
+                continue
+            end = max(end, plain[0] * (at in comments))
+            file.ahead = io.BytesIO(b"\n".join(lines[end:]))
+            above = any(i < at and not lines[i].strip(_BLANK).lower().startswith(b"sep=") for i in plain)
+            notes = (f"the header is in line {at + 1}; the lines above it are skipped",) if above else ()
+            return Header(tuple(cells), found, separator, end + 1, notes)
+    raise InputError(f"{file.name}: {best[2]}")
 
 
-def split_cells(text: str, separator: str) -> list[str] | None:
-    """The cells of a line; None where quotation marks are not as CSV has them."""
+def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
+    """The cells of a record, and how many lines it takes; None where quotation marks are not as CSV has them."""
     if separator == BLANKS:
-        return _WORDS.split(text.strip())
+        return _WORDS.split(next(iter(lines)).strip()), 1
+    reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
     try:
-        return next(csv.reader([text], delimiter=separator, strict=True), [])
+        return next(reader, []), reader.line_num
     except csv.Error:
         return None
 
 
 def number_in(cell: str, decimal: str) -> float | None:
-    """A cell as a number with a decimal mark; None where it is none."""
+    """Return a cell as a number with a decimal mark, or None. Blanks and apostrophes may separate thousands."""
+    if "_" in cell or (decimal != "." and "." in cell):  # 1_0 is Python's; 1.024 may be 1024, or 1,024 mistyped
+        return None
     with suppress(ValueError):
-        return None if "_" in cell else float(cell.strip().replace(decimal, "."))  # 1_0 is Python's, no log's
+        return float(_GROUPS.sub("", cell).strip().replace(decimal, ".").replace("\N{MINUS SIGN}", "-"))
     return None
 
 
-def _from_comments(
-    lines: Sequence[str],
-    first_row: bytes,
-    name: str,
-    columns: Mapping[str, str] | None,
-    units: Mapping[str, str] | None,
-) -> Header:
-    """The header in the comments above the first row, which is the last of the lines."""
-    failure = None
-    for comment in reversed(lines[:-1]):
-        text = comment.strip().lstrip("#").strip()
-        cells = split_cells(text, _separator(text)) or [text]
-        separator = _separator_of(lines[-1], len(cells))
-        if separator is None or _has_numbers(cells):
+def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[list[str], str, int]]:
+    """Ways to read a line as a header: its cells, the separator of the rows, and the place of the line after it."""
+    comment, text = _is_comment(lines[at]), _decoded(lines[at]).strip("# \t")
+    for separator in [s for s in _SEPARATORS if s in text or '"' in text] or [BLANKS]:
+        split = split_cells([text] if comment else map(_decoded, itertools.islice(lines, at, None)), separator)
+        of_rows = separator if split is None or not comment else _separator_of(lines[first_row], len(split[0]))
+        if split and of_rows:
+            yield [" ".join(cell.split()) for cell in split[0]], of_rows, at + split[1]
+
+
+def _with_units_below(
+    cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
+) -> tuple[dict[str, Column], int]:
+    """The columns of a header, with their units from the next line if it has them, and the place of the line after."""
+    found = find(cells)
+    at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
+    for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
+        below = [cell.strip(" []()") for cell in row]
+        if len(below) != len(cells):
             continue
-        try:
-            return Header(tuple(cells), find_columns(cells, columns, units), separator, len(lines), first_row)
-        except InputError as error:  # another comment may name them; else this one was meant
-            failure = failure or InputError(f"{name}: {error}")
-    raise failure or InputError(
-        f"{name}: line {len(lines)}: no header, but numbers; name the columns in a line above, with their units"
-    )
+        beside = [below[column.index] for column in found.values()]
+        if _has_numbers(beside) or all(text.lower() in _NOTHING for text in beside):
+            return found, end
+        wanted = not all(column.unit_given for column in found.values())
+        if wanted or any(map(is_unit, beside, found)):  # a text that is no unit is refused if one is wanted
+            pairs = zip(cells, below, strict=True)
+            return find([name if unit.lower() in _NOTHING else f"{name} [{unit}]" for name, unit in pairs]), after
+    return found, end
 
 
-def _separator(text: str) -> str:
-    return next((s for s in _SEPARATORS if s in text), BLANKS if len(_WORDS.split(text.strip())) > 1 else ",")
-
-
-def _separator_of(row: str, count: int) -> str | None:
+def _separator_of(row: bytes, count: int) -> str | None:
     """The separator that parts a row into so many cells, two at least; an empty one more at its end is none."""
     for separator in (*_SEPARATORS, BLANKS):
-        cells = split_cells(row, separator) or [row]
+        cells, _ = split_cells([_decoded(row)], separator) or ([""], 1)
         if count > 1 and (len(cells) == count or (len(cells) == count + 1 and not cells[-1].strip())):
             return separator
     return None
 
 
 def _has_numbers(cells: Sequence[str]) -> bool:
-    return any(number_in(cell, ",") is not None for cell in cells)
+    return any(number_in(cell, decimal) is not None for cell in cells for decimal in ".,")
 
 
-def _passed_over(line: bytes) -> bool:
-    text = line.removeprefix(codecs.BOM_UTF8).strip()
-    return not text or text.startswith(COMMENT)
+def _is_comment(line: bytes) -> bool:
+    return line.strip(_BLANK).startswith(COMMENT)
 
 
-def _decoded(line: bytes, name: str) -> str:
+def _decoded(line: bytes) -> str:
     """A line's text without its end."""
-    if b"\0" in line:
-        raise InputError(f"{name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -356,13 +358,15 @@ class LogFile:
     """A log's bytes from its beginning, read once, unpacked where it is gzipped.
 
     `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or of a
-    format that is no text; `damage` says what ended a gzipped file before its end.
+    format that is no text; `damage` says what ended a gzipped file before its end. `read` begins with `ahead`.
     """
 
     def __init__(self, path: Path) -> None:
         standard = str(path) == STANDARD_INPUT
         self.name = "standard input" if standard else file_name(path)
         self.damage = ""
+        self.ahead = io.BytesIO()
+        self._returns = False  # lines end in carriage returns alone
         self._position = 0
         if standard and sys.stdin is None:
             raise InputError(f"{self.name}: is closed; give a CSV file, or pipe one in")
@@ -396,16 +400,19 @@ class LogFile:
 
     def read(self, count: int) -> bytes:
         """That many bytes; less only at the end."""
-        parts, missing = [], count
+        parts = [self.ahead.read(count)]
+        missing = count - len(parts[0])
         while missing > 0 and (part := self._tried(self._file.read1, missing)):
             parts.append(part)
             missing -= len(part)
         self._position = self._raw.tell() if self._size else 0
-        return b"".join(parts)
+        return b"".join(parts).replace(b"\r", b"\n") if self._returns else b"".join(parts)
 
-    def readline(self, longest: int) -> bytes:
-        """A line with its end, or as much of it as allowed."""
-        return self._tried(self._file.readline, longest)
+    def first_lines(self) -> list[bytes]:
+        """The lines of the first megabyte; the last may be cut."""
+        head = self.read(LONGEST_LINE)
+        self._returns = b"\n" not in head
+        return head.split(b"\r" if self._returns else b"\n")
 
     @property
     def share(self) -> float:
@@ -422,10 +429,8 @@ class LogFile:
             return b"" if self.damage else method(count)
         except EOFError:
             self.damage = "ends early: the lines from here on are lost"
-        except zlib.error as error:
-            self.damage = f"is damaged ({error}): the lines from here on are lost"
-        except gzip.BadGzipFile as error:  # found at its end
-            self.damage = f"is damaged ({error}): a line before may be wrong"
+        except (zlib.error, gzip.BadGzipFile) as error:  # the latter is found at its end
+            self.damage = f"is damaged ({error}): a line before may be wrong, and those from here on are lost"
         except OSError as error:
             raise self._unreadable(error) from None
         return b""
@@ -442,7 +447,6 @@ _LATEST = 1e11
 
 _MOST_NAMED = 5
 _FIRST_ROWS = 1000  # that tell whether a column is empty; so many, and no more, wait in memory for it
-_EMPTY = ("", "nan")
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
 _PIECE = 1000  # lines that are parsed one by one where one of them is no row
 _DISPENSABLE = {
@@ -454,6 +458,10 @@ _STRANGE = re.compile(rb"[\0-\x08\x0b-\x1f]")
 _QUOTED = re.compile(rb'"[^"]*"')
 _BLANKS = re.compile(rb"[ \t]+")
 _ORDINARY = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
+_MARK = re.compile(r"[+-]?(?:[\d.]*(?P<comma>,)|[\d,]*(?P<point>\.))\d+(?:[eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with a separator that is not read
+_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s (216 km/h), share of rows: beyond, a speed without a unit is rather in km/h
+_UNREAD = 0.01  # share of lines: if fewer cannot be read, the curve does not depend on them
 _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
 
@@ -503,10 +511,11 @@ class Broken:
 class Log:
     """A log opened for reading, once.
 
-    `path` is a CSV in UTF-8 or Latin-1, gzipped or not, or `-`, standard input; separated by commas, semicolons, tabs
-    or blanks; a decimal comma is understood where no comma separates. `columns` and `units` as of `find_columns`;
-    `block_bytes` are read at a time. InputError in one line for a file that is missing or empty, for its header, a
-    column or a unit, and while reading for a file without a single row.
+    `path` is a CSV in UTF-8 or Latin-1, gzipped or not, or `-`, standard input. Commas, semicolons, tabs, bars or
+    blanks separate its cells. The decimal mark is the one that the columns read have more often. The header is looked
+    for after `skip_lines`. `columns` and `units` are as of `find_columns`; `block_bytes` are read at a time. InputError
+    for a file that is missing or empty, its header, a column or a unit; while reading, for a file without a row, with
+    an implausible speed, or with thousands separators.
     """
 
     def __init__(
@@ -515,6 +524,7 @@ class Log:
         *,
         columns: Mapping[str, str] | None = None,
         units: Mapping[str, str] | None = None,
+        skip_lines: int = 0,
         block_bytes: int = BLOCK_BYTES,
     ) -> None:
         check_extra("identify", "identify")
@@ -523,12 +533,14 @@ class Log:
         self.broken = Broken()
         self._block_bytes = block_bytes
         try:
-            self._header = read_header(self._file.readline, self.name, columns, units)
+            self._header = read_header(self._file, columns, units, skip_lines)
         except InputError:
             self._file.close()
             raise
         self.columns = dict(self._header.columns)
-        self._notes: list[str] = []
+        self._notes = [*self._header.notes]
+        self._kept = self._grouped = 0
+        self._decimal = ""  # known once a cell has one
         self._separator = "\t" if self._header.separator == BLANKS else self._header.separator
         self._count = 0  # of a row's cells, known once there are rows
 
@@ -552,23 +564,32 @@ class Log:
 
     def rows(self) -> Iterator[Rows]:
         """The rows, block by block; `broken` and `share` say at any time what was met."""
-        any_row = False
         try:
             for first, block in self._begun(self._blocks()):
                 rows = self._parsed(first, block)
-                any_row = any_row or bool(len(rows))
+                self._kept += len(rows)
                 yield rows
         finally:
             self._file.close()
-        if not any_row:
+        if not self._kept:
             broken = f"; {self.broken.first[0]}" if self.broken.count else ""
             raise InputError(f"{self.name}: no rows after the header{broken}; give a log with data")
+        if self._grouped > _UNREAD * (self._kept + self.broken.count):  # the largest values, and no others, are lost
+            raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
+
+    def refused(self, error: InputError) -> InputError:
+        """The refusal of a log, after the lines that could not be read if they may be the cause; notes come last."""
+        count, lines, text = self.broken.count, self.broken.count + self._kept, str(error)
+        if self._kept and count > _UNREAD * lines:
+            unread = f"{self.name}: {count} of {lines} lines could not be read, first {self.broken.first[0]}"
+            text = f"{unread}; {text.removeprefix(f'{self.name}: ')}"
+        return InputError("; ".join([text, *self.notes]))
 
     # --- blocks of lines --------------------------------------------------------------------------------------------
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
         """Whole lines, with the number of the first."""
-        line, rest = self._header.next_line, self._header.pending
+        line, rest = self._header.next_line, b""
         while read := self._file.read(self._block_bytes):
             block, end, rest = (rest + read).rpartition(b"\n")
             if end:
@@ -577,7 +598,7 @@ class Log:
             if len(rest) > LONGEST_LINE:
                 self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, which count as one line")
                 line, rest = line + 1, self._after_the_line()
-        block, end, rest = rest.rpartition(b"\n")  # a header's next line alone, or what is after a long line
+        block, end, rest = rest.rpartition(b"\n")  # what is after a long line
         if end:
             yield line, self._plain(block + end)
             line += block.count(b"\n") + 1
@@ -586,7 +607,7 @@ class Log:
         elif rest.strip():
             last = self._plain(rest + b"\n")
             self._count = self._count or len(self._header.cells)
-            row = self._row(last[:-1], self._has_comma(last))
+            row = self._row(last[:-1], self._decimal or self._mark([last]))
             if isinstance(row, str) or not np.isfinite(row).all():
                 self.broken.add(line, "the file ends within this line, which is left out")
             else:
@@ -602,7 +623,7 @@ class Log:
 
     def _plain(self, block: bytes) -> bytes:
         """Lines that end in a line feed alone, with tabs for blanks that separate."""
-        block = block.replace(b"\r\n", b"\n")
+        block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # the former of text written as text again
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
     def _begun(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
@@ -612,7 +633,9 @@ class Log:
         while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
             held.append(more)
             ends, size = ends + more[1].count(b"\n"), size + len(more[1])
-        self._leave_out_empty(b"".join(block for _, block in held).split(b"\n", _FIRST_ROWS)[:_FIRST_ROWS])
+        lines = b"".join(block for _, block in held).split(b"\n", _FIRST_ROWS)[:_FIRST_ROWS]
+        self._decimal = self._mark(lines)
+        self._leave_out_empty(lines)
         yield from held
         yield from blocks
 
@@ -625,7 +648,7 @@ class Log:
             needed = name in _WHEEL and len({*_WHEEL} & self.columns.keys()) < len(_WHEEL)
             if column is None or needed or not rows:
                 continue
-            if all(row[column.index].strip().lower() in _EMPTY for row in rows):
+            if all(row[column.index].strip().lower() in _NOTHING for row in rows):
                 del self.columns[name]
                 self._notes.append(
                     f"column {column.header!r} is empty in {len(rows)} rows, all or the first of the log, "
@@ -638,7 +661,9 @@ class Log:
         """The rows of whole lines; the others are taken note of."""
         self._count = self._count or self._usual_count(block)
         number = np.arange(first, first + block.count(b"\n"))
-        number, table = self._numbers(number, block, self._has_comma(block))
+        if not self._decimal and (b'"' if self._separator == "," else b",") in block:
+            self._decimal = self._mark(block.split(b"\n"))
+        number, table = self._numbers(number, block)
         values = {name: column.factor * table[:, i] for i, (name, column) in enumerate(self.columns.items())}
         finite = np.asarray(np.isfinite(table).all(axis=1))
         for at in number[~finite]:
@@ -646,6 +671,10 @@ class Log:
         possible = finite & (np.abs(values["time"]) <= _LATEST)
         for at in np.flatnonzero(finite & ~possible):
             self.broken.add(int(number[at]), f"time {values['time'][at]:.9g} s is beyond any clock; check its unit")
+        column, speed = self.columns["train_speed"], values["train_speed"][possible]
+        if not column.unit_given and np.sum(speed > _FASTEST) > _SHARE_FAST * len(speed):
+            told = f"read in m/s, {speed.max():.4g} m/s or {speed.max() / KMH:.4g} km/h, is implausible"
+            raise InputError(f"{self.name}: column {column.header!r}, {told}; give `units` train_speed=km/h, or =m/s")
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
@@ -660,7 +689,7 @@ class Log:
         usual = [count for (count, ends), _ in counts.most_common() if least <= count <= most + (1 if ends else 0)]
         return usual[0] if usual else 0
 
-    def _numbers(self, number: Lines, text: bytes, comma: bool) -> tuple[Lines, Floats]:
+    def _numbers(self, number: Lines, text: bytes) -> tuple[Lines, Floats]:
         """The columns of rows in the file's units, (rows, columns), with the numbers of the lines that are rows.
 
         Where a cell is no number they are gone through in pieces, and the piece that it is in line by line.
@@ -675,13 +704,13 @@ class Log:
                         kept.append(i)
             number, text = number[kept], b"".join(lines[i] + b"\n" for i in kept)
         with suppress(ValueError):
-            return number, self._table(number, text, comma)
+            return number, self._table(number, text)
         lines = text.split(b"\n")[:-1]
         if len(lines) > _PIECE:
             parts = [slice(i, i + _PIECE) for i in range(0, len(lines), _PIECE)]
-            found = [self._numbers(number[at], b"\n".join([*lines[at], b""]), comma) for at in parts]
+            found = [self._numbers(number[at], b"\n".join([*lines[at], b""])) for at in parts]
             return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
-        rows = [self._row(line, comma) for line in lines]
+        rows = [self._row(line, self._decimal) for line in lines]
         for at, row in zip(number.tolist(), rows, strict=True):
             if isinstance(row, str):
                 self.broken.add(at, row)
@@ -696,7 +725,7 @@ class Log:
         ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
         return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
 
-    def _table(self, number: Lines, text: bytes, comma: bool) -> Floats:
+    def _table(self, number: Lines, text: bytes) -> Floats:
         """The columns of rows, (rows, columns); ValueError where a cell is no number, and where there is no row."""
         import pandas as pd
 
@@ -704,7 +733,7 @@ class Log:
         frame = pd.read_csv(
             io.BytesIO(text),
             sep=self._separator,
-            decimal="," if comma else ".",
+            decimal=self._decimal or ".",
             header=None,
             names=list(range(self._count)),
             usecols=places,
@@ -717,12 +746,18 @@ class Log:
             raise ValueError("rows")
         return np.asarray(frame[places].to_numpy())
 
-    def _has_comma(self, block: bytes) -> bool:
-        """Whether the decimal mark is a comma: it separates no cells and is more frequent than the point."""
-        return self._separator != "," and block.count(b",") > block.count(b".")
+    def _mark(self, lines: Iterable[bytes]) -> str:
+        """The decimal mark of the columns that are read, the one that more cells have; empty if none has one."""
+        marks: Counter[str | None] = Counter()
+        for cells in map(self._cells, lines):
+            for column in self.columns.values() if cells else ():
+                if cells and column.index < len(cells) and (found := _MARK.fullmatch(cells[column.index].strip())):
+                    marks[found.lastgroup] += 1
+        return "" if not marks else "," if marks["comma"] > marks["point"] else "."
 
     def _cells(self, line: bytes) -> list[str] | None:
-        return split_cells(line.decode("latin-1"), self._separator)
+        found = split_cells([_decoded(line)], self._separator)
+        return found and found[0]
 
     def _fault(self, line: bytes) -> str:
         """What is wrong with a line that should be a row; empty for one with the usual cells."""
@@ -739,20 +774,21 @@ class Log:
         whole = count == self._count and (count <= own or line.endswith(separator))
         return "" if whole else f"{count} cells where the header has {own}"
 
-    def _row(self, line: bytes, comma: bool) -> list[float] | str:
+    def _row(self, line: bytes, decimal: str) -> list[float] | str:
         """The log's columns of a line, as they stand; or what is wrong with it."""
-        cells, values, decimal = self._cells(line), [], "," if comma else "."
+        cells, values = self._cells(line), []
         if cells is None or len(cells) != self._count:
             return "quotation marks within a cell"
         for column in self.columns.values():
             cell = cells[column.index].strip()
-            value = number_in(cell, decimal) if cell else np.nan
+            value = number_in(cell, decimal or ".") if cell else np.nan
             if value is None:
                 if column.quantity == "time" and _DATE.match(cell):
                     return (
                         f"{shown(cell)} is a date or a time of day, not a number, column {column.header!r}; give the "
                         "time in s, from any beginning, or in another unit that the header names"
                     )
+                self._grouped += _GROUPED.fullmatch(cell) is not None
                 return f"{shown(cell)} is not a number, column {column.header!r}"
             values.append(value)
         return values

@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from functools import lru_cache
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.model.adhesion import INITIAL_SPEED_RANGE_KMH, AdhesionLaw, law_class
@@ -155,7 +158,13 @@ class Coordinates:
 # --- a model and what is known ---------------------------------------------------------------------------------------
 
 
-TABLE_KNOTS = 12  #: knots of a fitted table, equally spaced in the square root of the slip ratio
+TABLE_KNOTS = 25
+"""Most knots of a fitted table. Near the peak they are a quarter of its slip apart, which resolves a one-hump curve to
+some 0.3 % of its height."""
+
+_ROWS_A_KNOT = 8  # fewer rows for each value of a table leave it to the noise
+_LEAST_KNOTS = 5
+_LAW_POINTS = 8  # points of the lookup table for each knot: its monotone cubics then follow the spline to 1e-4 of mu
 
 
 @dataclass(frozen=True)
@@ -208,6 +217,8 @@ class FitModel:
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
         """mu for parameter values, at slip ratios, speeds and wheel loads of one shape; 0 beyond the law's domain."""
+        if self.name == "table":
+            return np.asarray(spline(self.knots, values)(np.clip(slip, 0.0, self.knots[-1])))
         functions = numeric_plant(self.force_law)
         p = (*_NO_VEHICLE, wheel_load, *self._flat(values))
         sigma = slip * speed
@@ -227,11 +238,23 @@ class FitModel:
         """SI unit of a parameter of the law that is fitted; "1" for a table's values."""
         return self.force_law.units().get(name, "1")
 
+    @property
+    def knots(self) -> Floats:
+        """Slip ratios of a table's values."""
+        return np.array(self.known["slip"])
+
+    def with_knots(self, kept: Sequence[int]) -> FitModel:
+        """The table with some of its knots."""
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in kept),
+            starts=self.starts[:, kept],
+            lower=self.lower[kept],
+            upper=self.upper[kept],
+            known={"slip": tuple(self.knots[kept].tolist())},
+        )
+
     def _flat(self, values: Floats) -> tuple[float, ...]:
-        if self.name == "table":
-            knots = self.known["slip"]
-            assert isinstance(knots, tuple)
-            return (*knots, *(float(x) for x in values))
         given = {**self.known, **dict(zip(self.names, values, strict=True))}
         return tuple(float(given[name]) for name in self.force_law.parameter_names())
 
@@ -245,9 +268,27 @@ class FitModel:
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
         if self.name == "table":
-            return law.model_validate({"slip": self.known["slip"], "mu": tuple(values.tolist()), "rail": rail})
+            knots = np.append(0.0, self.knots)
+            slip = np.interp(np.arange(1, _LAW_POINTS * len(values) + 1) / _LAW_POINTS, np.arange(len(knots)), knots)
+            mu = np.maximum(spline(self.knots, values)(slip), 0.0)
+            return law.model_validate({"slip": tuple(slip.tolist()), "mu": tuple(mu.tolist()), "rail": rail})
         given = {**self.known, **dict(zip(self.names, values.tolist(), strict=True))}
         return law.model_validate({**{name: given[name] for name in law.parameter_names()}, "rail": rail})
+
+
+@lru_cache(maxsize=64)
+def _cardinal_splines(knots: tuple[float, ...]) -> Any:
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline((0.0, *knots), np.eye(len(knots) + 1)[:, 1:])
+
+
+def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
+    """The cubic spline through (0, 0) and `values` at `knots`; of a matrix (knots, k) k splines."""
+    from scipy.interpolate import PPoly
+
+    each = _cardinal_splines(tuple(knots.tolist()))
+    return PPoly(each.c @ np.asarray(values), each.x)  # type: ignore[no-any-return]
 
 
 _NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the force depends on nothing of the vehicle but N
@@ -432,9 +473,10 @@ def _burckhardt(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _table(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    low, high = float(cells.slip.min()), float(cells.nodes.max())
-    # no knot below the data: it would have nothing to rest on; the last just holds the last node
-    knots = tuple((np.linspace(math.sqrt(low), math.sqrt(min(high * (1 + 1e-9), 1.0)), TABLE_KNOTS) ** 2).tolist())
+    # no knot outside the data, where it would rest on nothing; equally spaced below the peak, by ratios beyond it
+    low, high = (math.asinh(end / shape.peak_slip) for end in (cells.slip.min(), min(cells.nodes.max(), 1.0)))
+    count = max(min(int(cells.count.sum() / _ROWS_A_KNOT), len(cells.slip) - 1, TABLE_KNOTS), _LEAST_KNOTS)
+    knots = tuple((shape.peak_slip * np.sinh(np.linspace(low, high, count))).tolist())
     order = np.argsort(cells.slip)
     start = np.interp(knots, cells.slip[order], np.maximum(cells.mu[order], 1e-6))
     law = law_class("table")

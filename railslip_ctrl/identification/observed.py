@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from enum import StrEnum
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 

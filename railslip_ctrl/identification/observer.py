@@ -23,7 +23,6 @@ from __future__ import annotations
 import contextlib
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import Self
@@ -33,6 +32,7 @@ from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import Vehicle
 
 __all__ = [

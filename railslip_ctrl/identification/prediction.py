@@ -23,25 +23,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Flags, Floats, Integers
 from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .curves import Cells, Stretches
 from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
-from .models import FitModel, Setting
+from .models import FitModel, Setting, spline
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
 from .words import told
 
-STATIC = ("beam", "polach", "burckhardt", "curve")
+STATIC = ("beam", "polach", "burckhardt", "curve", "table")
 """Models whose force is a function of slip and speed that is fitted over its whole range."""
 
 DYNAMIC = ("bristle",)
@@ -316,11 +317,17 @@ class PredictionErrors:
         self.set_variances(values(found))
         return found, self.residuals(values(found))
 
-    def likeliest(self, start: Floats) -> tuple[float, Floats]:
-        """-2 log likelihood, but for a constant, of the best parameters from a start; and those parameters."""
-        found, _ = self.solve([start])  # the factor has the scale in it: as many whitened squares as there are errors
-        assert self._factor is not None
-        return 2.0 * float(np.sum(np.log(self._factor[0]))), self.coordinates.values(found)
+    def likeliest(self, start: Floats) -> tuple[float, Floats, float]:
+        """-2 log likelihood, but for a constant, of the best parameters from a start; these; the errors' inflation."""
+        found, errors = self.solve([start])
+        return self.deviance, self.coordinates.values(found), _inflation(self.intervals, errors, len(found))[0]
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood, but for a constant, at the parameters that the variances were set at."""
+        # the factor has the scale in it: as many whitened squares as there are errors
+        assert self._factor is not None, "set_variances comes first"
+        return 2.0 * float(np.sum(np.log(self._factor[0])))
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
         coordinates = self.coordinates
@@ -368,7 +375,9 @@ def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
 # --- a fit to the cells, fitted again to the prediction errors -----------------------------------------------------
 
 
-_STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
+_LEAST_ROWS = 4  # between two knots of a table: a wheel that runs away leaves wide gaps between its rows
+_STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed,
+_STRETCHES_A_PARAMETER = 3.0  # unless that leaves fewer of them, as a variance needs some freedom
 _ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
 _FAR_BELOW = 1 / 3  # of the slip that a ramp is looked at up to
 _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
@@ -397,10 +406,13 @@ def prediction_error_fit(
 
 
 def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
-    model = found.model
+    model, values = found.model, found.values
+    if model.name == "table":
+        kept = _knots_with_rows(model.knots, 1.0 - vehicle.wheel.radius * record.omega / record.speed)
+        model, values = model.with_knots(kept), values[kept]
     problem = PredictionErrors(model, record, vehicle, setting.wheel_load)
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
-    starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * found.values for f in factors]
+    starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * values for f in factors]
     x, errors = problem.solve(starts)
     slopes = slopes_of(problem, x)
     variance, freedom = _inflation(problem.intervals, errors, len(x))
@@ -408,16 +420,32 @@ def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
     tests = whole_tests(i.time, i.step, i.run)
     noise = (found.long_run_variance, found.degrees_of_freedom)  # over the cells
     known = estimate(problem, x, slopes, variance, freedom, tests=tests, shifts=shifts, profiles=profiles)
+    judged: dict[str, Any] = {"deviance": problem.deviance, "inflation": (variance, freedom)}
+    if model.name == "table":
+        every_second = sorted({*range(0, len(model.knots), 2), len(model.knots) - 1})
+        coarser, start = model.with_knots(every_second), known.values[every_second]
+        halved = PredictionErrors(coarser, record, vehicle, setting.wheel_load).likeliest(start)[1]
+        judged["coarse"] = spline(coarser.knots, halved)(model.knots)
     if model.name in STATIC:
-        return fit_of(model, known, cells, setting, noise)
+        return replace(fit_of(model, known, cells, setting, noise), **judged)
     model, spread = _with_ramp(model, known.values, setting)
     again = fit_of(model, known, cells, setting, noise, problem.followed(known.values))
-    return replace(again, known_stderrs={} if spread is None else {"R": spread})
+    return replace(again, known_stderrs={} if spread is None else {"R": spread}, **judged)
+
+
+def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
+    """The knots of a table between which a record has rows enough, the last one among them."""
+    kept = [0]
+    for i in range(1, len(knots)):
+        if np.count_nonzero((slip > knots[kept[-1]]) & (slip <= knots[i])) >= _LEAST_ROWS:
+            kept.append(i)
+    return [*kept[:-1], len(knots) - 1]
 
 
 def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[float, int]:
     """Long-run variance of the whitened errors, 1 or more where they are not as white as they should be."""
-    length = _STRETCH * float(np.median(intervals.step))
+    rows = min(_STRETCH, len(errors) / (_STRETCHES_A_PARAMETER * parameters))
+    length = max(rows, 1.0) * float(np.median(intervals.step))
     stretch = ((intervals.time - intervals.time[0]) / length).astype(np.int64)
     none = np.zeros(len(errors), dtype=np.int64)
     sums = Stretches(length, stretch, none, np.ones(len(errors)), errors)

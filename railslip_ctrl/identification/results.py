@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
@@ -17,7 +18,7 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
 from .fits import NORMAL_QUANTILE, Fit, differences
-from .models import FitModel
+from .models import FitModel, spline
 from .words import told
 
 # --- the two regimes: mu rises with slip up to its peak, and falls beyond --------------------------------------------
@@ -103,6 +104,34 @@ def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
     return tuple(sorted(scores, key=lambda score: score.bic))
 
 
+FALSE_MISFIT = 0.01  #: probability with which a right formula is rejected, at most
+
+
+def misfit_probability(fit: Fit, table: Fit) -> float:
+    """Probability that a right formula follows the wheel's motion as much worse than a table as this one, or more.
+
+    The F test for lack of fit: the deviance that the table gains for each of its further values, over the long-run
+    variance of the table's whitened errors, which is 1 or more. NaN for a model without a prediction-error fit.
+    """
+    from scipy.stats import f
+
+    freedom = len(table.parameters) - len(fit.parameters)
+    variance, of_variance = table.inflation
+    if freedom < 1 or of_variance < 1:
+        return math.nan
+    return float(f.sf((fit.deviance - table.deviance) / freedom / max(variance, 1.0), freedom, of_variance))
+
+
+def is_misfit(fit: Fit, table: Fit | None) -> bool:
+    """True if the log rejects a formula in favour of a table."""
+    return table is not None and misfit_probability(fit, table) < FALSE_MISFIT
+
+
+def departure(fit: Fit, table: Fit) -> float:
+    """Largest difference of mu between a fit and a table, over the cells of a log."""
+    return float(np.abs(fit.cell_coefficients - table.cell_coefficients).max())
+
+
 def too_few(scores: Sequence[Score]) -> str:
     """A sentence where some model has so many parameters that the criteria cannot weigh it; else empty."""
     if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
@@ -123,16 +152,20 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
 # --- the slip of highest adhesion, how well it is known, and the slip to hold ----------------------------------------
 
 
+QUANTILE = 1.959963984540054  #: half width of a normal 95 % interval in standard errors, as for the peak
+
 LARGEST_LOSS = 0.02  #: share of the highest adhesion that a reference slip may give away for the peak's uncertainty
 
 OFF_THE_PEAK = 0.8
 """Largest reference slip over that of the peak: on the peak the slip's pole changes sign, and margins say nothing of
 a little more slip; a quarter more, as an envelope tolerates, is just the peak."""
 
+_UNKNOWN = (math.nan, math.nan)
 _LOWEST_SLIP = 1e-5  # a peak here is none: the law falls from the start
 _STEP = 0.1  # of a standard error, or of a coordinate's size where that is less, for the derivatives of the peak
-_PROBES = (0.01, 0.03, 0.1, 0.2)  # of a law's slips, to see whether it depends on the speed
-_ROUNDING = 1e-12
+_PEAK_POINTS = 2000  # of the slips among which a table's peak is looked for: 0.3 % from one to the next
+_UNRESOLVED = 0.25  # of the distance between knots: the spline shows no peak that is narrower
+_NEAR_PEAK = 2.0  # ratio of slips up to which a spline's error between its knots counts for the peak
 _SAME_SLIP = 1e-4  # relative: a flat maximum is found to 1e-8 of mu, and so to the root of it
 _LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maximum) is what would be differentiated
 
@@ -141,8 +174,10 @@ _LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maxi
 class PeakSlip:
     """Highest adhesion at a speed, m/s, on a rail: the slip where it is, and mu there; NaN for a law without a peak.
 
-    Standard errors are by the delta method from the fit's covariance, and from the scatter of the ramp where the peak
-    is that of one. The `reference` is the slip to hold: as near to the peak as its 99 % interval allows without passing
+    The intervals are at 95 %. For a formula they come from the fit's covariance by the delta method, and from the
+    scatter of the ramp if the peak is that of one; they contain the table's interval, which rests on no formula. A high
+    end is infinite if the log does not pass the peak.
+    The `reference` is the slip to hold: as near to the peak as its 99 % interval allows without passing
     it, as beyond the peak the wheel is unstable, but giving away no more than `LARGEST_LOSS` for that, and at most
     `OFF_THE_PEAK` of it. `by_rule` is a law on wet rail made from the dry one by its own rule, without standard errors;
     `extrapolated` one at an initial speed that the log did not have.
@@ -151,13 +186,28 @@ class PeakSlip:
     speed: float
     rail: Rail
     slip: float
-    slip_stderr: float
+    slip_interval: tuple[float, float]
     coefficient: float
-    coefficient_stderr: float
-    reference: float
-    reference_coefficient: float
+    coefficient_interval: tuple[float, float]
+    reference: float = math.nan
+    reference_coefficient: float = math.nan
     by_rule: bool = False
     extrapolated: bool = False
+
+    @property
+    def slip_stderr(self) -> float:
+        """Longer side of the slip's interval over 1.96."""
+        return max(abs(end - self.slip) for end in self.slip_interval) / QUANTILE
+
+    @property
+    def coefficient_stderr(self) -> float:
+        """Longer side of the coefficient's interval over 1.96."""
+        return max(abs(end - self.coefficient) for end in self.coefficient_interval) / QUANTILE
+
+    @property
+    def lowest_slip(self) -> float:
+        """Low end of the 99 % interval of the slip."""
+        return self.slip - NORMAL_QUANTILE / QUANTILE * (self.slip - self.slip_interval[0])
 
     @property
     def basis(self) -> str:
@@ -169,12 +219,14 @@ class PeakSlip:
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
     """The peak of a law whose parameters are taken as exact, at a speed in m/s and a wheel load in N."""
     found = peak(law, speed, wheel_load)
-    return _with_reference(law, speed, wheel_load, (found.slip, found.coefficient), (0.0, 0.0))
+    value = np.array([found.slip, found.coefficient])
+    return _with_reference(law, speed, wheel_load, value, np.stack([value, value], axis=1))
 
 
-def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail) -> PeakSlip:
+def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
     """The peak of a fitted model, with its uncertainty; wet from dry by the law's own rule.
 
+    `widest`, (2, 2), are shares of slip and mu that the intervals have to contain, as `table_intervals` gives them.
     InputError for dry rail from a log on wet rail.
     """
 
@@ -183,22 +235,34 @@ def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail) -> PeakSl
         return found.slip, found.coefficient
 
     law = fit.model.make_force_law(fit.values, fit.law.rail).on(rail)
-    found = _with_reference(law, speed, wheel_load, at(fit.model, fit.values), _stderrs(at, fit))
+    value = np.array(at(fit.model, fit.values))
+    if fit.model.name == "table":
+        intervals = table_intervals(fit)
+    else:
+        intervals = value[:, None] + QUANTILE * np.outer(_stderrs(at, fit), (-1.0, 1.0))
+    if widest is not None:
+        least, most = (value[:, None] * widest).T
+        intervals = np.stack([np.fmin(intervals[:, 0], least), np.fmax(intervals[:, 1], most)], axis=1)
+    found = _with_reference(law, speed, wheel_load, value, intervals)
     if rail is fit.law.rail:
         return found
-    return replace(found, slip_stderr=math.nan, coefficient_stderr=math.nan, by_rule=True)
+    return replace(found, slip_interval=_UNKNOWN, coefficient_interval=_UNKNOWN, by_rule=True)
 
 
 def drift(
-    fit: Fit, speeds: Sequence[float], wheel_load: float, *, shown: tuple[float, float] = (0.0, math.inf)
+    fit: Fit,
+    speeds: Sequence[float],
+    wheel_load: float,
+    *,
+    shown: tuple[float, float] = (0.0, math.inf),
+    widest: Floats | None = None,
 ) -> tuple[PeakSlip, ...]:
-    """The peak over speeds (m/s), on the rail of the log, and on wet rail too; `shown` are the speeds the log is of."""
+    """The peak over speeds (m/s), on the rail of the log, and on wet rail too; `shown` are the speeds the log is of.
+
+    `widest` as of `peak_of_fit`.
+    """
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
-    if _is_of_slip_alone(fit, speeds, wheel_load):
-        first = [peak_of_fit(fit, speeds[0], wheel_load, rail) for rail in rails]
-        peaks = [replace(peak, speed=speed) for peak in first for speed in speeds]
-    else:
-        peaks = [peak_of_fit(fit, speed, wheel_load, rail) for rail in rails for speed in speeds]
+    peaks = [peak_of_fit(fit, speed, wheel_load, rail, widest=widest) for rail in rails for speed in speeds]
     return tuple(replace(peak, extrapolated=not shown[0] <= peak.speed <= shown[1]) for peak in peaks)
 
 
@@ -218,21 +282,8 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
     return tuple(notes)
 
 
-def _is_of_slip_alone(fit: Fit, speeds: Sequence[float], wheel_load: float) -> bool:
-    """Whether mu is the same at all speeds."""
-    law = fit.model.make_force_law(fit.values, fit.law.rail)
-    limits = [law.domain_limit(speed)[0] for speed in speeds]
-    if not np.allclose(limits, limits[0], rtol=_ROUNDING, atol=0.0):
-        return False
-    slips = min(limits[0], 1.0) * np.array(_PROBES)
-    mu = [np.asarray(adhesion_coefficient(law, speed, slips, wheel_load)) for speed in speeds]
-    return bool(np.allclose(mu, mu[0], rtol=_ROUNDING, atol=0.0))
-
-
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
     """Delta method in the coordinates of the search, over a tenth of a standard error: slip and height of the peak."""
-    if fit.model.name == "table":
-        return _stderrs_of_table(fit)
     coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     if not len(known):
@@ -252,30 +303,52 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     return float(slip), float(coefficient)
 
 
-def _stderrs_of_table(fit: Fit) -> tuple[float, float]:
-    """A table's peak is on a knot: any knot as high within 99 %, and up to the knots next to these."""
-    knots = fit.model.known["slip"]
-    assert isinstance(knots, tuple)
-    slips, mu, deviation = np.array(knots), fit.values, np.sqrt(np.diag(fit.covariance))
+def table_intervals(table: Fit) -> Floats:
+    """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
+
+    A slip belongs to the interval if its mu is lower than the highest by no more than the error of the difference. The
+    error has two parts: that of the values, and that of the spline between its knots, which is taken to be as large as
+    the difference from a spline with every second knot. The upper ends are infinite if the log ends within the
+    interval.
+    """
+    knots, noise = table.model.knots, np.diag(table.covariance)
+    slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
+    weights = spline(knots, np.eye(len(knots)))(slip)
+    mu = weights @ table.values
     top = int(np.argmax(mu))
-    lower = mu + NORMAL_QUANTILE * np.hypot(deviation, deviation[top]) < mu[top]  # not where a deviation is unknown
-    near = np.flatnonzero(~lower)
-    low, high = slips[max(near[0] - 1, 0)], slips[min(near[-1] + 1, len(slips) - 1)]
-    return float(max(slips[top] - low, high - slips[top])) / NORMAL_QUANTILE, float(deviation[top])
+    misfit = 0.0
+    if table.coarse is not None:
+        near = np.abs(np.log(knots / slip[top])) <= math.log(_NEAR_PEAK)
+        # half of the knots leave half of the variance, so that the difference has the other half
+        squares = (table.coarse - table.values)[near] ** 2 - np.nan_to_num(noise[near]) / 2.0
+        misfit = math.sqrt(max(float(squares.mean()), 0.0)) if near.any() else math.inf
+    unknown = np.diag(np.where(np.isnan(noise), mu[top] ** 2, 0.0))  # a value that the data do not show
+    covariance = np.nan_to_num(table.covariance) + unknown
+
+    def error(of: Floats) -> Floats:
+        return np.asarray(QUANTILE * np.sqrt(np.einsum("ij,jk,ik->i", of, covariance, of)) + misfit)
+
+    within = np.flatnonzero((mu[top] - mu <= error(weights - weights[top])) | (mu == mu[top]))
+    half = float(error(weights[top : top + 1])[0])
+    ends = slip[within[[0, -1]]]
+    unresolved = _UNRESOLVED * np.interp(ends, knots[1:], np.diff(knots))
+    found = np.array([ends + unresolved * [-1.0, 1.0], mu[top] + [-half, half]])
+    if within[-1] == len(slip) - 1:
+        found[:, 1] = math.inf
+    return found
 
 
-def _with_reference(
-    law: AdhesionLaw, speed: float, wheel_load: float, found: tuple[float, float], stderrs: tuple[float, float]
-) -> PeakSlip:
-    slip, coefficient = found
+def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, found: Floats, intervals: Floats) -> PeakSlip:
+    slip, coefficient = found.tolist()
+    (low, high), (least, most) = np.maximum(intervals, 0.0).tolist()
     if slip <= _LOWEST_SLIP:
-        return PeakSlip(speed, law.rail, math.nan, math.nan, coefficient, stderrs[1], math.nan, math.nan)
-    found_peak = PeakSlip(speed, law.rail, slip, stderrs[0], coefficient, stderrs[1], math.nan, math.nan)
+        return PeakSlip(speed, law.rail, math.nan, _UNKNOWN, coefficient, (least, most))
+    found_peak = PeakSlip(speed, law.rail, slip, (low, high), coefficient, (least, most))
     lowest = _rising_slip(law, speed, wheel_load, slip, (1.0 - LARGEST_LOSS) * coefficient)
     if lowest <= _LOWEST_SLIP:
         return found_peak
-    margin = NORMAL_QUANTILE * stderrs[0] if math.isfinite(stderrs[0]) else math.inf
-    reference = min(max(slip - margin, lowest), OFF_THE_PEAK * slip)
+    surely = found_peak.lowest_slip if math.isfinite(found_peak.lowest_slip) else -math.inf
+    reference = min(max(surely, lowest), OFF_THE_PEAK * slip)
     held = float(adhesion_coefficient(law, speed, reference, wheel_load))
     return replace(found_peak, reference=reference, reference_coefficient=held)
 

@@ -8,17 +8,15 @@ The random adhesion force and the sensors scatter the results; the rail of a tes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
 from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
@@ -26,7 +24,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
 from .logs import Rows
-from .observer import Encoder, TorqueObserver, TorqueSensor, noise_deviation
+from .observer import Encoder, TorqueSensor
 from .words import told
 
 TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: [Park2008] Table 1
@@ -301,97 +299,3 @@ def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed:
     """A `trial` through `encoder` and `sensor`; a sample fewer, as a speed needs two angles; `seed` of the noise."""
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
-
-
-# --- lag against noise -----------------------------------------------------------------------------------------------
-
-
-_LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its minimum
-
-
-@dataclass(frozen=True)
-class ObserverErrors:
-    """Root mean square errors of Ta_hat over a trial from the time the brake is applied, N*m.
-
-    Before that an observer settles from its first sample. `lag` is that with perfect sensors, `noise` what the sensors
-    add, from the H2 norm; `simulated` is on counts of the encoder and noise drawn for the torque, an independent check
-    of `total`.
-    """
-
-    lag: float
-    noise: float
-    simulated: float
-
-    @property
-    def total(self) -> float:
-        """lag and noise together."""
-        return math.hypot(self.lag, self.noise)
-
-
-@dataclass(frozen=True)
-class TradeOff:
-    """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
-
-    `errors` are those at the `settings`, 1-D, `at_best` that at the setting `best`, which has the least total error.
-    """
-
-    settings: Floats
-    errors: tuple[ObserverErrors, ...]
-    best: float
-    at_best: ObserverErrors
-
-
-def estimated(observer: TorqueObserver, trial: BrakeTrial) -> Floats:
-    """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
-    speed = np.diff(trial.angle) / np.diff(trial.time)
-    return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
-
-
-def observer_errors(
-    observer: TorqueObserver, trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
-) -> ObserverErrors:
-    """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
-    braked = trial.time[1:] >= trial.brake_time
-    truth = trial.adhesion_torque[1:]
-    seen = measured(trial, encoder, sensor, seed=seed)
-    noisy = observer.run(seen.time, seen.torque, seen.omega).adhesion_torque
-    return ObserverErrors(
-        lag=_rms((estimated(observer, trial) - truth)[braked]),
-        noise=noise_deviation(observer.sampled(trial.interval), encoder, sensor),
-        simulated=_rms((noisy - truth)[braked]),
-    )
-
-
-def trade_off(
-    make: Callable[[float], TorqueObserver],
-    settings: ArrayLike,
-    trial: BrakeTrial,
-    encoder: Encoder,
-    sensor: TorqueSensor,
-    *,
-    seed: int,
-) -> TradeOff:
-    """Errors over a setting of the observer, and the best setting between its first and last value.
-
-    `make` gives the observer for a setting; `settings`, s or (N*m)^2/s, 1-D, are > 0 and grow. `trial`, `encoder`,
-    `sensor` and `seed` as of `observer_errors`.
-    """
-    from scipy.optimize import minimize_scalar
-
-    values = np.asarray(settings, dtype=float)
-
-    def errors(setting: float) -> ObserverErrors:
-        return observer_errors(make(setting), trial, encoder, sensor, seed=seed)
-
-    found = minimize_scalar(
-        lambda logarithm: errors(math.exp(logarithm)).total,
-        bounds=(math.log(values[0]), math.log(values[-1])),
-        method="bounded",
-        options={"xatol": _LOG_TOLERANCE},
-    )
-    best = math.exp(found.x)
-    return TradeOff(values, tuple(errors(float(value)) for value in values), best, errors(best))
-
-
-def _rms(error: Floats) -> float:
-    return float(np.sqrt(np.mean(error**2)))

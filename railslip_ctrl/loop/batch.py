@@ -11,7 +11,7 @@ subdivisions, leave a decision open is handed to the scalar engine, so that ther
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop

@@ -10,7 +10,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,12 +41,16 @@ class Expansion(NamedTuple):
 class BoundedLoop(Loop):
     """A `Loop` with margins by bounds between frequencies, all in rad/s."""
 
-    _to_infinity = False  # whether the axis goes on to infinity, where L is 0
+    _to_infinity: ClassVar[bool] = False  # whether the axis goes on to infinity, where L is 0
 
     @property
     @abstractmethod
     def dc_gain(self) -> float:
         """L at frequency 0; infinite with an integrator."""
+
+    def dcgain(self) -> float:
+        """L at frequency 0, as python-control has it of a system; infinite with an integrator."""
+        return self.dc_gain
 
     @abstractmethod
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import pairwise
 from typing import NamedTuple
@@ -18,6 +17,7 @@ import numpy as np
 from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 
 from railslip_ctrl.core.errors import RailslipError
+from railslip_ctrl.core.records import dataclass
 
 from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Response, limits, phase_crossover
 from .margins import SHAPES, Margins

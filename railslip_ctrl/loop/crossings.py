@@ -10,7 +10,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +18,7 @@ from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Floats
+from railslip_ctrl.core.records import dataclass
 
 from .rational import (
     DOUBLE_BITS,

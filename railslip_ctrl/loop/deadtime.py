@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from flint import ctx
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
 
 from .certificate import Certificate, certify
 from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
@@ -25,7 +26,7 @@ from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
 if TYPE_CHECKING:
-    from control import FrequencyResponseData
+    from control import FrequencyResponseData, TransferFunction
 
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
@@ -36,7 +37,7 @@ _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossove
 
 MOST_POLES = 1000  #: closed-loop poles that are looked for; a few dozen show what a loop does
 
-_OF_CONTROL = ("plot_phase", "dt", "ninputs", "frdata", "isctime", "damp")  # what its functions ask of a system first
+_POINTS = 4000  # of a frequency response: a smooth line in print, the turns of the dead time included
 
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
@@ -44,21 +45,34 @@ _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or mak
 class Loop(ABC):
     """What loops have in common, continuous or sampled: operators, plots, and what a python-control user asks first.
 
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops. python-control's functions take `loop.frequency_response`
-    of some frequencies: `control.margin` says no more than that a loop itself is none of its systems.
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops, with the dead time exact. Sums, quotients and `feedback`
+    are python-control's frequency-response data at `frequency_response().omega`, from which `control.margin` of a loop
+    interpolates too. Functions of rational systems, as `control.step_response`, take `DeadTimeLoop.to_tf`, with a Pade
+    approximation. The loop's own methods are exact.
     """
 
     __array_ufunc__ = None  # numpy's numbers leave the product to the loop
     _dt: float | None = None  # of python-control's record
 
-    def __getattr__(self, name: str) -> Any:
-        told = f"{type(self).__name__!r} object has no attribute {name!r}"
-        if name in _OF_CONTROL:  # which knows systems by their class, and has no other way in
-            told += (
-                "; give control.bode_plot and its like loop.frequency_response(omega), or call loop.bode_plot(), "
-                "loop.nyquist_plot(), loop.nichols_plot() or loop.margins()"
-            )
-        raise AttributeError(told, name=name, obj=self)
+    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+        raise TypeError(self._instead)
+
+    def __len__(self) -> int:
+        return 3
+
+    def __iter__(self) -> Iterator[Floats]:
+        """Magnitude, phase (deg) and frequencies (rad/s): the sequence that `control.margin` takes."""
+        return iter((self._record.magnitude, np.degrees(self._record.phase), self._record.omega))
+
+    @property
+    def _instead(self) -> str:
+        """What to give python-control's functions that cannot take a loop."""
+        pade = ", or loop.to_tf(order) with a Pade approximation" if isinstance(self, DeadTimeLoop) else ""
+        return (
+            f"{type(self).__name__} is no system of python-control; give its functions loop.frequency_response(omega)"
+            f"{pade}, or call loop.margins(), loop.step_response(time), loop.bode_plot(), loop.nyquist_plot() or "
+            "loop.nichols_plot()"
+        )
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
@@ -81,10 +95,42 @@ class Loop(ABC):
     def scaled(self, factor: float) -> Self:
         """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
 
-    def __truediv__(self, divisor: float) -> Self:
-        """A change of gain."""
+    def __truediv__(self, divisor: Any) -> Any:
+        """A change of gain; frequency-response data if it is divided by a system or a loop."""
+        if hasattr(divisor, "ninputs"):
+            return self._record / self._beside(divisor)
         number("divisor", divisor)
         return self.scaled(1 / divisor if divisor else math.inf)
+
+    def __rtruediv__(self, other: float) -> FrequencyResponseData:
+        return other / self._record
+
+    def __add__(self, other: Any) -> FrequencyResponseData:
+        return self._record + self._beside(other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> FrequencyResponseData:
+        return self._record - self._beside(other)
+
+    def __rsub__(self, other: Any) -> FrequencyResponseData:
+        return other - self._record
+
+    def feedback(self, other: Any = 1, sign: int = -1) -> FrequencyResponseData:
+        """Closed loop, as python-control's frequency-response data.
+
+        - other: a number, system or loop in the feedback path.
+        - sign: -1 for negative feedback, 1 for positive.
+        """
+        return self._record / (1 - self._beside(other) * self._record * sign)  # python-control's own ignores the sign
+
+    def _beside(self, other: Any) -> Any:
+        """What is combined with the frequency response of this loop."""
+        return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
+
+    @cached_property
+    def _record(self) -> FrequencyResponseData:
+        return self.frequency_response()
 
     def __neg__(self) -> Self:
         return self.scaled(-1.0)
@@ -93,14 +139,22 @@ class Loop(ABC):
     def response(self, omega: ArrayLike) -> Complexes:
         """L at frequencies, rad/s, finite: complex, of the shape of `omega`."""
 
-    def frequency_response(self, omega: ArrayLike) -> FrequencyResponseData:
-        """L as python-control's record, for `control.bode_plot` and its like; `omega` 1-D, rad/s, finite.
+    def frequency_response(
+        self, omega: ArrayLike | None = None, *, squeeze: bool | None = None
+    ) -> FrequencyResponseData:
+        """L as python-control's frequency-response data, which its functions take.
 
         The numbers alone are `loop.response(omega)`.
+
+        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and has its gain crossovers.
+        - squeeze: as of `control.frequency_response`.
         """
+        if omega is None:
+            low, high = self.feature_band()
+            omega = np.union1d(np.geomspace(low, high, _POINTS), self.gain_crossovers.clip(low, high))
         grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
         made: Any = import_module("control").FrequencyResponseData
-        return made(self.response(grid), grid, sysname="L", **({"dt": self._dt} if self._dt else {}))
+        return made(self.response(grid), grid, sysname="L", squeeze=squeeze, smooth=True, dt=self._dt or 0)
 
     def sensitivity(self, omega: ArrayLike) -> Complexes:
         """S = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
@@ -162,6 +216,26 @@ class Loop(ABC):
         return import_module("railslip_ctrl.report.plots").loop_figure(self, kind, band)  # a room above
 
 
+def _asked(name: str, *, answered: bool) -> property:
+    """What python-control's functions ask of a system by `name`: answered by the frequency response, or refused."""
+
+    def answer(loop: Loop) -> Any:
+        if not answered:
+            raise AttributeError(loop._instead, name=name, obj=loop)
+        return getattr(loop._record, name)
+
+    return property(answer, doc=f"As of python-control's systems: {name}.")
+
+
+_ANSWERED = ("dt", "isctime", "isdtime", "issiso", "ninputs", "noutputs", "update_names")
+_REFUSED = (
+    *("append", "contour", "damp", "frdata", "input_labels", "magnitude", "minreal", "name", "nstates", "plot"),
+    *("plot_phase", "sample", "zeros"),
+)
+for _name in (*_ANSWERED, *_REFUSED):
+    setattr(Loop, _name, _asked(_name, answered=_name in _ANSWERED))
+
+
 def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:
     """The error of a loop of a kind that has no margins: its poles in words, their number, and the gains that do."""
     remedy = "no factor on the loop gain alone stabilises it"
@@ -171,7 +245,7 @@ def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, flo
     return UnstableLoopError(told, unstable_poles=count, stabilizing_gain_range=usable)
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@dataclass(frozen=True, init=False, repr=False)
 class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 
@@ -203,12 +277,7 @@ class DeadTimeLoop(Loop):
 
     def __mul__(self, other: Any) -> DeadTimeLoop:
         if isinstance(other, DeadTimeLoop):
-            if other.dead_time:
-                raise InputError(
-                    f"factor: a loop with a dead time of its own, {other.dead_time:g} s, is not accepted; "
-                    "multiply the systems, and give DeadTimeLoop the sum of the dead times"
-                )
-            other = other.system
+            return DeadTimeLoop(other.system * self.system, self.dead_time + other.dead_time)
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
@@ -269,6 +338,20 @@ class DeadTimeLoop(Loop):
     def integrators(self) -> int:
         """Poles of G at 0."""
         return int(np.count_nonzero(self.system.poles == 0))
+
+    def to_tf(self, order: int) -> TransferFunction:
+        """L as a python-control system, its dead time replaced by a diagonal Pade approximation of an `order`."""
+        made: Any = import_module("control").TransferFunction
+        both = ([float(c) for c in one.coeffs()[::-1]] for one in self.pade(order).system.polynomials)
+        return made(*both, name=f"L, Pade of order {order}")
+
+    def zeros(self) -> Complexes:
+        """Zeros of G, as python-control has them of a system, 1/s."""
+        return self.system.zeros.copy()
+
+    def dcgain(self) -> float:
+        """L at s = 0; infinite with an integrator."""
+        return float(self(0.0).real)
 
     def poles(self) -> Complexes:
         """Poles of G, open loop, as python-control has them of a system, 1/s; see also `closed_loop_poles`."""
@@ -428,8 +511,6 @@ class DeadTimeLoop(Loop):
 
 
 # -- records for plotting -----------------------------------------------------------------------------------------
-
-_POINTS = 4000  # a smooth line in print, the turns of the dead time included
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from flint import ctx, fmpq
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats
+from railslip_ctrl.core.records import dataclass
 
 from .crossings import REFINED_BITS, Pieces, Response
 from .stability import count_right_of

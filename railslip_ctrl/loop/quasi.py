@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Complexes, Floats, number, numbers
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 
 from .bounded import BoundedLoop, Expansion
 from .certificate import Certificate, certify_delayed
@@ -172,6 +172,7 @@ class DelayedRatio:
         return float(num[0] / den[0]) if num.size == den.size else 0.0
 
 
+@dataclass(frozen=True, repr=False)
 class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
@@ -184,12 +185,12 @@ class DelayedLoop(BoundedLoop):
     are. Phase crossovers are listed where |L| >= 1/200, and over 22 turns of the delay.
     """
 
-    _to_infinity = True
+    ratio: DelayedRatio
+    _to_infinity: ClassVar[bool] = True
 
-    def __init__(self, ratio: DelayedRatio) -> None:
-        if not ratio.denominator.retarded or ratio.numerator.degree >= ratio.denominator.degree:
+    def __post_init__(self) -> None:
+        if not self.ratio.denominator.retarded or self.ratio.numerator.degree >= self.ratio.denominator.degree:
             raise InputError("delayed loop: L must tend to 0 at infinity with a denominator of retarded type")
-        self.ratio = ratio
 
     def __repr__(self) -> str:
         delays = ", ".join(f"{delay:g}" for delay, _ in self.characteristic._present[1:])

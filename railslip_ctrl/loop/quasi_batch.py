@@ -7,7 +7,6 @@ By the argument principle: F(j omega) is followed over steps that a bound on its
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats
+from railslip_ctrl.core.records import dataclass
 
 Rows = NDArray[np.intp]
 

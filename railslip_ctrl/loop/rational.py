@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from numbers import Real
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, number, real, reals
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 
 # -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
 

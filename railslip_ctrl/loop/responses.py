@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import Floats, number, reals
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 
 from .rational import Rational, realise
 

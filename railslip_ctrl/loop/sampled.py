@@ -11,7 +11,6 @@ The loop is stable if and only if all eigenvalues of this and the controller tog
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats, checked, complexes, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 
 from .bounded import ROUNDING, BoundedLoop, Expansion
 from .crossings import Response
@@ -71,7 +71,7 @@ class HeldPlant:
         return np.asarray(expm(driven * lengths[:, None, None]))
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@dataclass(frozen=True, init=False, repr=False)
 class SampledLoop(BoundedLoop):
     """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
 

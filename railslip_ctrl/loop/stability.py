@@ -14,13 +14,12 @@ and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from flint import ctx
 
 from railslip_ctrl.core.arguments import Complexes, Flags, Floats
 from railslip_ctrl.core.errors import RailslipError
+from railslip_ctrl.core.records import dataclass
 
 from .crossings import GAIN, MOST_BITS, Response
 from .rational import Rational, realise, rounded_roots

@@ -139,18 +139,11 @@ def _filled_in(name: str) -> Callable[..., object]:
 adhesion_force = _filled_in("adhesion_force")
 command = _filled_in("command")
 lag_rate = _filled_in("lag_rate")
+law_control = _filled_in("law_control")
 rates = _filled_in("rates")
 rates_and_powers = _filled_in("rates_and_powers")
 rest_state = _filled_in("rest_state")
 stiffness = _filled_in("stiffness")
-
-# of the sliding-mode law
-assumed_torque = _filled_in("assumed_torque")
-law_control = _filled_in("law_control")
-law_parameters = _filled_in("law_parameters")
-law_state = _filled_in("law_state")
-step = _filled_in("step")
-store_state = _filled_in("store_state")
 
 
 # --- kernels compiled by numba, and cached ---------------------------------------------------------------------------

@@ -7,13 +7,14 @@ with the adhesion state at rest and the brake torque at which lambda' = 0, trave
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Complexes, Floats, checked, number
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 
 from .adhesion import AdhesionLaw
@@ -162,7 +163,7 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
     return max(slip_residual, abs(z_rate) / sigma if sigma > 0.0 else 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class LinearPlant:
     """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import sys
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
 from .vehicle import Vehicle
@@ -154,11 +154,10 @@ def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
     last = min(1.0, law.domain_limit(speed)[0] * (1.0 - 1e-6))
     slip = np.linspace(0.0, last, TABLE_INTERVALS + 1)
     functions, p = numeric_plant(type(law)), (*_NO_VEHICLE, wheel_load, *law.parameters())
-    force = functions.force(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
-    slope = functions.force_gradient(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)[1] * speed
+    force, _, slope, _ = functions.force_and_gradient(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     table = np.empty(2 * slip.size + 1)
     table[0] = TABLE_INTERVALS / last
-    table[1::2], table[2::2] = force, slope / table[0]
+    table[1::2], table[2::2] = force, slope * speed / table[0]
     table.flags.writeable = False
     return table
 

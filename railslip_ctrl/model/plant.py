@@ -10,7 +10,6 @@ random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -20,6 +19,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
 
@@ -110,7 +110,7 @@ class ClosedPlant:
     """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
 
     force: sp.Expr  # adhesion force, N
-    force_gradient: tuple[sp.Expr, ...]  # its derivatives with respect to `STATES`
+    force_and_gradient: tuple[sp.Expr, ...]  # the same, then its derivatives with respect to `STATES`
     rest_state: sp.Expr  # z at which z' = 0, m (0 for a static law)
     rates: tuple[sp.Expr, ...]  # v', sigma', z': m/s^2, m/s^2, m/s
     rates_and_powers: tuple[sp.Expr, ...]  # these, then the power of each of `numeric.WORKS`, W
@@ -130,7 +130,7 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
     columns = tuple(symbol(name) for name in JACOBIAN_COLUMNS)
     return ClosedPlant(
         force=force,
-        force_gradient=tuple(_derivative(force, symbol(name)) for name in STATES),
+        force_and_gradient=(force, *(_derivative(force, symbol(name)) for name in STATES)),
         rest_state=zero if statement.steady_state is None else statement.steady_state,
         rates=rates,
         rates_and_powers=(*rates, *powers(force)),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
 from functools import cache, partial
 from operator import attrgetter
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin
+from types import MappingProxyType, NoneType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
@@ -121,7 +121,14 @@ class Record(BaseModel):
         if unknown:
             key = min(unknown)
             raise InputError(f"{type(self).__name__}: {key}: {unknown_key(key, type(self))}")
-        return super().model_copy(update=update, deep=deep)
+        made = super().model_copy(update=update, deep=deep)
+        for name in made.__dict__.keys() - type(self).model_fields.keys():  # cached properties follow from the fields
+            del made.__dict__[name]
+        return made
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:  # type: ignore[override]
+        """The fields, name and value; not the cached properties, which pydantic gives too."""
+        return ((name, getattr(self, name)) for name in type(self).model_fields)
 
     if not TYPE_CHECKING:  # to a type checker the fields are frozen already
 
@@ -136,6 +143,8 @@ class Record(BaseModel):
         """Convert what was given for a field made by `units.quantity` to that field's unit, a list member by member."""
         name = info.field_name or ""
         field, unit = cls.model_fields[name], cls.units().get(name)
+        if value is None and NoneType in get_args(field.annotation):
+            return None
         if unit is not None:  # pydantic names the field itself
             convert = partial(to_unit, unit=unit, text_needs_unit=cls.text_needs_unit)
             return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import sympy as sp
 
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.model import plant

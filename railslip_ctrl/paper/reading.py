@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.sliding import FILTER_TIME, Sliding
 from railslip_ctrl.core.notation import cite
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.controllers import PIController
+from railslip_ctrl.design.catalogue import (
+    COLUMNS,
+    Column,
+    published_controller,
+    published_law_gains,
+    published_reference,
+)
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION, Curve
 from railslip_ctrl.model.vehicle import (
@@ -24,19 +33,10 @@ from railslip_ctrl.model.vehicle import (
     TABLE4_PI_PRINTED,
     TABLE4_SLIDING_PRINTED,
     Actuator,
-    PIGains,
     Rail,
     Resistance,
 )
-from railslip_ctrl.simulation import BrakeLimits, LinearControl, SlidingControl, published_scenario
-from railslip_ctrl.simulation.catalogue import (
-    COLUMNS,
-    FILTER_TIME,
-    Column,
-    published_controller,
-    published_law_gains,
-    published_reference,
-)
+from railslip_ctrl.simulation import BrakeLimits, published_scenario
 from railslip_ctrl.simulation.scenario import PUBLISHED_DISTURBANCES
 
 from . import tables
@@ -143,21 +143,13 @@ def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any
     def change(setup: tables.Setup) -> tables.Setup | None:
         if not isinstance(setup.controller, kind):
             return None
-        return replace(setup, controller=replace(setup.controller, **changes(setup)))
+        return replace(setup, controller=setup.controller.model_copy(update=changes(setup)))
 
     return change
 
 
 def _asmc(**changes: Any) -> Change:
-    return _controller(SlidingControl, lambda setup: changes)
-
-
-def _asmc_gains(gains: Callable[[tables.Setup], dict[str, Any]]) -> Change:
-    def changed(setup: tables.Setup) -> dict[str, Any]:
-        controller: Any = setup.controller
-        return {"gains": replace(controller.gains, **gains(setup))}
-
-    return _controller(SlidingControl, changed)
+    return _controller(Sliding, lambda setup: changes)
 
 
 def _one_reference(reference: ReferenceSlip) -> Change:
@@ -168,12 +160,12 @@ def _one_reference(reference: ReferenceSlip) -> Change:
 
 
 def _beam_model(setup: tables.Setup) -> tables.Setup | None:
-    return _asmc(model_law=published_law("beam", Rail.DRY))(setup) if setup.case.gains == "beam" else None
+    return _asmc(adhesion=published_law("beam", Rail.DRY))(setup) if setup.case.gains == "beam" else None
 
 
 def _si_gains(setup: tables.Setup) -> dict[str, Any]:
     printed = TABLE4_PI_PRINTED[setup.case.gains]
-    return {"design": PIController(PIGains(kp=printed.Kp, ki=printed.Ki))}
+    return {"kp": printed.Kp, "ki": printed.Ki}
 
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
@@ -189,7 +181,7 @@ def _adaptation(setup: tables.Setup) -> dict[str, Any]:
     return {"k1": gains.k1, "k2": gains.k2}
 
 
-_ANTI_WINDUP = {"torque_low": 0.0, "tracking_time": None}
+_ANTI_WINDUP = {"torque_min": 0.0, "anti_windup": True}
 
 # --- the alternatives ----------------------------------------------------------------------------------------------
 
@@ -203,20 +195,20 @@ ALTERNATIVES = (
     Alternative("ramp of the curve", "R 10 % more", _part("adhesion", R=1.1 * SLIP_ACCELERATION)),
     Alternative("wet rail", "half the force at every slip", _wet_by(_HalvedCurve)),
     Alternative("wheel load", "N follows M at 25 s", _wet_by(_LoadedWetCurve)),
-    Alternative("PI units", "gains in N m per m/s", _controller(LinearControl, _si_gains)),
-    Alternative("PI limits", "anti-windup, Tt = Kp/Ki", _controller(LinearControl, lambda _: _ANTI_WINDUP)),
+    Alternative("PI units", "gains in N m per m/s", _controller(PI, _si_gains)),
+    Alternative("PI limits", "anti-windup, Tt = Kp/Ki", _controller(PI, lambda _: _ANTI_WINDUP)),
     Alternative("references", "bristle reference in all columns", _one_reference(published_reference("bristle"))),
     Alternative("references", "beam reference in all columns", _one_reference(published_reference("beam"))),
-    Alternative("ASMC units", "D and K as rates of s, (39), as printed", _asmc_gains(_rates_of_s)),
+    Alternative("ASMC units", "D and K as rates of s, (39), as printed", _controller(Sliding, _rates_of_s)),
     Alternative(
         "ASMC units",
         "rho per hour",
-        _asmc_gains(lambda setup: {"rho": TABLE4_SLIDING_PRINTED[setup.case.gains].rho / 3600.0}),
+        _controller(Sliding, lambda setup: {"rho": TABLE4_SLIDING_PRINTED[setup.case.gains].rho / 3600.0}),
     ),
     Alternative("ASMC model", "the wet rail is not known: dry curve kept", _asmc(knows_rail=False)),
     Alternative("ASMC model", "beam model in the beam column", _beam_model),
     Alternative("ASMC nominal mass", "Mn loaded", _asmc(nominal_mass=PARK2008.mass_loaded)),
-    Alternative("adaptation", "k = 2.1e-8 as printed", _asmc_gains(_adaptation)),
+    Alternative("adaptation", "k = 2.1e-8 as printed", _controller(Sliding, _adaptation)),
     Alternative("acceleration filter", "tau 0.02 s", _asmc(filter_time=0.02)),
     Alternative("acceleration filter", "tau 0.5 s", _asmc(filter_time=0.5)),
     Alternative("actuator", "none: torque at once", _part("vehicle", actuator=Actuator(dead_time=0.0, lag=0.0))),

@@ -7,26 +7,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.sliding import Sliding
+from railslip_ctrl.controllers.systems import PIController
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import cite
 from railslip_ctrl.core.processes import cpu_count
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, assess
+from railslip_ctrl.design.catalogue import COLUMNS, Column, Kind, published_controller, published_reference
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
-from railslip_ctrl.simulation import Run, Scenario, Simulator, SlidingControl, published_scenario, simulate
-from railslip_ctrl.simulation.catalogue import COLUMNS, Column, Kind, published_controller
-from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
 from railslip_ctrl.verification.actuator_effects import largest_adaptation, published_loop
 from railslip_ctrl.verification.lyapunov_runs import judge_run
 
@@ -384,9 +385,9 @@ def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
 def pi_loop(column: Column, inertia_scale: float) -> Assessment:
     """A column's PI on the dry bristle model at 100 km/h and the column's reference slip, through the actuator."""
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    controller = published_controller("pi", column)
     law = published_law("bristle", Rail.DRY)
-    plant = linearize(operating_point(law, vehicle, INITIAL_SPEED_KMH * KMH, controller.reference.dry, rail=Rail.DRY))
+    slip = published_reference(column).dry
+    plant = linearize(operating_point(law, vehicle, INITIAL_SPEED_KMH * KMH, slip, rail=Rail.DRY))
     return assess(plant, PIController(TABLE4_PI[column]), vehicle.actuator)
 
 
@@ -475,9 +476,9 @@ def si_stops_early() -> Fact:
     return _fact("SI stops before the rail turns wet", holds, runs=runs, change=end, peak=highest, seed=_SEED)
 
 
-def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) -> SlidingControl:
+def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) -> Sliding:
     controller = published_controller("asmc", column, knows_rail=knows_rail, adaptive=adaptive)
-    assert isinstance(controller, SlidingControl), "the ASMC is the sliding-mode law"
+    assert isinstance(controller, Sliding), "the ASMC is the sliding-mode law"
     return controller
 
 

@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from railslip_ctrl import __version__
+from railslip_ctrl.controllers.c_code import law_program
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.core.templates import environment
 from railslip_ctrl.paper.errata import Erratum
@@ -44,7 +45,7 @@ def derivation_json(
         "law": {
             "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
             "python": code.python,
-            "c": code.c,
+            "c": law_program(code).in_one_file,
             **({"numbers": of_rails} if numbers else {}),
         },
         "errata": [exported(row, *_ERRATUM) for row in errata],
@@ -147,7 +148,8 @@ def derivation_document(
     text: str = filling.get_template(template).render(
         derivation=derivation,
         errata=errata,
-        code=code,
+        python=code.python,
+        c=law_program(code).in_one_file,
         numbers=numbers,
         title=_TITLE,
         opening=f"{case[0].upper()}{case[1:]}; {_outcome(derivation)}.",

@@ -11,17 +11,18 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
+from railslip_ctrl.controllers.linear import LinearControl
+from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.core.units import KMH, ms_down
-from railslip_ctrl.design.envelope_tuning import SeekingDesign, StructureChoice
+from railslip_ctrl.design.catalogue import is_published
+from railslip_ctrl.design.envelope_tuning import StructureChoice
 from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.vehicle import PIGains, doubts
+from railslip_ctrl.model.vehicle import doubts
 from railslip_ctrl.report.recommendation import FASTER, LEVEL_KMH, SEEKING, DesignReport, Rival, Trial, longest
 from railslip_ctrl.report.stops import SLIDING, Stop
-from railslip_ctrl.simulation import SeekingControl
-from railslip_ctrl.simulation.catalogue import is_published
 
 from .document import (
     NONE,
@@ -121,15 +122,12 @@ def _design_words(report: DesignReport) -> str:
     """The recommended design with its numbers."""
     if report.control is None:
         return "any PI or PI-lead"
-    if isinstance(report.control, SeekingControl):
-        found = report.control.gains
-        return f"seeking: finds the adhesion peak, slip {short(found.least_slip)} to {short(found.largest_slip)}"
-    design, held = report.control.design, report.control.reference
-    slips = {"dry": held.dry, "wet": held.wet}
-    slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
-    gains = f"{design.structure}: kp {short(design.gains.kp)} N·m/(m/s), ki {short(design.gains.ki)} N·m/m"
-    lead = f", lead {short(design.lead)}/{short(design.lead_filter)} s" if design.lead > 0 else ""
-    return f"{gains}{lead}; slip {slip}"
+    held = report.control.reference if report.control.follows_reference else None
+    if held is None:
+        return report.control.headline()
+    return f"{report.control.headline()}; slip " + ", ".join(
+        f"{short(held.on(rail))} {rail}" for rail in report.envelope.rails
+    )
 
 
 def _why(report: DesignReport) -> Iterator[str]:
@@ -186,10 +184,10 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
     if report.stops and begins > top:
         yield f"{top:g} to {begins:g} km/h", "its stops begin there, but it was not judged."
     if report.hands_over and report.control is not None:
-        over, used = short(report.control.cut_out_speed / KMH), report.above_kmh or 0.0
+        over, used = short(report.control.controlled_from / KMH), report.above_kmh or 0.0
         if used > float(over):
             yield f"{over} to {used:g} km/h", f"slip controlled, but {_between(report, float(over), used)}."
-        yield f"Below {over} km/h", f"no slip control; holds {_handed_over(report.control)}."
+        yield f"Below {over} km/h", f"no slip control; holds {report.control.handed_over()}."
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
@@ -228,7 +226,7 @@ def _risks(report: DesignReport) -> Iterator[str]:
 
 def _steps(report: DesignReport) -> Iterator[str]:
     """What the numbers ask for."""
-    seeks = isinstance(report.control, SeekingControl)
+    seeks = report.control is not None and report.control.finds_slip
     lowest = min(report.envelope.speeds)
     robust = report.judgement is not None and report.judgement.robust_from_kmh == lowest
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not seeks))
@@ -236,7 +234,7 @@ def _steps(report: DesignReport) -> Iterator[str]:
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
         reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
-    over_kmh = 0.0 if report.control is None else report.control.cut_out_speed / KMH
+    over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
     if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # from m/s
         yield "Below, use another slide protection."
     if report.usable and any(stop.slides for stop in report.tolerance_stops):
@@ -255,14 +253,6 @@ def _steps(report: DesignReport) -> Iterator[str]:
         yield f"Tried, and not enough: {'; '.join(tried)}."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
-
-
-def _handed_over(control: Any) -> str:
-    """The torque below the speed at which slip control ends."""
-    if isinstance(control, SeekingControl):
-        first, last = (f"{100 * share:g} %" for share in (control.gains.hand_over_share, control.gains.last_share))
-        return f"{first} of its mean torque, {last} at {control.gains.last_speed / KMH:.3g} km/h"
-    return f"{short(control.cut_out_torque)} N·m"
 
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
@@ -332,7 +322,7 @@ def _kind(choice: StructureChoice) -> str:
     """Its structure, of a PI-lead with the lead and its filter."""
     if choice.structure != "pi-lead":
         return SEEKING if choice.structure == SEEKING else "PI"
-    lead = getattr(choice.design, "lead", None)
+    lead = None if choice.design is None else getattr(choice.design.controller, "lead", None)
     return "PI-lead" if lead is None else f"PI-lead {lead:.3g}/{choice.lead_filter:.3g} s"
 
 
@@ -464,11 +454,11 @@ def _candidates(report: DesignReport) -> Section:
         choices = (*choices, seeking.choice)
     for choice in choices:
         kind, slip = _kind(choice), f"{100 * choice.reference_factor:g}"
-        if choice.design is None or choice.design.judgement is None:
+        if choice.design is None:
             rows.append((kind, slip, *(NONE,) * 7, choice.reason))
             continue
-        judged, gains, trial = choice.design.judgement, choice.design.gains, report.trial_of(choice)
-        told = (short(gains.kp), short(gains.ki)) if isinstance(gains, PIGains) else (NONE, NONE)
+        judged, own, trial = choice.design.judgement, choice.design.controller, report.trial_of(choice)
+        told = (short(own.kp), short(own.ki)) if isinstance(own, PI) else (NONE, NONE)
         cells = (*told, _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
         ran = (NONE, NONE) if trial is None else (_speed(_used_from(trial)), short(trial.distance(), 3))
         needs = f"{short(choice.reach_s, 2)} s of a {short(choice.stop_s, 2)} s stop"
@@ -536,16 +526,16 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
     control = report.control
     if control is None:
         return
-    if isinstance(control, SeekingControl):
-        told = [("Limits", f"0 to {short(control.torque_high)} N·m"), ("Starts with", "up to the largest torque")]
-    else:
-        told = [
-            ("Limits", f"{short(control.torque_low)} to {short(control.torque_high)} N·m"),
+    told = [("Limits", f"{short(max(control.least_torque, 0.0))} to {short(control.largest_torque)} N·m")]
+    if isinstance(control, LinearControl):
+        told += [
             ("Starts with", f"{short(control.initial_torque)} N·m"),
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
         ]
-    below_speed = f"no slip control below {short(control.cut_out_speed / KMH)} km/h: {_handed_over(control)}"
-    yield Facts([*told, ("Hand-over", below_speed if control.cut_out_speed > 0 else "none")])
+    else:
+        told.append(("Starts with", "up to the largest torque"))
+    below_speed = f"no slip control below {short(control.controlled_from / KMH)} km/h: {control.handed_over()}"
+    yield Facts([*told, ("Hand-over", below_speed if control.controlled_from > 0 else "none")])
 
 
 def _elsewhere(report: DesignReport) -> str:
@@ -705,6 +695,12 @@ def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str
     return render(parts)
 
 
+def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
+    """kp and ki of a candidate; null where it has none."""
+    own = None if choice.design is None else choice.design.controller
+    return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
+
+
 def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
     """The recommendation, the envelope, the candidates, stops and limits; SI but speeds in km/h."""
     judgement = report.judgement
@@ -719,11 +715,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "candidates": [
             {
                 **exported(choice, "structure", "reference_factor", "reason"),
-                **exported(
-                    None if isinstance(choice.design, SeekingDesign) else choice.design,
-                    kp_si="gains.kp",
-                    ki_si="gains.ki",
-                ),
+                **_gains_json(choice),
                 **_from_speeds(None if choice.design is None else choice.design.judgement, report.trial_of(choice)),
             }
             for choice in report.selection.choices

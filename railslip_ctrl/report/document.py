@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY
 from typing import ClassVar, Literal
 
 import rich.table
@@ -21,6 +21,7 @@ from rich.measure import Measurement
 from rich.padding import Padding
 from rich.text import Text
 
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 

@@ -19,11 +19,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from railslip_ctrl import __version__
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.systems import LinearController, PIController
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import INCOMPLETE, staged
 from railslip_ctrl.design.assessment import Assessment
-from railslip_ctrl.design.controllers import LinearController, PIController
-from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
@@ -163,18 +163,15 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
     return found
 
 
-def controller_json(controller: LinearController | SeekingGains) -> dict[str, Any]:
+def controller_json(controller: LinearController | Controller) -> dict[str, Any]:
     """The numbers of a controller with margins, SI."""
+    if isinstance(controller, Controller):
+        return {"structure": controller.kind, **controller.gain_values()}
     if not isinstance(controller, PIController):
-        return {"structure": controller.structure, **controller_numbers(controller)}
+        numbers = {name: value for name, value in asdict(controller).items() if value is not None}
+        return {"structure": controller.structure, **numbers}
     lead = {} if controller.structure == "PI" else {"lead_s": "lead", "lead_filter_s": "lead_filter"}
     return exported(controller, kp_si="gains.kp", ki_si="gains.ki", **lead)
-
-
-def controller_numbers(controller: Any) -> dict[str, Any]:
-    """The numbers of a record other than a PI, those that it has."""
-    told = controller.model_dump() if isinstance(controller, SeekingGains) else asdict(controller)
-    return {name: value for name, value in told.items() if value is not None}
 
 
 def _crossovers(assessment: Assessment) -> Any:
@@ -185,11 +182,14 @@ def _crossovers(assessment: Assessment) -> Any:
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
     """Enclosures as [lowest, highest]; null for an end without bound, or for all of an unstable loop."""
-    ends = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
+    pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
+    ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
+    if ends["gain_decrease"] is not None:
+        ends["gain_decrease"] = [end or None for end in ends["gain_decrease"]]  # 0 is without bound
     return {
         **exported(certificate, "stable", "marginal", "bits", "parts", unstable_closed_loop_poles="unstable_poles"),
         "gain_crossovers_rad_s": [[number(w) for w in pair] for pair in certificate.gain_crossovers],
-        **{name: None if pair is None else [number(end) for end in pair] for name, pair in ends.items()},
+        **ends,
     }
 
 

@@ -18,7 +18,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
+from railslip_ctrl.identification.fits import Fit
 from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.log_checks import Rolling
 from railslip_ctrl.identification.observed import Observed
@@ -63,6 +63,14 @@ def _error_table(found: LogSeries) -> RenderableType:
 
 def _pair(value: float, stderr: float) -> str:
     return f"{fixed(value)} ± {fixed(stderr, 2)}" if math.isfinite(stderr) else fixed(value)
+
+
+def _range(value: float, interval: tuple[float, float], digits: int) -> str:
+    """A value with its interval; an infinite end is left out."""
+    text, low, high = (fixed(x, digits) for x in (value, *interval))
+    if not math.isfinite(interval[0]):
+        return text
+    return f"{text} [{low}, {high}]" if math.isfinite(interval[1]) else f"{text} (from {low})"
 
 
 def _log_parts(found: Identification) -> list[RenderableType]:
@@ -113,7 +121,6 @@ def _log_facts(found: Identification) -> list[tuple[str, str]]:
             f"{adhesion} rows in adhesion, {sliding} in sliding, from slip {found.regimes.boundary:.4g} on, which is "
             f"{found.regimes.source}",
         ),
-        *(() if found.train_lag is None else (("Train speed", str(found.train_lag)),)),
     ]
 
 
@@ -160,10 +167,14 @@ def _bin_table(found: Identification) -> RenderableType:
 def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
     rows = []
     for peak in peaks:
-        found = (_pair(peak.slip, peak.slip_stderr), _pair(peak.coefficient, peak.coefficient_stderr))
+        found = (_range(peak.slip, peak.slip_interval, 3), _range(peak.coefficient, peak.coefficient_interval, 4))
         held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
         rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *found, *held))
-    return Table(("Rail", "From", "Speed, km/h", "Peak slip", "Peak mu", "Reference slip", "mu there"), rows, left=2)
+    return Table(
+        ("Rail", "From", "km/h", "Peak slip (95 %)", "Peak mu (95 %)", "Hold slip", "mu there"),
+        rows,
+        left=2,
+    )
 
 
 def _verdict(found: Identification) -> str:
@@ -179,7 +190,7 @@ def _verdict(found: Identification) -> str:
 def _doubt(found: Identification) -> str:
     """What the uncertainty of the peak leaves open."""
     peak = found.own_peak
-    low = peak.slip - NORMAL_QUANTILE * peak.slip_stderr
+    low = peak.lowest_slip
     if peak.reference <= low * (1.0 + 1e-9):
         return ""
     lost = 100 * (1 - peak.reference_coefficient / peak.coefficient)
@@ -402,9 +413,8 @@ def _peak_json(peak: PeakSlip) -> dict[str, Any]:
     return {
         "from": "rule" if peak.by_rule else "log",
         "speed_kmh": peak.speed / KMH,
-        **exported(
-            peak, "rail", "extrapolated", "slip", "slip_stderr", mu="coefficient", mu_stderr="coefficient_stderr"
-        ),
+        **exported(peak, "rail", "extrapolated", "slip", "slip_stderr", slip_interval_95="slip_interval"),
+        **exported(peak, mu="coefficient", mu_stderr="coefficient_stderr", mu_interval_95="coefficient_interval"),
         **exported(peak, reference_slip="reference", mu_at_reference="reference_coefficient"),
     }
 
@@ -420,7 +430,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
     curve = found.curve
     adhesion, sliding = curve.parted_at(found.regimes.boundary)
     named = {"gaps": "gap_count", "regripping_rows": "readhesion"}
-    lag, rolling = found.train_lag, curve.rolling
+    rolling = curve.rolling
     return {
         **exported(curve, "outliers", "broken_lines", "deceleration_ratio", file="name", tau_s="time_constant"),
         **exported(curve.survey, "rows", "runs", **named),
@@ -439,13 +449,6 @@ def _log_json(found: Identification) -> dict[str, Any]:
             {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
             for step in curve.steps
         ],
-        "train_speed_lag": None
-        if lag is None
-        else {
-            **exported(lag, "slip_shift", "peak_slip", "deceleration", lag_s="lag"),
-            "speed_kmh": lag.speed / KMH,
-            "note": str(lag),
-        },
         "warnings": [*found.warnings, *found.doubts],
     }
 

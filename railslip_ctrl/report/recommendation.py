@@ -13,26 +13,30 @@ import pickle
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.files import as_control
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.systems import PIController, has_step, linear_controller, linear_of
+from railslip_ctrl.controllers.user_step import StepControl
 from railslip_ctrl.core.errors import RailslipError
 from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
-from railslip_ctrl.design.controllers import has_step, linear_controller, linear_of, seeking_of
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
-    EnvelopeDesign,
-    SeekingDesign,
     Selection,
     StructureChoice,
-    seeking_over,
+    by_rule,
+    hand_over_of,
     select,
 )
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, judge_points, margins_at
@@ -44,11 +48,7 @@ from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.simulation import LinearControl, SeekingControl
-from railslip_ctrl.simulation.catalogue import hand_over_of
-from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
-from railslip_ctrl.simulation.step_objects import StepControl, as_control
 from railslip_ctrl.verification.verdict import Verification
 
 from .stops import (
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-SEEKING = SeekingDesign.structure
+SEEKING = Seeking.kind
 LEVEL_KMH = 5.0
 """Difference in the speeds from which designs are used that does not count."""
 
@@ -105,7 +105,7 @@ class Trial:
     choice: StructureChoice
     above_kmh: float | None
     lowest_kmh: float
-    control: LinearControl | SeekingControl
+    control: Controller
     stops: tuple[Stop, ...]
 
     @property
@@ -203,9 +203,7 @@ class DesignReport:
     # the choices robust from the lowest speed that any is, and the seeking controller, in their stops, the best first;
     # of none robust, the best PI or PI-lead and it
     trials: tuple[Trial, ...] = ()
-    control: LinearControl | SeekingControl | None = (
-        None  # the recommended design as it runs: what `recommended.toml` says
-    )
+    control: Controller | None = None  # the recommended design as it runs: what `recommended.toml` says
     # km/h: from there up it is robust, and handed over below it no wheel slides in its own stops
     above_kmh: float | None = None
     # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all
@@ -248,7 +246,7 @@ class DesignReport:
     @property
     def hands_over(self) -> bool:
         """Whether slip control ends at some speed."""
-        return self.usable and self.control is not None and self.control.cut_out_speed > 0
+        return self.usable and self.control is not None and self.control.controlled_from > 0
 
     @property
     def seeking(self) -> Trial | None:
@@ -437,8 +435,7 @@ def _designed(
     best, control = trials[0].choice, trials[0].control
     selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
     assert best.design is not None, "as its tier"
-    assert best.design.judgement is not None
-    plain, judgement = getattr(control, "design", None), best.design.judgement
+    plain, judgement = control.system if isinstance(control, PI) else None, best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     enough = trials[0].above_kmh is not None and (plain is None or (robust and best.reaches))
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
@@ -480,23 +477,23 @@ def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial | None:
     """The seeking controller in its stops, judged at the slips that it comes to; None of a brake without dead time."""
     if envelope.vehicle.actuator.dead_time <= 0:
         return None
-    design = seeking_over(envelope, nominal=nominal)
-    runs, robust = stops(design.control, design.judgement), design.judgement.robust_from_kmh
+    design = by_rule(Seeking, envelope, nominal=nominal)
+    runs, robust = stops(design.controller, design.judgement), design.judgement.robust_from_kmh
     lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
     choice = StructureChoice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
-    return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.control, runs)
+    return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.controller, runs)
 
 
 def _trial(choice: StructureChoice, nominal: bool) -> Trial:
     """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
     is not robust, or the wheel slides."""
-    assert isinstance(choice.design, EnvelopeDesign), "a choice of the best tier is a design"
-    assert choice.design.judgement is not None
+    assert choice.design is not None, "a choice of the best tier is a design"
     design, judgement = choice.design, choice.design.judgement
     if nominal:
-        judgement = judge(design, judgement.envelope, nominal=True)
+        judgement = judge(judgement.controller, judgement.envelope, nominal=True)
         choice = replace(choice, design=replace(design, judgement=judgement))
-    plain = PIController(design.gains, design.lead, design.lead_filter)
+    assert isinstance(design.controller, PI), "as select tunes them"
+    plain = design.controller.system
     robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
     speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
@@ -518,10 +515,12 @@ def _unjudged(envelope: Envelope) -> Judgement:
 
 def no_margins(controller: Any) -> str:
     """Why a controller that runs has no margins; empty of one that has some."""
-    thing = controller.step.thing if isinstance(controller, StepControl) else controller
-    if callable(linear_of(thing)) or seeking_of(thing) or not (has_step(thing) or isinstance(thing, Controller)):
-        return ""
-    return "known by its step alone" if has_step(thing) else "not linear"
+    thing = controller.thing.thing if isinstance(controller, StepControl) else controller
+    if isinstance(thing, Controller):
+        own = type(thing)
+        linear = own.linear is not Controller.linear or own.loop is not Controller.loop
+        return "" if linear else "not linear"
+    return "known by its step alone" if has_step(thing) and not callable(linear_of(thing)) else ""
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
@@ -627,13 +626,12 @@ def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) 
         ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
         found = select(ends, (structure,), (1.0,)).choices[0]
         design = found.design
-        if not isinstance(design, EnvelopeDesign):
+        if design is None:
             continue
-        judgement = judge(design, faster)
+        judgement = judge(design.judgement.controller, faster)
         if judgement.robust_from_kmh != min(envelope.speeds):
             continue
-        plain = PIController(design.gains, design.lead, design.lead_filter)
-        runs = stops(as_run(plain, judgement, hand_over_of(judgement)), judgement)
+        runs = stops(as_run(design.judgement.controller.design, judgement, hand_over_of(judgement)), judgement)
         reaches = all(stop.reached and not stop.slides for stop in runs)
         if reaches or not reaching:
             return FasterBrake(factor, actuator.dead_time, actuator.lag, reaches)

@@ -10,18 +10,16 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import simulation
+from railslip_ctrl.controllers.base import torque_range
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController
-from railslip_ctrl.model.vehicle import Rail, remarks
+from railslip_ctrl.model.adhesion import named_law
+from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
-from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.run import events_log
-from railslip_ctrl.simulation.scenario import named_law
-from railslip_ctrl.sliding.law import LawGains
 
 from .document import Facts, Table, fixed, heading, render
-from .export import GIVEN, controller_json, exported, law_json, law_words, number, plain, source_of
-from .text import controller_text, vehicle_facts
+from .export import exported, law_json, law_words, number, plain, source_of
+from .text import vehicle_facts
 
 CSV_COLUMNS = {
     "time": "time [s]",
@@ -75,14 +73,14 @@ def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) ->
     ends |= {"first_lock_s": "first_lock", **rates}
     return {
         "scenario": scenario.name,
-        "controller": run.controller.name,
+        "controller": run.controller.label,
         "gains": gains,
         "inertia_scale": scenario.vehicle.inertia_scale,
         **exported(run if run.stopped else None, **of_stop),
         **exported(run, "seed", "stopped", "max_slip", "locked_fraction", "outcome", **ends),
         "final_speed_kmh": number(run.final_speed / KMH),
-        "gain_values": gain_values(run.controller),
-        "reference_slip": run.controller.reference.model_dump(),
+        "gain_values": run.controller.gain_values(),
+        "reference_slip": plain(run.controller.reference),
         "adhesion": scenario.adhesion.name,
         "adhesion_law": law_json(scenario.adhesion, _law_source(scenario, law_speed)),
         "vehicle": scenario.vehicle.name,
@@ -104,24 +102,6 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
     return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, law_speed))
 
 
-def gain_values(controller: Controller) -> dict[str, Any]:
-    """The gains of a controller by name, SI; empty where it has none."""
-    if isinstance(controller, simulation.LinearControl):
-        design = controller.design
-        if not isinstance(design, PIController):
-            return controller_json(design)
-        names = {"kp_si": "gains.kp", "ki_si": "gains.ki", "lead_s": "lead", "lead_filter_s": "lead_filter"}
-        return exported(design, **names)
-    if isinstance(controller, simulation.SlidingControl):
-        return exported(controller.gains, "k2", K_nm="K", D_si="D", rho_per_s="rho", k1_si="k1")
-    if isinstance(controller, simulation.SlideProtection):
-        rates = ("dump_deceleration", "fill_rate", "dump_rate")
-        return exported(controller, "fill_slip", "dump_slip", **{f"{name}_si": name for name in rates})
-    if isinstance(controller, simulation.SeekingControl):
-        return {f"{name}_si": value for name, value in controller.gains.model_dump().items()}
-    return {}
-
-
 # --- text --------------------------------------------------------------------------------------------------
 
 
@@ -135,7 +115,7 @@ def simulation_text(run: simulation.Run, law_speed: float) -> str:
     unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
     outcome = f"stopped {end}" if run.stopped else unfinished
     parts: list[RenderableType] = [
-        heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
+        heading(f"Braking run: {scenario.name}, controller {run.controller.label}"),
         Facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
         f"\nOutcome: {outcome}\n",
         heading("Numbers", "-"),
@@ -160,6 +140,7 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
         ("Begins with", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
         ("Viscous friction", f"{viscous}{least}"),
         ("Brake limits", _limits(scenario)),
+        *_believed(scenario),
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
@@ -182,98 +163,31 @@ def _limits(scenario: simulation.Scenario) -> str:
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
     rate = "no limit of rate" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
     dump = lag if limits.dump_lag is None else limits.dump_lag
-    return f"commanded torque {_range(limits.torque_min, limits.torque_max)}, {rate}, lag {dump:g} s where torque falls"
+    most = math.inf if limits.torque_max is None else limits.torque_max
+    torque = torque_range(limits.torque_min, most)
+    acting = "" if limits.torque_gain == 1.0 else f", {limits.torque_gain:g} times of it acts"
+    return f"commanded torque {torque}{acting}, {rate}, lag {dump:g} s where torque falls"
 
 
-def _range(low: float, high: float | None) -> str:
-    """A range of torques, N*m; without end where None or infinite."""
-    least = f"at least {low:g} N·m" if math.isfinite(low) else ""
-    most = f"at most {high:g} N·m" if high is not None and math.isfinite(high) else ""
-    return f"{least}{' and ' if least and most else ''}{most}" or "unlimited"
+def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
+    """What controllers believe of the vehicle wrongly, if anything."""
+    units = scenario.beliefs.units()
+    told = [
+        f"{name.replace('_', ' ')} {value:g} {units[name]}" for name, value in scenario.beliefs if value is not None
+    ]
+    return [("Controllers believe", ", ".join(told))] if told else []
 
 
 def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
     controller, reference = run.controller, run.controller.reference
     noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
     return [
-        ("Controller", _controller(controller)),
-        ("Controller's limits", _controller_limits(run)),
-        ("Reference slip", f"{reference.dry:g} dry, {reference.wet:g} wet"),
+        ("Controller", controller.described()),
+        ("Controller's limits", controller.limits_described()),
+        ("Reference slip", "none" if reference is None else f"{reference.dry:g} dry, {reference.wet:g} wet"),
         ("Sampling", f"every {_period(run):g} s; integrated in steps of at most {run.scenario.step:g} s"),
         ("Noise seed", noise),
     ]
-
-
-def _controller(controller: Controller) -> str:
-    if isinstance(controller, simulation.LinearControl):
-        return f"{controller.name}, {controller_text(controller.design)}"
-    if isinstance(controller, simulation.SlidingControl):
-        gains = controller.gains
-        knows = "" if controller.knows_rail else "; its adhesion model stays dry"
-        model = controller.model_law
-        own = "" if model is None else f"; its adhesion model is {law_words(model, model.file or GIVEN)}"
-        return (
-            f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s, boundary layer "
-            f"{gains.layer:g} m/s{_adaptation(gains)}{knows}{own}"
-        )
-    if isinstance(controller, simulation.ScheduledControl):
-        schedule = controller.schedule
-        speeds = sorted({entry.speed_kmh for entry in schedule.entries})
-        rails = {entry.rail for entry in schedule.entries}
-        return (
-            f"{controller.name}, PI gains at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h, "
-            f"{', '.join(rail for rail in Rail if rail in rails)} rail, lead ({schedule.lead:g} s + 1)/"
-            f"({schedule.lead_filter:g} s + 1)"
-        )
-    if isinstance(controller, simulation.SlideProtection):
-        return (
-            f"{controller.name}, fills below slip {controller.fill_slip:g} by {controller.fill_rate:g} N·m/s, dumps "
-            f"above {controller.dump_slip:g} or {controller.dump_deceleration:g} m/s² by {controller.dump_rate:g} N·m/s"
-        )
-    if isinstance(controller, simulation.SeekingControl):
-        seeking = controller.gains
-        return (
-            f"{controller.name}, its own reference slip from {seeking.least_slip:g} to {seeking.largest_slip:g}, kappa "
-            f"{seeking.kappa:.4g} 1/s, torque time {seeking.torque_time:.4g} s, observer {seeking.observer_time:.4g} s"
-            f", for a dead time of {seeking.dead_time:g} s and a lag of {seeking.lag:g} s"
-        )
-    if isinstance(controller, TorqueProfile):
-        return (
-            f"{controller.name}, torque over time: {len(controller.times)} points, {min(controller.torques):g} to "
-            f"{max(controller.torques):g} N·m"
-        )
-    return controller.name
-
-
-def _adaptation(gains: LawGains) -> str:
-    if not (gains.k1 or gains.k2):
-        return ", no adaptation"
-    box = "" if gains.box is None else ", estimates within " + " and ".join(f"{a:g} to {b:g}" for a, b in gains.box)
-    rests = ", resting in the layer" if gains.dead_zone else ""
-    return f", k1 {gains.k1:g}, k2 {gains.k2:g}, leak {gains.leak:g} 1/s{box}{rests}"
-
-
-def _controller_limits(run: simulation.Run) -> str:
-    """The controller's own limits, and what else it starts and works with."""
-    controller, vehicle = run.controller, run.scenario.vehicle
-    low = getattr(controller, "torque_low", 0.0)
-    torque = f"torque {_range(low, getattr(controller, 'torque_high', None))}"
-    if isinstance(controller, simulation.LinearControl | simulation.ScheduledControl):
-        tracking = controller.tracking_time
-        windup = "by its gains" if tracking is None else f"{tracking:g} s" if math.isfinite(tracking) else "none"
-        start = f"initial torque {controller.initial_torque:g} N·m"
-        return f"{torque}, {start}, anti-windup {windup}, rule {controller.rule.value}"
-    if isinstance(controller, simulation.SlidingControl):
-        mass = vehicle.mass if controller.nominal_mass is None else controller.nominal_mass
-        viscous = controller.nominal_viscous_friction
-        friction = vehicle.wheel.viscous_friction if viscous is None else viscous
-        return (
-            f"{torque}, anti-windup {'on' if controller.anti_windup else 'none'}, filter of v' "
-            f"{controller.filter_time:g} s, nominal mass {mass:g} kg, nominal friction {friction:g} N·m·s"
-        )
-    if isinstance(controller, simulation.SlideProtection):
-        return f"{torque}, filter of deceleration {controller.filter_time:g} s"
-    return torque if isinstance(controller, simulation.SeekingControl) else "none"
 
 
 def _period(run: simulation.Run) -> float:
@@ -285,9 +199,10 @@ def _numbers(run: simulation.Run) -> list[tuple[str, str]]:
         ("Braking time", f"{fixed(run.braking_time)} s"),
         ("Braking distance", f"{fixed(run.braking_distance)} m"),
         ("Brake energy", f"{fixed(run.brake_energy)} J"),
-        ("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"),
     ]
-    if run.scenario.published_reference:
+    if run.controller.reference is not None:
+        rows.append(("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"))
+    if not math.isnan(run.mean_abs_slip_error_published):
         published = fixed(run.mean_abs_slip_error_published, 4)
         rows.append(("", f"{published} against the published 0.132 dry, 0.092 wet"))
     lock = "never" if np.isnan(run.first_lock) else f"first at {run.first_lock:.4g} s"
@@ -319,17 +234,18 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 # --- CSV ---------------------------------------------------------------------------------------------------
 
 
-def write_simulation_csv(run: simulation.Run, path: Path) -> None:
-    """Write the time series, one row a recorded sample, a header with units, then the controller's own state."""
+def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
+    """Write the time series, one row a recorded sample, a header with units; if `internal`, the controller's state too.
+
+    The reference of a controller without one is nan.
+    """
     signals = run.signals
     assert signals is not None, "the run was recorded"
-    names = [CSV_COLUMNS[name] for name in simulation.Signals._fields] + [
-        f"controller {name}" for name in run.controller_signals
-    ]
-    columns = np.column_stack([*signals, *run.controller_signals.values()])
+    own = run.controller_signals if internal else {}
+    names = [*(CSV_COLUMNS[name] for name in simulation.Signals._fields), *(f"controller {name}" for name in own)]
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(names) + "\n")
-        np.savetxt(file, columns, fmt="%.12g", delimiter=",")
+        np.savetxt(file, np.column_stack([*signals, *own.values()]), fmt="%.12g", delimiter=",")
 
 
 # --- controllers compared -------------------------------------------------------------------------------------------
@@ -349,8 +265,8 @@ def run_comparison_text(comparison: RunComparison) -> str:
         (
             f"Means over {len(comparison.seeds)} seeds, the same noise for all. No controller can stop in less than "
             f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s: the highest adhesion at every moment, "
-            "after the dead time. Slip error: mean of |slip - the controller's own reference|; error [P]: against the "
-            "0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
+            "after the dead time. Slip error: mean of |slip - the controller's own reference|, if it has one; error "
+            "[P]: against the 0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
         ),
         Table(COLUMNS, [_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
     ]

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.braking import braking_control
+from railslip_ctrl.controllers.linear import LinearControl, full_brake_torque
+from railslip_ctrl.controllers.systems import wheel_slip_loop
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.controllers import seeking_of, wheel_slip_loop
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.design.envelope import EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, in_reading
 from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
-from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
+from railslip_ctrl.simulation import BrakeLimits, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control, full_brake_torque
-from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.run import REACHED_SHARE
-from railslip_ctrl.simulation.scenario import in_reading
-from railslip_ctrl.simulation.step_objects import StepControl
 
 SLIDING = 0.5  #: slip ratio, halfway to a locked wheel
 
@@ -176,12 +175,12 @@ def stopping_distance(run: Run) -> float:
 
 def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = SEEDS, brake: str = "") -> Stop:
     simulator, limited = Simulator(scenario, control), braked(scenario, control)
-    every = max(round(LOG_PERIOD / simulator.period), 1)
+    every, held = max(round(LOG_PERIOD / simulator.period), 1), control.reference or scenario.adhesion.reference
     # without what is not shown, and much to be sent from another process
     runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
-    run, cut_out = max(runs, key=stopping_distance), getattr(control, "cut_out_speed", 0.0)
+    run, cut_out = max(runs, key=stopping_distance), control.controlled_from
     return Stop(
-        control.name,
+        control.label,
         scenario.adhesion.name,
         scenario.rail,
         load,
@@ -189,10 +188,10 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         tuple(replace(one, signals=None) for one in runs if one is not run),
         None if brake else _known(clairvoyant_stop, limited),
         _held(run, cut_out),
-        reference_slip(control.reference, scenario.rail),
+        math.nan if held is None else held.on(scenario.rail),
         cut_out,
         brake,
-        own_slip=seeking_of(control) is not None or isinstance(control, StepControl),
+        own_slip=not control.follows_reference,
         brake_torque=limited.limits.torque_max or math.inf,
     )
 
@@ -219,7 +218,7 @@ def _held(run: Run, cut_out: float) -> float:
 
 def braked(scenario: Scenario, control: Any) -> Scenario:
     """The scenario with the largest torque of the vehicle's brake, or of a controller that asks for more."""
-    most = max(full_brake_torque(scenario.vehicle), getattr(control, "torque_high", math.inf))
+    most = max(full_brake_torque(scenario.vehicle), control.largest_torque)
     return scenario if math.isinf(most) else scenario.with_changes(limits=BrakeLimits(torque_max=most))
 
 

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from railslip_ctrl.core.units import BOUND_DIGITS, KMH, ms_down, ms_up, rounded_up
-from railslip_ctrl.design import PIController
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.systems import LinearController, plain_number, system_words
+from railslip_ctrl.core.units import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.design.assessment import Assessment, assess
-from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import SeekingDesign
+from railslip_ctrl.design.envelope_tuning import Design
 from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
-from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -30,7 +29,6 @@ from .export import (
     PUBLISHED,
     case_json,
     controller_json,
-    controller_numbers,
     exported,
     law_json,
     margin_numbers,
@@ -51,37 +49,9 @@ def case_title(point: OperatingPoint) -> str:
     )
 
 
-def controller_text(controller: LinearController | SeekingGains) -> str:
+def controller_text(controller: LinearController | Controller) -> str:
     """What a controller with margins is, with its numbers."""
-    if isinstance(controller, SeekingGains):
-        return "seeking: " + ", ".join(
-            f"{name.replace('_', ' ')} {value:.6g} {unit}"
-            for name, value, unit, _ in _seeking_numbers(controller)
-            if name in _OF_THE_LOOP
-        )
-    if not isinstance(controller, PIController):
-        numbers = controller_numbers(controller)
-        return f"{controller.structure}: " + ", ".join(f"{k} {_plain(v)}" for k, v in numbers.items())
-    kp, ki = controller.gains.kp, controller.gains.ki
-    text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
-    text += f"   ({kp * KMH:.5g} N·m per km/h, {ki * KMH:.5g} N·m per km/h per s)"
-    if controller.structure != "PI":
-        text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1): a series PID"
-    return text
-
-
-_OF_THE_LOOP = ("dead_time", "lag", "kappa", "torque_time", "observer_time", "deceleration_time")
-
-
-def _seeking_numbers(gains: SeekingGains) -> Iterator[tuple[str, float, str, str]]:
-    """Name, value, unit and meaning of each number of a seeking controller."""
-    for name, field in type(gains).model_fields.items():
-        extra: Any = field.json_schema_extra
-        yield name, getattr(gains, name), "" if extra["unit"] == "1" else extra["unit"], field.description or ""
-
-
-def _plain(value: float | tuple[Any, ...]) -> str:
-    return f"[{' '.join(map(_plain, value))}]" if isinstance(value, tuple) else f"{value:.6g}"
+    return controller.described() if isinstance(controller, Controller) else system_words(controller)
 
 
 def _actuator(actuator: Actuator) -> str:
@@ -135,7 +105,7 @@ def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
 
 def _parameters(law: AdhesionLaw) -> str:
     units = {name: "" if unit == "1" else f" {unit.replace('*', '·')}" for name, (_, unit) in law.numbers().items()}
-    return ", ".join(f"{name} {_plain(value)}{units[name]}" for name, (value, _) in law.numbers().items())
+    return ", ".join(f"{name} {plain_number(value)}{units[name]}" for name, (value, _) in law.numbers().items())
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
@@ -245,7 +215,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         if m is not None:
             numbers = f"Ms {ms_up(m.ms)}, phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
         parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
-    if isinstance(assessment.controller, SeekingGains):
+    if isinstance(assessment.controller, Controller):
         parts.append(f"Sampled: {UNSAMPLED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
@@ -451,7 +421,7 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
         worst = exported(design.worst, "ms", phase_margin_deg="phase_deg", delay_margin_s="delay_s")
         worst["case"] = case_json(tuned.points[design.worst.ms_member])
     return {
-        **exported(tuned, "structure", "reason", lead_s="lead", lead_filter_s="lead_filter"),
+        **exported(tuned, "reason", structure="kind.kind", lead_s="lead", lead_filter_s="lead_filter"),
         **exported(design, kp_si="kp", ki_si="ki"),
         "ms_max_asked": tuned.specification.ms_max,
         "worst": worst,
@@ -464,21 +434,23 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
     }
 
 
-def seeking_json(design: SeekingDesign) -> dict[str, Any]:
-    """The seeking controller and its judgement over an envelope."""
-    told = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.gains)}
+def by_rule_json(design: Design) -> dict[str, Any]:
+    """A controller whose parameters follow from the vehicle, and its judgement over an envelope."""
+    told = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
     return {**told, "feasible": not design.reason, **design.judgement.table()}
 
 
-def seeking_text(design: SeekingDesign) -> str:
-    """The seeking controller and its judgement over an envelope."""
+def by_rule_text(design: Design) -> str:
+    """A controller whose parameters follow from the vehicle, and its judgement over an envelope."""
+    control, rows = design.controller, []
+    for name, field in type(control).model_fields.items():
+        extra, value = field.json_schema_extra, getattr(control, name)
+        if isinstance(extra, dict) and isinstance(value, float):
+            unit = str(extra["unit"])
+            rows.append((name, f"{value:.6g}", "" if unit == "1" else unit, field.description or ""))
     parts: list[RenderableType] = [
         heading(f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"),
-        Table(
-            ("Key", "Value", "Unit", "Meaning"),
-            [(name, f"{value:.6g}", unit, meaning) for name, value, unit, meaning in _seeking_numbers(design.gains)],
-            words=(2, 3),
-        ),
+        Table(("Key", "Value", "Unit", "Meaning"), rows, words=(2, 3)),
     ]
     parts += ["", f"Infeasible: {design.reason}"] if design.reason else []
     return render([*parts, "", *judgement_parts(design.judgement)])
@@ -487,7 +459,7 @@ def seeking_text(design: SeekingDesign) -> str:
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
     """The design, its worst case, and its margins at every case, or its judgement over an envelope."""
     design, points = tuned.design, tuned.points
-    name = {"pi": "PI", "pi-lead": "PI-lead", "pid": "PID (series form)"}[tuned.structure]
+    name = tuned.kind.title
     at = "" if design is None else f" at {counted(len(points), 'operating point')}"  # those that the reason names
     parts: list[RenderableType] = [heading(f"Tuning: {name}{at}")]
     known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]

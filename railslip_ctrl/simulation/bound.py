@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -18,6 +17,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from railslip_ctrl.core.arguments import Floats, checked
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 
 from .run import Outcome, Run, Simulator

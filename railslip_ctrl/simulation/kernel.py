@@ -77,6 +77,7 @@ class Settings(NamedTuple):
     lag_fill: float
     lag_dump: float
     rate_limit: float
+    torque_gain: float
     torque_min: float
     torque_max: float
     viscous: float
@@ -361,7 +362,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
         history[sample % history.size] = torque
         if a.lag_fill <= 0.0:  # without a lag the torque jumps with the command: what is logged acts from now on
             first = sample - delay - (1 if rest > 0.0 else 0)
-            y[TORQUE] = history[first % history.size] if first >= 0 else 0.0
+            y[TORQUE] = a.torque_gain * history[first % history.size] if first >= 0 else 0.0
         if every > 0 and sample % every == 0:
             random_torque = random_torque_at(t, forces, p, a)
             write_row(log[rows], t, y, p, tables[chosen[PLANT]], x, locked, torque, random_torque, c, measured, a)
@@ -392,7 +393,7 @@ def interval(
         fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         until = next_instant(t, sample_end, switch, a, events, fired, tiny)
         known = sample - delay - (1 if t < switch - tiny else 0)
-        delayed = history[known % history.size]
+        delayed = a.torque_gain * history[known % history.size]
         if a.lag_fill <= 0.0:
             y[TORQUE] = delayed
         next_distance = math.inf

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
+from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from railslip_ctrl.controllers.base import Controller, Situation
+from railslip_ctrl.controllers.files import as_control
+from railslip_ctrl.controllers.user_step import ADDRESS, StepControl
 from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import by_content, dataclass
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.adhesion.bristle import REFERENCE
+from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
-from .controllers import Controller, LinearControl, ScheduledControl, Situation, SlidingControl, reference_slip
-from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
-from .step_objects import ADDRESS, StepControl, as_control
-from .steps import kernel
+from .scenario import LEAST_STEP, Event, Scenario, event_place
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
 REACHED_SHARE = 0.95  #: of the reference slip, from where it counts as reached
@@ -67,6 +71,7 @@ class Energies:
         return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
 
 
+@by_content
 class Signals(NamedTuple):
     """Time series of a run, arrays of one length; SI.
 
@@ -103,7 +108,8 @@ class Run:
     - braking_time, braking_distance, final_speed: s, m, m/s.
     - energies: the balance.
     - mean_abs_slip_error, mean_abs_slip_error_published: mean over time of |slip - reference|, slip ratio: the
-      controller's own, and [Park2008]'s 0.132/0.092 (NaN where the scenario is not the published one).
+      controller's own, and [Park2008]'s 0.132/0.092 (NaN if the scenario is not the published one). Both are NaN of a
+      controller without a reference.
     - max_slip, locked_fraction: highest slip ratio; share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
     - max_torque, max_torque_rate, rms_torque_rate: of the acting torque, N*m and N*m/s.
@@ -136,16 +142,17 @@ class Run:
     def __str__(self) -> str:
         """What became of it, and its slip and torque, in three lines."""
         scenario, lock = self.scenario, "no lock"
-        slips = dict.fromkeys(f"{slip:g}" for slip in self._references())
-        held = f"the reference {' and '.join(slips)}"
-        error = f"{self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f"never at {held}"
+        error, references = "", self._references()
+        if references:
+            held = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
+            error = f", {self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f", never at {held}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
-            f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.name}: "
+            f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.label}: "
             f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
             f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
-            f"slip at most {self.max_slip:.3g}, {error}; {lock}\n"
+            f"slip at most {self.max_slip:.3g}{error}; {lock}\n"
             f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
         )
 
@@ -167,12 +174,15 @@ class Run:
     @property
     def reached(self) -> bool:
         """Whether the slip came to 0.95 of the reference, the least of its rails; true of a controller without one."""
-        holds = isinstance(self.controller, LinearControl | ScheduledControl | SlidingControl)
-        return not holds or self.max_slip >= REACHED_SHARE * min(self._references())
+        return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
+        """The reference slip on each rail of the run; empty if the controller has none."""
+        reference = self.controller.reference
+        if reference is None:
+            return []
         rails = (self.scenario.rail, *(one.rail for one in self.scenario.events if one.rail is not None))
-        return [reference_slip(self.controller.reference, rail) for rail in rails]
+        return [reference.on(rail) for rail in rails]
 
     @property
     def brake_energy(self) -> float:
@@ -213,15 +223,16 @@ class Simulator:
 
     @checked
     def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
-        control = as_control(controller, scenario.vehicle, scenario.adhesion.reference)
+        control = as_control(controller, scenario.believed_vehicle, scenario.adhesion.reference)
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
-        number(f"controller {control.name}: period", self.period, "s", ge=LEAST_STEP, le=scenario.longest_time)
-        self._plan = make_plan(scenario, control, self.period)
+        number(f"controller {control.label}: period", self.period, "s", ge=LEAST_STEP, le=scenario.longest_time)
+        self._start = control.start(scenario.initial_speed, self.period)
+        self._plan = make_plan(scenario, control, self._start, self.period)
 
     @cached_property
     def _kernel(self) -> Any:
-        return kernel(type(self.scenario.adhesion), self.controller.source(), compiled=self._compiled)
+        return kernel(type(self.scenario.adhesion), self.controller.source_text(), compiled=self._compiled)
 
     @checked
     def run(self, seed: int | np.random.SeedSequence | None = 0, *, record_every: int | None = None) -> Run:
@@ -231,7 +242,7 @@ class Simulator:
         plan, kernel_ = self._plan, self._kernel
         forces, noise, hold = self._draw(seed)
         every = record_every or 0
-        start = self.controller.start(self.scenario.initial_speed)
+        start = self.controller.flat(self._start)
         rows = (plan.samples + every - 1) // every + 1 if every else 0
         log = np.empty((rows, layout.COLUMNS + len(start)))
         y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
@@ -289,11 +300,11 @@ class Simulator:
         def mean(i: int) -> float:
             return float(summary[i]) / time if time > 0 else math.nan
 
-        states = self.controller.states
+        states = self.controller.logged(self._start)
         return Run(
             scenario=self.scenario,
             controller=self.controller,
-            seed=seed if isinstance(seed, int) else None,
+            seed=None if seed is None or isinstance(seed, np.random.SeedSequence) else int(seed),
             outcome=_OUTCOMES[status],
             braking_time=time,
             braking_distance=float(y[layout.DISTANCE]),
@@ -309,7 +320,7 @@ class Simulator:
             rms_torque_rate=math.sqrt(max(mean(layout.TORQUE_RATE_SQUARED), 0.0)),
             steps=int(summary[layout.SUBSTEPS]),
             signals=None if log is None else _signals(log, self.scenario),
-            controller_signals={} if log is None else {n: log[:, layout.COLUMNS + i] for i, n in enumerate(states)},
+            controller_signals={} if log is None else {n: log[:, layout.COLUMNS + i] for n, i in states.items()},
         )
 
 
@@ -338,6 +349,18 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
     return Signals(**logged, slip=sigma / v, wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius)
 
 
+def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
+    """The module of a law, a controller's source text and the loop of `kernel.py`, to be compiled or interpreted."""
+    loop = Path(layout.__file__).read_text("utf-8")
+    return module_text(law, controller, plain(loop), compiled=compiled)
+
+
+@cache
+def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
+    """The kernel module, ready to run."""
+    return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
+
+
 # --- what the kernel is given ----------------------------------------------------------------------------------------
 
 
@@ -359,12 +382,10 @@ class _Laws:
     """Adhesion laws in use, each with its table and domain once."""
 
     def __init__(self, top_speed: float, wheel_load: float) -> None:
-        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, list[AdhesionLaw]()
+        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, dict[AdhesionLaw, int]()
 
     def number(self, law: AdhesionLaw) -> int:
-        if law not in self._laws:
-            self._laws.append(law)
-        return self._laws.index(law)
+        return self._laws.setdefault(law, len(self._laws))
 
     def tables(self) -> Floats:
         tables = [adhesion_table(law, self._wheel_load) for law in self._laws]
@@ -381,14 +402,14 @@ class _Laws:
         return np.array(rows)
 
 
-def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan:
-    """Parameters, events, laws and controller of a run as arrays; `period` of the sampling in s."""
+def make_plan(scenario: Scenario, controller: Controller, start: Any, period: float) -> Plan:
+    """Parameters, events, laws and controller of a run as arrays; `start` is the controller's state, `period` in s."""
     laws = _Laws(scenario.initial_speed, scenario.vehicle.wheel_load)
     rail, factor = scenario.rail, scenario.adhesion_factor
     vehicle = scenario.vehicle
     law = scenario.law(rail, factor)
     p = np.array(plant_parameters(law, vehicle))
-    c = _controller_row(scenario, controller, rail, _assumed(scenario, controller, rail), period)
+    c = _controller_row(scenario, controller, start, Situation(rail, period, _assumed(scenario, controller, rail)))
     chosen = np.array([laws.number(law), laws.number(_assumed(scenario, controller, rail))])
     ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
     events = layout.Events(
@@ -407,8 +428,9 @@ def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan
             row_p[layout.P_LAW :] = law.parameters()
             row_chosen[0] = laws.number(law)
         if event.rail is not None:
-            assumed = _assumed(scenario, controller, rail if controller.knows_rail else scenario.rail)
-            row_c[:], row_chosen[1] = _controller_row(scenario, controller, rail, assumed, period), laws.number(assumed)
+            assumed = _assumed(scenario, controller, rail if controller.model_follows_rail else scenario.rail)
+            row_c[:] = _controller_row(scenario, controller, start, Situation(rail, period, assumed))
+            row_chosen[1] = laws.number(assumed)
     samples = math.ceil(scenario.longest_time / period - 1e-9)
     return Plan(_settings(scenario, period), events, p, c, chosen, laws.tables(), laws.limits(), samples)
 
@@ -418,13 +440,10 @@ def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> Adhesion
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
-def _controller_row(
-    scenario: Scenario, controller: Controller, rail: Rail, assumed: AdhesionLaw, period: float
-) -> Floats:
-    published = PUBLISHED_REFERENCE[rail] if scenario.published_reference else math.nan
-    situation = Situation(scenario, rail, assumed, period)
-    head = (reference_slip(controller.reference, rail), scenario.vehicle.wheel.radius)
-    return np.array([*head, *controller.row(situation), published])
+def _controller_row(scenario: Scenario, controller: Controller, start: Any, situation: Situation) -> Floats:
+    compared = scenario.published_reference and controller.reference is not None
+    published = REFERENCE.on(situation.rail) if compared else math.nan
+    return np.array([*controller.row(situation, start), published])
 
 
 def _settings(scenario: Scenario, period: float) -> dict[str, float]:
@@ -438,6 +457,7 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
         "lag_fill": vehicle.actuator.lag,
         "lag_dump": vehicle.actuator.lag if limits.dump_lag is None else limits.dump_lag,
         "rate_limit": math.inf if limits.rate is None else limits.rate,
+        "torque_gain": limits.torque_gain,
         "torque_min": limits.torque_min,
         "torque_max": math.inf if limits.torque_max is None else limits.torque_max,
         "viscous": vehicle.effective_viscous_friction,

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Self
 
 from pydantic import Field, InstanceOf, SerializeAsAny, model_validator
 
+from railslip_ctrl.controllers.base import LEAST_PERIOD
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
-from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, published_law
+from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, named_law
 from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
-from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
-PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: REFERENCE.dry, Rail.WET: REFERENCE.wet})
-"""The one reference line of [Park2008] Fig. 21, by rail."""
-
-LEAST_STEP = 1e-5  #: s; a shorter step, or sampling period, fills memory before it gains accuracy
+LEAST_STEP = LEAST_PERIOD  #: s, of the integration
 LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
 
 
@@ -80,8 +76,12 @@ class Measurement(Record):
 
 
 class BrakeLimits(Record):
-    """What the vehicle's actuator cannot do beyond its dead time and lag; `dump_lag` is that of emptying."""
+    """What the vehicle's actuator does beyond its dead time and lag; `dump_lag` is that of emptying.
 
+    The acting torque is `torque_gain` times the one commanded: 1 as designed, less or more with other pad friction.
+    """
+
+    torque_gain: float = quantity("1", "acting torque over the one commanded", gt=0, default=1.0)
     torque_min: float = quantity("N*m", "least commanded torque", default=0.0)
     torque_max: float | None = quantity("N*m", "largest commanded torque", default=None)
     rate: float | None = quantity("N*m/s", "largest rate of the acting torque", gt=0, default=None)
@@ -94,6 +94,29 @@ class BrakeLimits(Record):
                 f"torque_max: {self.torque_max:g} is not allowed; give a value > torque_min = {self.torque_min:g} (N*m)"
             )
         return self
+
+
+class Beliefs(Record):
+    """What controllers believe of the vehicle where it is not as it is; what is None they believe as it is."""
+
+    radius: float | None = quantity("m", "wheel radius", gt=0, default=None)
+    wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia", gt=0, default=None)
+    wheel_load: float | None = quantity("N", "wheel load", gt=0, default=None)
+    dead_time: float | None = quantity("s", "dead time of the actuator", ge=0, default=None)
+    lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
+
+    def of(self, vehicle: Vehicle) -> Vehicle:
+        """The vehicle as it is believed to be."""
+        wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
+        actuator = {"dead_time": self.dead_time, "lag": self.lag}
+        own = {"wheel_load": self.wheel_load}
+        parts: list[tuple[Record, dict[str, float | None]]] = [(vehicle.wheel, wheel), (vehicle.actuator, actuator)]
+        changed = [part.model_copy(update=_said(values)) for part, values in parts]
+        return vehicle.model_copy(update={"wheel": changed[0], "actuator": changed[1], **_said(own)})
+
+
+def _said(values: dict[str, float | None]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
 class Scenario(Record):
@@ -118,6 +141,7 @@ class Scenario(Record):
     disturbances: Disturbances = Field(Disturbances(), description="what acts on the wheel besides")
     measurement: Measurement = Field(Measurement(), description="what the controller sees of the speeds")
     limits: BrakeLimits = Field(BrakeLimits(), description="what the actuator cannot do")
+    beliefs: Beliefs = Field(Beliefs(), description="what controllers believe of the vehicle wrongly")
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
@@ -150,6 +174,11 @@ class Scenario(Record):
         if self.vehicle.actuator.lag == 0 and (self.limits.rate is not None or self.limits.dump_lag is not None):
             raise InputError("limits: a rate limit and a dump lag need an actuator with a lag; give lag > 0 (s)")
         return self
+
+    @property
+    def believed_vehicle(self) -> Vehicle:
+        """The vehicle as controllers believe it to be where their parameters do not say it."""
+        return self.beliefs.of(self.vehicle)
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
         """The adhesion law on a rail, its adhesion times `factor`."""
@@ -185,24 +214,6 @@ class Scenario(Record):
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.02, caliper_fraction=0.05)
 """[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
-
-
-@checked
-def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
-    """A published adhesion law on dry rail for a vehicle's wheel load; initial speed in m/s, 30 to 140 km/h.
-
-    In the as-published reading the stiffness of a dynamic law, in N/m, is scaled with M, J and B, as a change of units
-    demands. Errors as `adhesion.published_law`.
-    """
-    v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
-    return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
-
-
-def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
-    """A law as the vehicle's inertia scale demands: the stiffness of a published dynamic law is scaled with it."""
-    if law.has_state and vehicle.inertia_scale != 1.0:
-        law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
-    return law
 
 
 @checked
@@ -266,7 +277,7 @@ def built_in_scenario(name: str) -> Scenario:
 
 # --- scenarios from the user's TOML files ----------------------------------------------------------------------------
 
-_TABLES = ("disturbances", "measurement", "limits")
+_TABLES = ("disturbances", "measurement", "limits", "beliefs")
 _LONGEST_CHAIN = 8  # of scenarios that extend one another; a circle has no end
 
 
@@ -361,9 +372,9 @@ def _vehicle(given: Any, path: Path) -> Vehicle:
 def _law(given: Any, vehicle: Vehicle, speed: float | None, path: Path) -> AdhesionLaw:
     where = f"{file_name(path)}: adhesion"
     if not isinstance(given, str):
-        raise InputError(f"{where}: {shown(given)} is not allowed; give a law's name or a TOML file")
+        raise InputError(f"{where}: {shown(given)} is not allowed; give a law's name or file")
     try:
-        if given.lower().endswith(".toml"):
+        if given.lower().endswith((".toml", ".py")):
             return load_law(path.parent / given, initial_speed_kmh=None if speed is None else speed / KMH)
         if speed is None:
             raise InputError(f"{given!r} needs initial_speed, which is missing; give it (m/s)")

@@ -9,7 +9,6 @@ V. Every step carries the outcome of a machine check. The records build on each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
@@ -17,6 +16,7 @@ import sympy as sp
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 

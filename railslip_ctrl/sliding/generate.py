@@ -6,17 +6,14 @@ derived at once.
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from railslip_ctrl.model.adhesion import law_classes
-from railslip_ctrl.model.kernels import plain
 from railslip_ctrl.model.numeric import generate as generate_plant
 
-from .law import KEPT, PACKAGE, sources_hash
+from .law import PACKAGE, module_of, sources_hash
 
 LAW_FILE = PACKAGE / "model" / "_generated" / "sliding_law.py"
 
@@ -35,24 +32,8 @@ def law_source() -> str:
 
 @cache
 def generated_law() -> Any:
-    """The law as a module: `Parameters`, `State`, `init`, `control`, `valid`, `step`."""
-    module = ModuleType("railslip_sliding_law")
-    exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
-    return module
-
-
-def law_states() -> tuple[str, ...]:
-    """The law's states, in order: the fields of `State` but for `KEPT`, which stand last."""
-    return tuple(name for name in generated_law().State._fields if name not in KEPT)
-
-
-@cache
-def law_kernel_text() -> str:
-    """The law's functions for a kernel, and `law_parameters(c, first)`: its parameters, in order from c[first] on."""
-    fields = len(generated_law().Parameters._fields)
-    numbers = ", ".join(f"float(c[first + {i}])" for i in range(fields))
-    text = re.sub(r"^def ", "@compiled\ndef ", plain(law_source()), flags=re.MULTILINE)
-    return f"{text}\n\n@compiled\ndef law_parameters(c, first):\n    return Parameters({numbers})\n\n"
+    """The law as a module, see `code.python_law`."""
+    return module_of(law_source())
 
 
 def generate_law() -> str:

@@ -1,14 +1,15 @@
-"""Gains of the law, and what its generated text has in it without SymPy: times, fields, the hash of its sources."""
+"""Gains of the law, and what its generated text has in it without SymPy."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import linecache
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 
 from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 
@@ -71,11 +72,20 @@ PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
 # --- what generated code shares ---------------------------------------------------------------------------------------
 
-HOLD_TIME = 0.1
-"""s, for which samples that are left out hold the last command: shorter than the dead time of the published brake."""
+NOT_HOLDING = (
+    *("V' <= 0, disturbed", "invariant-set theorem", "theta_hat converges", "scalar gain k"),
+    *("reaching condition (40)", "s s' < -eta |s| over the box", "sliding reached and kept", "boundary layer with K"),
+    *("theta constant", "theta_hat bounded under noise", "sliding exists behind the actuator"),
+    *("the law behind the actuator spares the wheel", "the adaptive loop is stable behind the actuator"),
+)
+"""Conditions that `joint_verification` finds not to hold for the published law; deciding them takes half a minute."""
 
-KEPT = ("command", "missing", "ready")
-"""Fields of the generated state that are not the law's but are for samples left out and parameters refused."""
+CAUTIONS = (
+    "Conditions that do NOT hold for this law, with the published vehicle, gains and disturbances (railslip verify "
+    "reports why, and decides them for other numbers):",
+    *(f"- {name}" for name in NOT_HOLDING),
+)
+"""`NOT_HOLDING` as paragraphs for the head of a program."""
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -94,3 +104,12 @@ def sources_hash() -> str:
 def file_hash(path: Path) -> str:
     """SHA-256 of a text file; line ends do not count."""
     return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()
+
+
+def module_of(text: str) -> ModuleType:
+    """The module of the law's text; its functions can be read again from their source, as a kernel needs."""
+    name = f"<sliding-mode law {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
+    linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
+    module = ModuleType("railslip_asmc")
+    exec(compile(text, name, "exec", dont_inherit=True), module.__dict__)
+    return module

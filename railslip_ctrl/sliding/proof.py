@@ -8,12 +8,12 @@ estimated or still to be solved for.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import sympy as sp
 
 from railslip_ctrl.core import templates
 from railslip_ctrl.core.notation import cite, latex_names, notation_in
+from railslip_ctrl.core.records import dataclass
 
 _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d"))
 

@@ -18,25 +18,22 @@ their default 0 the law is the paper's:
 - anti_windup 1: while the torque is at a limit the estimates rest, and so does the integral where e would drive the
   torque, which grows with s, farther beyond the limit.
 
-Parameters that break a rule of `RULES` are refused by `init`, and a state that it refused keeps the torque at 0.
-
-Defined for every measurement: one that is not finite is a sample left out (state of the law unchanged, s = 0), which
-`valid` tells the caller beforehand. The command before it is held for `HOLD_TIME`, then the brake is released, a torque
-of 0, until the next valid sample. What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the
-inverse of 0 is `LARGEST`^2, of parameters too. So finite measurements of any size give finite numbers, the same in
-Python and C.
+What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the inverse of 0 is `LARGEST`^2, of
+parameters too: measurements of any size give finite numbers. Bad samples and parameters are the guard's
+(`controllers.guard`), as of every controller.
 """
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import sympy as sp
 
 from railslip_ctrl.core.notation import NOTATION
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 
@@ -66,10 +63,10 @@ OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta
 
 _MAY_BE_ZERO = ("Bn", "K", "k1", "k2", "boundary", "leak", "dead_zone", "anti_windup")
 RULES: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(_MAY_BE_ZERO, ("{} >= 0.0",)),
+    **dict.fromkeys(_MAY_BE_ZERO, (">= 0.0",)),
     **{f"theta{i}_{side}": () for i in (1, 2) for side in ("min", "max")},
-    "lambda_d": ("{} > 0.0", "{} < 1.0"),
-    "torque_min": ("{} <= 0.0",),
+    "lambda_d": ("> 0.0", "< 1.0"),
+    "torque_min": ("<= 0.0",),
 }
 """What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
@@ -131,9 +128,9 @@ def sampled_law(derivation: Derivation) -> SampledLaw:
     return SampledLaw(
         measured=("v", "omega") if own.has_torque else ("v", "omega", "Ta"),
         parameters=parameters,
-        rules={name: own.rules.get(name, RULES.get(name, ("{} > 0.0",))) for name in parameters},
+        rules={name: own.rules.get(name, RULES.get(name, ("> 0.0",))) for name in parameters},
         meanings=own.meanings,
-        states=(*own.states, "theta1_hat", "theta2_hat"),
+        states=("s", *own.states, "theta1_hat", "theta2_hat"),
         prepare=own.prepare,
         surface=derivation.s,
         control=control,
@@ -246,7 +243,7 @@ def _rules(law: type[AdhesionLaw]) -> dict[str, tuple[str, ...]]:
     signs = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
     return {
         PREFIX + name: tuple(
-            f"{{}} {sign} {float(bound)!r}"
+            f"{sign} {float(bound)!r}"
             for one in law.model_fields[name].metadata
             for key, sign in signs
             if (bound := getattr(one, key, None)) is not None

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import Any
@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, UnstableLoopError
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Vehicle
-from railslip_ctrl.simulation.catalogue import is_published
 
 from .layered import SPEEDS_KMH, RailAdhesion
 from .limit_cycles import (

@@ -11,23 +11,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from inspect import signature
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
+from railslip_ctrl.controllers.translate import PARAMETERS, Layout, read_step
+from railslip_ctrl.controllers.translate import kernel_text as functions_text
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import DomainError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Actuator, Rail, Resistance, Vehicle
-from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
+from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import LawGains, gain_parameters
 from railslip_ctrl.verification import reaching
 
@@ -49,17 +51,18 @@ def kernel(law: type[AdhesionLaw]) -> ModuleType:
 
 def kernel_text(law: type[AdhesionLaw], *, compiled: bool = True) -> str:
     """The kernel's module: the plant with a law, the generated sliding-mode law, and the steps."""
+    control = read_step(generated_law().control, {"p": PARAMETERS})
+    places = Layout((), (), generated_law().Parameters._fields, (), 0)
     # floats: the law, run in the interpreter, counts with them and not with NumPy's
-    names = list(signature(generated_law().control).parameters)[:-1]
-    arguments = ", ".join(f"float({name})" for name in names)
+    names = ", ".join(f"float({name})" for name in control.arguments if name != "p")
     joined = f"""
 @compiled
 def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
-    return control({arguments}, p)
+    return command(p, 0.0, 0.0, 0.0, 0.0, p, p, {names})
 
 """
     own = plain(Path(layout.__file__).read_text("utf-8"))
-    return module_text(law, law_kernel_text(), joined, own, compiled=compiled)
+    return module_text(law, functions_text(control, places), joined, own, compiled=compiled)
 
 
 # --- without an actuator ----------------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from railslip_ctrl.model.kernels import (
     entry,
     lag_rate,
     law_control,
-    law_parameters,
     rates,
     rest_state,
 )
@@ -71,7 +70,6 @@ def run(rows, start, force, noise, plants, change, given, law, table):
     and from step `change` on. law: numbers of the generated `Parameters`.
     """
     h, frozen = given.step, given.frozen
-    parameters = law_parameters(law, 0)
     for k in range(rows.shape[0]):
         v, sigma, z = start[0], start[1], start[2]
         theta1 = theta2 = e_integral = 0.0
@@ -87,7 +85,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
             measured = sigma + noise[k, i]
             e = given.reference * v - measured
             omega = (v - measured) / p[RADIUS]
-            Tb, s, rate1, rate2 = law_control(e, e_integral, omega, Ta, v_rate, theta1, theta2, parameters)
+            Tb, s, rate1, rate2 = law_control(e, e_integral, omega, Ta, v_rate, theta1, theta2, law)
             t = i * h
             Td = given.fraction * Tb * math.exp(-given.decay * t) * math.sin(given.frequency * t)
             row = rows[k, i]

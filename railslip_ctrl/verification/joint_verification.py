@@ -6,11 +6,12 @@ lag and dead time, which `actuator_effects` and `layered_conditions` put in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 

@@ -25,17 +25,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.systems import PIController, actuated_plant
 from railslip_ctrl.core.arguments import Floats, check_fields, number
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.rational import realise

@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.model.linearization import OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
-from railslip_ctrl.simulation.catalogue import is_published
 from railslip_ctrl.verification import layered
 
 from .fixed_step import END_SPEED, FineRun, HeldRun, SteppedLaw, held_run, simulate_fine, slip_range

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Complexes, Floats
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.model.linearization import linearize, operating_point

@@ -8,15 +8,16 @@ law is assumed, as behind an actuator the torque is not what the law asks for.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.controllers.sliding import Sliding
 from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Rail
-from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate
+from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
 from .reaching import theta_function
 
@@ -83,9 +84,7 @@ class LyapunovRun:
         return {condition.name: condition for condition in self.conditions}[name]
 
 
-def judge_run(
-    scenario: Scenario, controller: SlidingControl, *, actuator: bool = True, seed: int | None = 0
-) -> LyapunovRun:
+def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
     """Simulate the scenario and judge the conditions along it.
 
     `actuator=False` takes lag and dead time away: the torque acts at once, as the proof assumes. `seed` is the noise's;
@@ -100,7 +99,7 @@ def judge_run(
 
 
 def lyapunov_signals(run: Run) -> LyapunovSignals:
-    """V and what belongs to it along a run of a `SlidingControl` that was recorded at every sample."""
+    """V and what belongs to it along a run of a `Sliding` that was recorded at every sample."""
     controller, signals = _recorded(run)
     vehicle, gains = run.scenario.vehicle, controller.gains
     J, r = vehicle.effective_inertia, vehicle.wheel.radius
@@ -120,8 +119,8 @@ def lyapunov_signals(run: Run) -> LyapunovSignals:
     return LyapunovSignals(*(one[:-2] for one in found))  # the last row is the stop itself, between samples
 
 
-def _recorded(run: Run) -> tuple[SlidingControl, Signals]:
-    assert isinstance(run.controller, SlidingControl), "the law must be the sliding-mode law"
+def _recorded(run: Run) -> tuple[Sliding, Signals]:
+    assert isinstance(run.controller, Sliding), "the law must be the sliding-mode law"
     assert run.signals is not None, "the run must be recorded"
     return run.controller, run.signals
 

@@ -19,7 +19,7 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
 
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import Complexes, Floats, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator

@@ -10,13 +10,14 @@ torque acts at once. The conditions are what is proved, for numbers that meet it
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
+
+from railslip_ctrl.core.records import dataclass
 
 How = Literal["symbolic", "sampled", "simulated"]
 """Proved with SymPy or in closed form; evaluated over a stated set; read off simulated runs."""

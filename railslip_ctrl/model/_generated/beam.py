@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2beddc320aa7173f1f5f8c47e35b6d218cf1a24721957bdd8e534f7b052b3e70"
+SOURCES_SHA256 = "80eabd9c72be1e1adc489e1dcae5e86698eb7c1e283cad0650bc33af90735149"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -23,35 +23,41 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return where((_x0*_x6 <= 3), -N*_x5*(Kx*_x0*_x1*_x2*_x3 - 2/9*_x4*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x0*_x4*sigma + _x7), where((_x7 > 3), N*(-_x5 + mu_max), -N*(_x5 + mu_max)))
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     N = p[7]
     mu_max = p[8]
     a = p[9]
     Kx = p[10]
     _x0 = abs(sigma)
-    _x1 = (1/(v*v))
-    _x2 = 1/N
-    _x3 = 1/mu_max
-    _x4 = Kx*_x2*_x3
-    _x5 = _x1*_x4
-    _x6 = sigma**2
-    _x7 = (1/(v*v*v))
-    _x8 = _x6*_x7
-    _x9 = Kx**2
-    _x10 = (1/(N*N))
-    _x11 = (1/(mu_max*mu_max))
-    _x12 = _x10*_x11*_x9
-    _x13 = (4/9)*_x12
-    _x14 = N*a
-    _x15 = _x14*sigma
-    _x16 = (1/9)*(Kx*Kx*Kx)/((N*N*N)*(mu_max*mu_max*mu_max))
-    _x17 = 1/v
-    _x18 = _x17*_x4
-    _x19 = (_x0*_x18 <= 3)
-    _x20 = numpy.sign(sigma)
-    _x21 = _x1*_x12
-    _x22 = (1/3)*_x21
-    return (where(_x19, N*mu_max*((2/3)*_x0*_x10*_x11*_x7*_x9*sigma - _x16*(sigma*sigma*sigma)/(v*v*v*v) - _x5*sigma) - _x15*(-_x0*_x5 + _x13*_x8), 0), where(_x19, N*mu_max*(-_x0*_x22 + _x16*_x8 + _x18 - _x20*_x22*sigma) - _x14*(Kx*_x0*_x17*_x2*_x3 - 2/9*_x21*_x6) - _x15*(Kx*_x17*_x2*_x20*_x3 - _x1*_x13*sigma), -_x14), 0.0)
+    _x1 = 1/N
+    _x2 = 1/mu_max
+    _x3 = 1/v
+    _x4 = (1/(v*v))
+    _x5 = sigma**2
+    _x6 = Kx**2
+    _x7 = (1/(N*N))
+    _x8 = (1/(mu_max*mu_max))
+    _x9 = _x6*_x7*_x8
+    _x10 = _x5*_x9
+    _x11 = Kx*_x0*_x1*_x2*_x3 - 2/9*_x10*_x4
+    _x12 = a*sigma
+    _x13 = N*_x12
+    _x14 = Kx*_x1*_x2
+    _x15 = _x14*_x3
+    _x16 = _x15*sigma
+    _x17 = (1/(v*v*v))
+    _x18 = (Kx*Kx*Kx)
+    _x19 = (1/(N*N*N))
+    _x20 = (1/(mu_max*mu_max*mu_max))
+    _x21 = _x18*_x19*_x20*(sigma*sigma*sigma)
+    _x22 = _x4*_x9
+    _x23 = (1/3)*_x22
+    _x24 = _x0*_x23
+    _x25 = (_x0*_x15 <= 3)
+    _x26 = _x14*_x4
+    _x27 = numpy.sign(sigma)
+    _x28 = N*a
+    return (where(_x25, N*mu_max*(_x16 + (1/27)*_x17*_x21 - _x24*sigma) - _x11*_x13, where((_x16 > 3), N*(-_x12 + mu_max), -N*(_x12 + mu_max))), where(_x25, N*mu_max*((2/3)*_x0*_x17*_x6*_x7*_x8*sigma - 1/9*_x21/(v*v*v*v) - _x26*sigma) - _x13*(-_x0*_x26 + (4/9)*_x10*_x17), 0), where(_x25, N*mu_max*(_x15 + (1/9)*_x17*_x18*_x19*_x20*_x5 - _x23*_x27*sigma - _x24) - _x11*_x28 - _x13*(Kx*_x1*_x2*_x27*_x3 - 4/9*_x22*sigma), -_x28), 0.0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

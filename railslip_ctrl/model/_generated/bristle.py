@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0db5ee13208f6ebeef3ecd0208d713ba1620e4ba7a7c306ef04ee426c59f5181"
+SOURCES_SHA256 = "4635ca6c1776b839d0b227fb287f2fd3894df3407ce35695649deccfdc18e0d9"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -12,9 +12,9 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return alpha*z
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     alpha = p[8]
-    return (0.0, 0.0, alpha)
+    return (alpha*z, 0.0, 0.0, alpha)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

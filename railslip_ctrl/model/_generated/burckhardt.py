@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "760ca540e8dc2c88f3ef224b6da02fced53745f781f45489d2ab5770d51df466"
+SOURCES_SHA256 = "201e296f55e9a81b682ca940f3b45c0a23d8077d8742cc5e9a86624507eeb71a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -17,22 +17,23 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return N*(-_x0*c3 + 2*_x1*c1/(abs(_x1) + 1))
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     N = p[7]
     c1 = p[8]
     c2 = p[9]
     c3 = p[10]
-    _x0 = sigma/v**2
-    _x1 = 1/v
-    _x2 = _x1*c2
+    _x0 = 1/v
+    _x1 = _x0*c3
+    _x2 = _x0*c2
     _x3 = numpy.tanh((1/2)*_x2*sigma)
     _x4 = abs(_x3) + 1
     _x5 = 1/_x4
-    _x6 = 1 - _x3**2
-    _x7 = _x6*c1
-    _x8 = _x0*c2
-    _x9 = _x3*_x7*numpy.sign(_x3)/_x4**2
-    return (N*(_x0*c3 - _x5*_x7*_x8 + _x8*_x9), N*(_x1*_x5*_x6*c1*c2 - _x1*c3 - _x2*_x9), 0.0)
+    _x6 = _x5*c1
+    _x7 = sigma/v**2
+    _x8 = 1 - _x3**2
+    _x9 = _x7*c2
+    _x10 = _x3*_x8*c1*numpy.sign(_x3)/_x4**2
+    return (N*(-_x1*sigma + 2*_x3*_x6), N*(_x10*_x9 - _x6*_x8*_x9 + _x7*c3), N*(_x0*_x5*_x8*c1*c2 - _x1 - _x10*_x2), 0.0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

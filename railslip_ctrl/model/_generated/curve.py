@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "b666086c51b9b6297af61bab779a7b35554a52238e1df742ae58206cae083092"
+SOURCES_SHA256 = "f11482a58a310242b98895f04029a7615eb0fbdcad9324dcfdf38751e4b1b5d4"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -18,16 +18,17 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return tabulated(sigma/v, alpha, beta, gamma, R, v0, *nodes)
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     alpha = p[8]
     beta = p[9]
     gamma = p[10]
     R = p[11]
     v0 = p[12]
-    _x0 = abs(sigma)
-    _x1 = 1/v
-    _x2 = _x0*alpha*v0**2*(-beta*abs(tabulated(_x1*sigma, alpha, beta, gamma, R, v0, *nodes))/(-_x0*_x1*v0 + gamma) + 1)/R
-    return (-_x2*sigma/(v*v*v), _x2/v**2, 0.0)
+    _x0 = 1/v
+    _x1 = tabulated(_x0*sigma, alpha, beta, gamma, R, v0, *nodes)
+    _x2 = abs(sigma)
+    _x3 = _x2*alpha*v0**2*(-beta*abs(_x1)/(-_x0*_x2*v0 + gamma) + 1)/R
+    return (_x1, -_x3*sigma/(v*v*v), _x3/v**2, 0.0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

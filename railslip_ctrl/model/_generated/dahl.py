@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "22d549ed03944da4830901046ed108a1f92d297a408ff9eb472a3299a61bed9f"
+SOURCES_SHA256 = "a64cc6ae22d4438edf518d63a41a2de946f7d4bc543e96f44c3108fe84150113"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -12,9 +12,9 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return alpha*z
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     alpha = p[8]
-    return (0.0, 0.0, alpha)
+    return (alpha*z, 0.0, 0.0, alpha)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

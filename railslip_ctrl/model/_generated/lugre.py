@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "22d549ed03944da4830901046ed108a1f92d297a408ff9eb472a3299a61bed9f"
+SOURCES_SHA256 = "a64cc6ae22d4438edf518d63a41a2de946f7d4bc543e96f44c3108fe84150113"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -18,19 +18,21 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return _x0 + alpha1*(-_x0*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma) + alpha2*sigma
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     alpha = p[8]
     alpha1 = p[9]
     alpha2 = p[10]
     Fs = p[11]
     Fc = p[12]
     vs = p[13]
-    _x0 = (1/(vs*vs))
-    _x1 = (-Fc + Fs)*numpy.exp(-_x0*sigma**2)
-    _x2 = Fc + _x1
-    _x3 = alpha/_x2
-    _x4 = abs(sigma)
-    return (0.0, alpha1*(-2*_x0*_x1*_x4*alpha*sigma*z/_x2**2 - _x3*z*numpy.sign(sigma) + 1) + alpha2, -_x3*_x4*alpha1 + alpha)
+    _x0 = alpha*z
+    _x1 = abs(sigma)
+    _x2 = (1/(vs*vs))
+    _x3 = (-Fc + Fs)*numpy.exp(-_x2*sigma**2)
+    _x4 = Fc + _x3
+    _x5 = 1/_x4
+    _x6 = _x0*_x5
+    return (_x0 + alpha1*(-_x1*_x6 + sigma) + alpha2*sigma, 0.0, alpha1*(-2*_x0*_x1*_x2*_x3*sigma/_x4**2 - _x6*numpy.sign(sigma) + 1) + alpha2, -_x1*_x5*alpha*alpha1 + alpha)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2d90725be6e31faf94a09b0f78aff71ba8ac8c56ee18782d3e415bf8b565fc3b"
+SOURCES_SHA256 = "e9522abb105ee6f76ebfd962aef8893f8c4d9e0fa738844e88511b78662fe669"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -23,7 +23,7 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return 2*N*_x0*mu0*(_x1*kA/((1/16)*numpy.pi**2*G**2*a**2*b**2*c11**2*kA**2*sigma**2/(N**2*_x0**2*mu0**2*v**2) + 1) + numpy.arctan(_x1*kS))/numpy.pi
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     N = p[7]
     kA = p[8]
     kS = p[9]
@@ -34,42 +34,43 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     a = p[14]
     b = p[15]
     c11 = p[16]
-    _x0 = numpy.pi**2
-    _x1 = G**2
-    _x2 = (1/(N*N))
-    _x3 = a**2
-    _x4 = b**2
-    _x5 = c11**2
-    _x6 = kA**2
-    _x7 = (1/(mu0*mu0))
-    _x8 = (1/(v*v))
-    _x9 = (1 - A)*numpy.exp(-Bw*abs(sigma))
-    _x10 = A + _x9
-    _x11 = (1/(_x10*_x10))
-    _x12 = _x0*_x1*_x11*_x2*_x3*_x4*_x5*_x6*_x7*_x8
-    _x13 = sigma**2
-    _x14 = (1/16)*_x13
-    _x15 = _x12*_x14 + 1
-    _x16 = kA/_x15
-    _x17 = _x16*sigma
-    _x18 = 1/N
-    _x19 = 1/mu0
-    _x20 = (1/4)*numpy.pi*G*_x18*_x19*a*b*c11/_x10
-    _x21 = _x20*_x8
-    _x22 = _x0*_x1*_x2*_x3*_x4*_x5*_x7*_x8
-    _x23 = 1/(_x11*_x14*_x22*kS**2 + 1)
-    _x24 = kS*sigma
-    _x25 = (1/(_x10*_x10*_x10))
-    _x26 = (1/(_x15*_x15))
-    _x27 = 1/numpy.pi
-    _x28 = 2*N*_x27*mu0
-    _x29 = 1/v
-    _x30 = _x20*_x29
-    _x31 = _x30*kS
-    _x32 = _x16*_x30
-    _x33 = Bw*_x9*numpy.sign(sigma)
-    _x34 = (1/4)*numpy.pi*G*_x11*_x18*_x19*_x29*_x33*a*b*c11
-    return (_x10*_x28*((1/32)*numpy.pi**3*(G*G*G)*_x25*_x26*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x17*_x21 - _x21*_x23*_x24), 2*N*_x10*_x27*mu0*(_x17*_x34 + _x23*(_x24*_x34 + _x31) + _x26*_x30*kA*sigma*(-1/8*_x12*sigma - 1/8*_x13*_x22*_x25*_x33*_x6) + _x32) - _x28*_x33*(_x32*sigma + numpy.arctan(_x31*sigma)), 0.0)
+    _x0 = 1/v
+    _x1 = 1/N
+    _x2 = 1/mu0
+    _x3 = (1 - A)*numpy.exp(-Bw*abs(sigma))
+    _x4 = A + _x3
+    _x5 = (1/4)*numpy.pi*G*_x1*_x2*a*b*c11/_x4
+    _x6 = _x0*_x5
+    _x7 = _x6*kS
+    _x8 = numpy.pi**2
+    _x9 = G**2
+    _x10 = (1/(N*N))
+    _x11 = a**2
+    _x12 = b**2
+    _x13 = c11**2
+    _x14 = kA**2
+    _x15 = (1/(mu0*mu0))
+    _x16 = (1/(v*v))
+    _x17 = (1/(_x4*_x4))
+    _x18 = _x10*_x11*_x12*_x13*_x14*_x15*_x16*_x17*_x8*_x9
+    _x19 = sigma**2
+    _x20 = (1/16)*_x19
+    _x21 = _x18*_x20 + 1
+    _x22 = kA/_x21
+    _x23 = _x22*_x6
+    _x24 = _x23*sigma + numpy.arctan(_x7*sigma)
+    _x25 = 1/numpy.pi
+    _x26 = 2*N*_x25*_x4*mu0
+    _x27 = _x22*sigma
+    _x28 = _x16*_x5
+    _x29 = _x10*_x11*_x12*_x13*_x15*_x16*_x8*_x9
+    _x30 = 1/(_x17*_x20*_x29*kS**2 + 1)
+    _x31 = kS*sigma
+    _x32 = (1/(_x4*_x4*_x4))
+    _x33 = (1/(_x21*_x21))
+    _x34 = Bw*_x3*numpy.sign(sigma)
+    _x35 = (1/4)*numpy.pi*G*_x0*_x1*_x17*_x2*_x34*a*b*c11
+    return (_x24*_x26, _x26*((1/32)*numpy.pi**3*(G*G*G)*_x32*_x33*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x27*_x28 - _x28*_x30*_x31), -2*N*_x24*_x25*_x34*mu0 + 2*N*_x25*_x4*mu0*(_x23 + _x27*_x35 + _x30*(_x31*_x35 + _x7) + _x33*_x6*kA*sigma*(-1/8*_x14*_x19*_x29*_x32*_x34 - 1/8*_x18*sigma)), 0.0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

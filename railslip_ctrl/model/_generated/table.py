@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "ee08887dd1e493c195d2f8c48c42527e46a81c9c646c88c2d8d522b67c1936aa"
+SOURCES_SHA256 = "dcaf5616261bf5fc91e4498ea032d53a13652f4d985de82f9a094e86c450733c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -16,12 +16,13 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return tabulated(sigma/v, N, table, *nodes)
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     N = p[7]
     table = p[8:]
     _x0 = 1/v
-    _x1 = tabulated_slope(_x0*sigma, N, table, *nodes)
-    return (-_x1*sigma/v**2, _x0*_x1, 0.0)
+    _x1 = _x0*sigma
+    _x2 = tabulated_slope(_x1, N, table, *nodes)
+    return (tabulated(_x1, N, table, *nodes), -_x2*sigma/v**2, _x0*_x2, 0.0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

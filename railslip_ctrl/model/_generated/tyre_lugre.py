@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "22d549ed03944da4830901046ed108a1f92d297a408ff9eb472a3299a61bed9f"
+SOURCES_SHA256 = "a64cc6ae22d4438edf518d63a41a2de946f7d4bc543e96f44c3108fe84150113"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
@@ -20,7 +20,7 @@ def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
     return N*(_x0 + alpha1*(-_x0*_x1/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x1)/numpy.sqrt(vs))) + sigma) + alpha2*sigma)
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+def force_and_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     N = p[7]
     alpha = p[8]
     alpha1 = p[9]
@@ -28,13 +28,15 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
     mu_s = p[11]
     mu_c = p[12]
     vs = p[13]
-    _x0 = abs(sigma)
-    _x1 = numpy.sqrt(_x0)/numpy.sqrt(vs)
-    _x2 = (-mu_c + mu_s)*numpy.exp(-_x1)
-    _x3 = _x2 + mu_c
-    _x4 = alpha/_x3
-    _x5 = z*numpy.sign(sigma)
-    return (0.0, N*(alpha1*(-1/2*_x1*_x2*_x5*alpha/_x3**2 - _x4*_x5 + 1) + alpha2), N*(-_x0*_x4*alpha1 + alpha))
+    _x0 = alpha*z
+    _x1 = abs(sigma)
+    _x2 = numpy.sqrt(_x1)/numpy.sqrt(vs)
+    _x3 = (-mu_c + mu_s)*numpy.exp(-_x2)
+    _x4 = _x3 + mu_c
+    _x5 = 1/_x4
+    _x6 = _x0*_x5
+    _x7 = numpy.sign(sigma)
+    return (N*(_x0 + alpha1*(-_x1*_x6 + sigma) + alpha2*sigma), 0.0, N*(alpha1*(-1/2*_x0*_x2*_x3*_x7/_x4**2 - _x6*_x7 + 1) + alpha2), N*(-_x1*_x5*alpha*alpha1 + alpha))
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):

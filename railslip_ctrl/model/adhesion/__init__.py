@@ -18,16 +18,16 @@ from pydantic import Field, field_validator, model_validator
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import quantity, shown, to_unit
+from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, record_in, validated
-from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Record
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
 
 __all__ = [
     "INITIAL_SPEED_RANGE_KMH", "RIG_WHEEL_LOAD", "AdhesionLaw", "Kink", "ReferenceSlip", "Statement",
-    "initial_speeds_in", "is_over_initial_speed", "law_class", "law_classes", "law_in", "law_names", "load_law",
-    "published_law", "wheel_load_in",
+    "in_reading", "initial_speeds_in", "is_over_initial_speed", "law_class", "law_classes", "law_names", "load_law",
+    "named_law", "published_law", "wheel_load_in",
 ]  # fmt: skip
 
 
@@ -84,6 +84,26 @@ def published_law(
     """
     law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
     return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law
+
+
+@checked
+def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
+    """The published adhesion law of a `name`, on dry rail, for a vehicle's wheel load.
+
+    `initial_speed`, m/s, is 30 to 140 km/h.
+    In the as-published reading the stiffness of a dynamic law, in N/m, is scaled with M, J and B, as a change of units
+    demands. Errors as `adhesion.published_law`.
+    """
+    v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
+    return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
+
+
+@checked
+def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
+    """A law as the vehicle's inertia scale demands: the stiffness of a published dynamic law is scaled with it."""
+    if law.has_state and vehicle.inertia_scale != 1.0:
+        law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
+    return law
 
 
 # --- adhesion laws with the user's parameters, from a TOML file ------------------------------------------------------
@@ -143,10 +163,12 @@ class SlipsOverSpeed(Record):
 
 @checked
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """Read an adhesion law and its parameters from a TOML file.
+    """Load what the option `--adhesion` of the commands takes: a law's file or its name.
 
-    - path: keys as of `LawFile`; numbers SI, or text with a unit.
+    - path: a TOML file, its keys as of `LawFile`, numbers SI or text with a unit; a Python file, which is run, and
+      whose `LAW` is the law with its parameters; or a name of `law_names`, for the published law on dry rail.
     - initial_speed_kmh: v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
+      That of a published law is 100 if not given.
 
     Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
     InputError: the file cannot be read, or one line naming file, key, value and bound.
@@ -154,7 +176,16 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     path = given_path(path)
     if initial_speed_kmh is not None:
         number("initial speed", initial_speed_kmh, "km/h", gt=0)
-    keys, where = _keys(path), file_name(path)
+    if _is_python(path):
+        return _python_law(path)
+    if str(path).strip().lower().replace("-", "_") in law_classes():
+        return published_law(str(path), Rail.DRY, initial_speed_kmh or INITIAL_SPEED_KMH)
+    return law_of(_keys(path), file_name(path), initial_speed_kmh)
+
+
+def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> AdhesionLaw:
+    """The law of the keys of a file, or of a mapping of them, that errors call `where`; see `load_law`."""
+    keys = validated(LawFile, keys, where)
     try:
         cls = law_class(keys.law)
     except InputError as error:
@@ -174,10 +205,24 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     return validated(cls, values, f"{where}: parameters")
 
 
+def keys_of(law: AdhesionLaw) -> dict[str, Any]:
+    """The keys of which `law_of` makes the law again; InputError for a law of the user's class."""
+    if law_classes().get(law.name) is not type(law):
+        raise InputError(f"adhesion: law {law.name!r} is of a file of its own and cannot be saved with a controller")
+    slips = {} if law.reference is None else {"reference_slip": {"dry": law.reference.dry, "wet": law.reference.wet}}
+    return {
+        "law": law.name,
+        "condition": law.rail.value,
+        "parameters": {n: getattr(law, n) for n in law.parameter_names()},
+        **slips,
+    }
+
+
 @checked
 def wheel_load_in(path: str | Path) -> float | None:
     """The wheel load, N, at which the law in the file at a path was found, None where it says none; see `load_law`."""
-    return _keys(given_path(path)).wheel_load
+    path = given_path(path)
+    return None if _is_python(path) else _keys(path).wheel_load
 
 
 @checked
@@ -224,13 +269,12 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     return speed
 
 
-@checked
-def law_in(path: str | Path) -> AdhesionLaw:
-    """Run the Python file at a path and take what it names `LAW`, a law with its parameters and reference slips.
+def _is_python(path: Path) -> bool:
+    return path.suffix.lower() == ".py"
 
-    InputError where it cannot be read or run, or that is no record of an `AdhesionLaw`.
-    """
-    path = given_path(path)
+
+def _python_law(path: Path) -> AdhesionLaw:
+    """Run a Python file and return its `LAW`; InputError if it cannot be run, or that is no record of a law."""
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(

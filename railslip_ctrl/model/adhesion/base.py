@@ -6,7 +6,7 @@ import math
 import re
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
@@ -16,6 +16,7 @@ from pydantic import Field, field_validator
 
 from railslip_ctrl.core.arguments import Floats, number, real, reals
 from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, quantity, to_unit
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 
@@ -31,6 +32,10 @@ class ReferenceSlip(Record):
 
     dry: float = quantity("1", "reference slip ratio, dry rail", gt=0, lt=1)
     wet: float = quantity("1", "reference slip ratio, wet rail", gt=0, lt=1)
+
+    def on(self, rail: Rail) -> float:
+        """The slip ratio on a rail."""
+        return self.wet if rail is Rail.WET else self.dry
 
 
 @dataclass(frozen=True)

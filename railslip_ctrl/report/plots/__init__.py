@@ -19,7 +19,6 @@ from .identification import (
     estimates_figure,
     observer_responses_figure,
     rig_test_figure,
-    tradeoff_figure,
 )
 from .runs import adaptation_figure, lyapunov_runs_figure, run_comparison_figure
 from .style import save_figure
@@ -28,5 +27,5 @@ __all__ = [
     "adaptation_figure", "adhesion_figure", "bode_figure", "braking_figure", "coefficients_figure", "drift_figure",
     "estimates_figure", "gang_of_four_figure", "loop_figure", "lyapunov_runs_figure", "ms_map_figure",
     "nichols_figure", "nyquist_figure", "observer_responses_figure", "region_figure", "response_figure",
-    "rig_test_figure", "run_comparison_figure", "save_figure", "sweep_figure", "tradeoff_figure",
+    "rig_test_figure", "run_comparison_figure", "save_figure", "sweep_figure",
 ]  # fmt: skip

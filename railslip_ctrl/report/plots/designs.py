@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +15,7 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.assessment import Assessment, ControllerGroup
@@ -577,7 +577,7 @@ def _gains(found: GainMap, vehicle: str) -> Figure:
 
 
 def _responses(found: Responses, control: Any) -> Figure:
-    point, name = found.point, control.design.structure
+    point, name = found.point, control.system.structure
     where = f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, M {point.vehicle.mass:g} kg"
     return response_figure(
         {name: found.reference},

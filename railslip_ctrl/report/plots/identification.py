@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import parameter_unit
@@ -25,7 +24,7 @@ from railslip_ctrl.model.adhesion.base import curtius_kniffler
 from . import style
 
 if TYPE_CHECKING:  # it loads the simulation
-    from railslip_ctrl.identification.virtual_rig import BrakeTrial, TradeOff
+    from railslip_ctrl.identification.virtual_rig import BrakeTrial
 
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
@@ -74,7 +73,7 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
 
 
 def drift_figure(found: Identification) -> Figure:
-    """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition.
+    """Slip and height of the peak over speed with their 95 % intervals, and the reference slip, by rail condition.
 
     What the log does not show is hollow: the model at other initial speeds, and, without intervals, wet rail by rule.
     Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
@@ -102,29 +101,29 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     """The peaks on one rail, all of the log or all by rule."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
-    speed, values, errors, mu, mu_errors, reference = (
+    speed, values, ends, mu, mu_ends, reference = (
         np.array([getattr(peak, name) for peak in peaks])
-        for name in ("speed", "slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
+        for name in ("speed", "slip", "slip_interval", "coefficient", "coefficient_interval", "reference")
     )
     speed = speed / KMH
-    _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", look)
+    _peaks(slip, (speed, values, ends), peaks, f"peak, {where}", look)
     size = 9.0 if peaks[0].by_rule else 5.0  # a rule may leave the slip as it is: each mark is seen about the other
     mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": look["color"]}
     slip.plot(speed, reference, label=f"reference, {where}", **mark)
-    _peaks(height, (speed, mu, mu_errors), peaks, where, look)
+    _peaks(height, (speed, mu, mu_ends), peaks, where, look)
 
 
 def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, look: dict[str, Any]) -> None:
     """A line through values over speed; marks on it, with bars where the log tells them."""
-    speed, values, errors = data
+    speed, values, ends = data
     if peaks[0].by_rule:
         ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **look)
         return
     ax.plot(speed, values, **look)
     beyond = np.array([peak.extrapolated for peak in peaks])
-    for at, fill, suffix in ((~beyond, "full", "99 %"), (beyond, "none", "99 %, extrapolated")):
+    for at, fill, suffix in ((~beyond, "full", "95 %"), (beyond, "none", "95 %, extrapolated")):
         if at.any():
-            bars = NORMAL_QUANTILE * np.nan_to_num(errors[at])
+            bars = np.nan_to_num(np.abs(ends[at].T - values[at]), posinf=0.0)  # an open end has no bar
             marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": look["color"]}
             ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
@@ -174,24 +173,6 @@ def coefficients_figure(
 
 
 # --- observers -------------------------------------------------------------------------------------------------------
-
-
-def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
-    """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
-    columns = min(len(curves), 3)
-    figure, axes = style.grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
-    for ax, (name, curve) in zip(axes, curves.items(), strict=True):
-        for i, (kind, label) in enumerate((("lag", "lag"), ("noise", "noise (H2 norm)"), ("total", "both"))):
-            ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **style.line_style(i))
-        simulated = [error.simulated for error in curve.errors]
-        ax.loglog(curve.settings, simulated, "o", color="black", markersize=3.5, fillstyle="none", label="simulated")
-        ax.axvline(curve.best, color="0.5", linewidth=0.8)
-        ax.set_title(f"{name}:\nbest at {curve.best:.3g}: {curve.at_best.total:.0f} N·m", fontsize=style.TEXT)
-        ax.set_xlabel(style.folded(labels[name], 0.9 * style.PAGE_WIDTH / columns))
-    for ax in axes[::columns]:
-        ax.set_ylabel("rms error of the adhesion torque (N·m)")
-    style.legend_of_figure(figure, axes[0], columns=4)
-    return figure
 
 
 def estimates_figure(

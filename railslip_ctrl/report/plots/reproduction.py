@@ -9,11 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.paper.printed import TABLE5
 from railslip_ctrl.paper.tables import QUANTITIES, ModelCurve, Table5
 from railslip_ctrl.report.reproduction import QUANTITY_WORDS
 from railslip_ctrl.simulation import Run
-from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
 from . import style
 from .runs import recorded
@@ -145,7 +145,7 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
         ax.plot(signals.time, signals.slip, label=label, **_PAIR[i])
         ax.plot(signals.time, signals.reference, label=f"{name}: reference", linewidth=1.0, **_PAIR_OF_REFERENCES[i])
 
-    against = "/".join(f"{slip:g}" for slip in PUBLISHED_REFERENCE.values())
+    against = f"{REFERENCE.dry:g}/{REFERENCE.wet:g}"
     figure = style.new_figure(5.6, f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}")
     return _by_controller(figure, runs, "slip ratio λ (-)", draw)
 

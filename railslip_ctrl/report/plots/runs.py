@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.controllers import seeking_of
 from railslip_ctrl.report.campaign import measure_head, quantity_heads
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.bound import RunComparison
@@ -74,7 +73,7 @@ def simulation_figure(run: Run) -> Figure:
     A vertical line stands at each event that happened.
     """
     signals = recorded(run)
-    name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
+    name = f"{run.scenario.name}, {run.controller.label}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
     figure = style.new_figure(8.0, f"{name}, {run.braking_distance:.4g} m; {noise}")
     axes = style.panels(figure, 4, sharex=True)
@@ -113,11 +112,12 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
         speed.plot(signals.time, signals.speed / KMH, label="train, v", **style.line_style(0))
         speed.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **style.line_style(1))
         slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **style.line_style(0))
-        if seeking_of(run.controller) is None:  # it finds its slip
+        if run.controller.reference is not None:
             slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **style.line_style(1))
+            slips.append(float(signals.reference.max()))
+        slips.append(float(np.quantile(signals.slip, 0.999)))
         torque.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
         torque.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **style.line_style(0))
-        slips += [float(np.quantile(signals.slip, 0.999)), float(np.nanmax(signals.reference))]
         torques.append(run.max_torque)
         highest.append(float(signals.command.max()))
     top = _ENOUGH_TORQUE * max(torques)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcdefaults
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
@@ -169,13 +170,21 @@ def save_figure(figure: Figure, path: Path) -> None:
     path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
 
 
-def figure_files(figure: Figure) -> dict[str, bytes]:
-    """A figure as PNG and SVG, by suffix; its layout is found once, and both have it."""
+@contextmanager
+def standard_settings() -> Iterator[None]:
+    """Draw with Matplotlib's defaults: a matplotlibrc of the user may ask for LaTeX or for fonts that are missing."""
+    with rc_context():
+        rcdefaults()
+        yield
+
+
+def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
+    """A figure in each of the `forms`, by suffix; its layout is found once, and all have it."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
     figure.set_layout_engine(None)  # with any, even one that does nothing, each file is drawn twice
-    return {form: figure_bytes(figure, form) for form in ("png", "svg")}
+    return {form: figure_bytes(figure, form) for form in forms}
 
 
 def figure_bytes(figure: Figure, form: str) -> bytes:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,6 +23,7 @@ from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .specification import Campaign, described
@@ -121,7 +121,7 @@ def run_rows(campaign: Campaign, i: int) -> Rows:
         case = campaign.case(i)
         for controller in case.controllers:
             with suppress(InputError):
-                ready[controller.name] = Simulator(case.scenario, controller)
+                ready[controller.label] = Simulator(case.scenario, controller)
     runs = {name: simulator.run(case.seed) for name, simulator in ready.items()}
     return [row(i, values, name, runs.get(name)) for name in campaign.controller_names]
 
@@ -456,7 +456,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     campaign's `folder`, if it has that run (another processor or NumPy may round differently).
     """
     case = campaign.case(i)
-    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
+    runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
     stored = {} if folder is None else Store.open(campaign, folder).row(i)
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])

@@ -9,26 +9,27 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum, StrEnum
 from functools import cached_property, lru_cache, partial
-from itertools import accumulate
+from itertools import accumulate, chain, count
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.files import as_control, load_controller, own_name
+from railslip_ctrl.controllers.user_step import UserStep
 from railslip_ctrl.core import units
 from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
+from railslip_ctrl.design.catalogue import controller_named, default_column, held_reference
 from railslip_ctrl.model.vehicle import PIGains, Record
-from railslip_ctrl.simulation.catalogue import controller_named, default_column, held_reference
-from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
-from railslip_ctrl.simulation.step_objects import UserStep, as_control
 
 T = TypeVar("T")
 
@@ -350,8 +351,8 @@ def described(value: Any) -> Any:
 class Quantity:
     """What differs from run to run: where its value goes, `paths`, and its `distribution`, SI.
 
-    A path is looked up in the scenario ("vehicle.mass"), then in the controllers, all that have it ("design.gains.kp");
-    behind a controller's name it is meant there alone ("pi.design.gains.kp"). A `relative` value is a factor on the
+    A path is looked up in the scenario ("vehicle.mass"), then in the controllers, all that have it ("kp");
+    behind a controller's name it is meant there alone ("pi.kp"). A `relative` value is a factor on the
     number that each path has in the campaign's scenario or controller.
     """
 
@@ -380,8 +381,9 @@ class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says how they are
-    drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
+    `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
+    behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -395,8 +397,9 @@ class Campaign:
     sampling: Sampling = Sampling.RANDOM
 
     def __post_init__(self) -> None:
-        vehicle, held = self.scenario.vehicle, self.scenario.adhesion.reference
-        object.__setattr__(self, "controllers", tuple(as_control(one, vehicle, held) for one in self.controllers))
+        vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
+        given = tuple(self.controllers)
+        object.__setattr__(self, "controllers", _numbered(given, (as_control(one, vehicle, held) for one in given)))
         names = self.controller_names
         if not names:
             raise InputError("controllers: none given; give at least one")
@@ -416,7 +419,7 @@ class Campaign:
     @property
     def controller_names(self) -> tuple[str, ...]:
         """In order."""
-        return tuple(controller.name for controller in self.controllers)
+        return tuple(controller.label for controller in self.controllers)
 
     @property
     def grid_points(self) -> int:
@@ -540,6 +543,23 @@ class Campaign:
                 self._with_values((*middle[:k], end, *middle[k + 1 :]))
 
 
+def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
+    """The controllers `made` of those `given`; one without a name of its own gets a number if that of its kind is
+    taken."""
+    found: dict[str, Controller] = {}
+    twice = []  # of a name that the user gave, which is refused
+    for one, control in zip(given, made, strict=True):
+        name = control.label
+        if own_name(one) in (None, control.kind):
+            name = next(n for n in chain([name], (f"{name} {i}" for i in count(2))) if n not in found)
+            control = control if name == control.label else control.model_copy(update={"name": name})
+        if name in found:
+            twice.append(control)
+        else:
+            found[name] = control
+    return (*found.values(), *twice)
+
+
 # --- campaigns from the user's TOML files -----------------------------------------------------------------------------
 
 
@@ -626,19 +646,18 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
             raise InputError(f"{key}: {keys.controller} has its own; leave it out")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
-        found = as_control(loaded, scenario.vehicle, scenario.adhesion.reference, path.stem)
+        found = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
     else:
-        remedy = "slip = X, or gains for that of Table 4"
         found = controller_named(
             keys.controller,
-            scenario.vehicle,
+            scenario.believed_vehicle,
             column=keys.gains or default_column(scenario.adhesion),
             gains=gains,
-            reference=held_reference(scenario.adhesion, keys.slip, keys.gains, "slip", remedy),
+            reference=held_reference(keys.controller, scenario.adhesion, keys.slip, keys.gains),
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )
-    return found if keys.name is None else replace(found, name=keys.name)  # type: ignore[type-var]
+    return found if keys.name is None else found.model_copy(update={"name": keys.name})
 
 
 def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:

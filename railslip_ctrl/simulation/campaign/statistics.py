@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import Floats, Integers, checked
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import by_content, dataclass
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.run import Outcome
 from railslip_ctrl.simulation.scenario import Scenario
@@ -105,6 +105,7 @@ def quantile(values: Floats, level: float) -> Estimate:
     )
 
 
+@by_content
 class Histogram(NamedTuple):
     """Counts between `edges` (one more than counts); their running sum is the distribution function at the edges."""
 

@@ -9,49 +9,42 @@ vehicle they are tuned when asked for. Unless a period is given all are sampled 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from itertools import product
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.linear import TRACKING_TIME
+from railslip_ctrl.controllers.pi import PI, PILead
+from railslip_ctrl.controllers.scheduled import GainSchedule, Scheduled, ScheduleEntry
+from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.slide_protection import SlideProtection
+from railslip_ctrl.controllers.sliding import Sliding
+from railslip_ctrl.controllers.systems import PIController, actuated_plant, wheel_slip_loop
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import close_match
-from railslip_ctrl.design.controllers import (
-    PERIOD,
-    PIController,
-    Rule,
-    actuated_plant,
-    linear_controller,
-    run_period,
-    wheel_slip_loop,
-)
-from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, operating_plants
-from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.design.seeking import seeking_gains
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, named_law, published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI, PIGains, Rail, Vehicle
 from railslip_ctrl.sliding.law import TABLE4_LAWS, LawGains
 
-from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
-from .scenario import named_law
-from .seeking import SeekingControl
+from .schedule import schedule_gains
+from .specification import family_margins
+from .tuning import tune_pi
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Mapping
 
-    from railslip_ctrl.design.judging import Judgement
     from railslip_ctrl.loop.batch import BatchMargins
-    from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+    from railslip_ctrl.model.linearization import LinearPlant
 
 
 Kind = Literal["pi", "asmc"]
 Column = Literal["beam", "bristle"]
 COLUMNS: tuple[Column, ...] = get_args(Column)
-
-FILTER_TIME = 0.1  #: s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none
 
 
 @checked
@@ -63,7 +56,7 @@ def published_controller(
     adaptive: bool = False,
     reference: ReferenceSlip | None = None,
     period: float | None = None,
-) -> LinearControl | SlidingControl:
+) -> PI | Sliding:
     """A controller of [Park2008] Table 4, SI, in the reading under which Table 5 comes out.
 
     PI: the column's gains, no limits or anti-windup of its own. ASMC: law (45) with D and K added as torque, rho per
@@ -83,10 +76,13 @@ def published_controller(
     if kind == "pi":
         if adaptive or not knows_rail:
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
-        design = PIController(TABLE4_PI[column])
-        return LinearControl(design, held, period=period, rule=Rule.BACKWARD, tracking_time=math.inf)
-    law, mass = published_law_gains(column, adaptive=adaptive), PARK2008.mass
-    return SlidingControl(law, held, period=period, nominal_mass=mass, filter_time=FILTER_TIME, knows_rail=knows_rail)
+        gains = TABLE4_PI[column]
+        return PI(kp=gains.kp, ki=gains.ki, reference=held, name="pi", period=period, anti_windup=False)
+    law = published_law_gains(column, adaptive=adaptive)
+    numbers = {name: getattr(law, name) for name in ("K", "D", "rho", "k1", "k2")}
+    return Sliding(
+        **numbers, reference=held, name="asmc", period=period, nominal_mass=PARK2008.mass, knows_rail=knows_rail
+    )
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
@@ -107,8 +103,6 @@ def published_reference(column: Column) -> ReferenceSlip:
 
 MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable
 LEAD, LEAD_FILTER = 0.6, 0.06  #: s, for the published brake; see `lead_of`
-TORQUE_LIMIT = 9000.0  #: N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take
-TRACKING_TIME = 2.0  #: Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance
 
 INITIAL_SHARE = 0.12
 """Initial torque of `recommended_pi_lead` by wheel load times radius: less than even the wet rail of [Park2008] takes,
@@ -145,7 +139,7 @@ def recommended_pi_lead(
     gains: PIGains | None = None,
     reference: ReferenceSlip | None = None,
     period: float | None = None,
-) -> LinearControl:
+) -> PI:
     """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
 
     As published (the default vehicle): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`; without
@@ -164,130 +158,34 @@ def recommended_pi_lead(
     lead, lead_filter = lead_of(car)
     if gains is None and not is_tuned_when_asked("pi-lead", car):
         gains = _PI_LEAD[car.inertia_scale]
-    return LinearControl(
-        PIController(gains or _tuned_gains(car), lead, lead_filter),
-        reference or published_reference("bristle"),
+    gains = gains or _tuned_gains(car)
+    kind = PILead if lead > 0 else PI
+    return kind.for_vehicle(
+        car,
+        kp=gains.kp,
+        ki=gains.ki,
+        lead=lead,
+        lead_filter=lead_filter,
+        reference=reference or published_reference("bristle"),
         name="pi-lead",
         period=period,
-        torque_low=0.0,
-        torque_high=full_brake_torque(car),
         tracking_time=TRACKING_TIME,
-        rule=Rule.BACKWARD,
         initial_torque=INITIAL_SHARE * car.wheel_load * car.wheel.radius,
     )
 
 
-def braking_control(
-    design: Any,
-    points: Sequence[OperatingPoint],
-    reference: ReferenceSlip,
-    *,
-    name: str,
-    hand_over_kmh: float = 0.0,
-    period: float = PERIOD,
-) -> LinearControl:
-    """A linear design for some operating points as it brakes: sampled by Tustin's rule, at its own period if it has one
-    (`controllers.run_period`), within 0 and their full brake, with anti-windup.
-
-    It begins with `SURE_SHARE` of the torque that the least adhesive point takes, which every rail surely does, and
-    hands over to it below a speed (km/h; 0: never).
-    """
-    sure = SURE_SHARE * min(point.brake_torque for point in points)
-    return LinearControl(
-        design,
-        reference,
-        name=name,
-        period=run_period(linear_controller(design), period),
-        torque_low=0.0,
-        torque_high=full_brake_torque(points[0].vehicle),
-        tracking_time=TRACKING_TIME,
-        rule=Rule.TUSTIN,
-        initial_torque=sure,
-        cut_out_speed=hand_over_kmh * KMH,
-        cut_out_torque=sure if hand_over_kmh else 0.0,
-    )
-
-
-def hand_over_of(judgement: Judgement) -> float:
-    """The speed, km/h, below which slip is no longer controlled: the lowest at which a design is robust, or if it is
-    nowhere, stable with every tolerance; 0, never, over a single speed."""
-    robust = judgement.robust_from_kmh
-    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
-    return lowest if len(judgement.envelope.speeds) > 1 else 0.0
-
-
-def tuned_control(
-    design: EnvelopeDesign, reference: ReferenceSlip | None = None, *, name: str | None = None
-) -> LinearControl:
-    """A controller tuned over an envelope as it brakes; `reference` where it holds no single one.
-
-    InputError without either.
-    """
-    held = design.reference or reference
-    if held is None:
-        raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
-    judged = design.judgement
-    assert judged is not None, "a tuned controller has been judged"
-    points = [plant.point for plant in operating_plants(judged.points)]
-    own, hand_over = name or design.structure.lower(), hand_over_of(judged)
-    return braking_control(design.as_run.design, points, held, name=own, hand_over_kmh=hand_over, period=design.period)
-
-
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
-) -> ScheduledControl:
+) -> Scheduled:
     """The gains of `recommended_pi_lead` scheduled over speed and rail on the static curve; arguments as there."""
     car = published_vehicle() if vehicle is None else vehicle
-    return ScheduledControl(
-        _schedule(car),
-        reference or published_reference("bristle"),
+    return Scheduled.for_vehicle(
+        car,
+        schedule=_schedule(car),
+        reference=reference or published_reference("bristle"),
+        name="scheduled",
         period=period,
-        torque_high=full_brake_torque(car),
-        tracking_time=TRACKING_TIME,
-        rule=Rule.BACKWARD,
     )
-
-
-@checked
-def slide_protection(
-    vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
-) -> SlideProtection:
-    """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
-
-    - vehicle: left out, the published one, SI.
-    - reference: slip ratios that its error is taken against; left out, the published.
-    - period: sampling period, s.
-    """
-    car = published_vehicle() if vehicle is None else vehicle
-    baseline = SlideProtection(reference or published_reference("bristle"))
-    share = _share(car, car.wheel_load)
-    return SlideProtection(
-        baseline.reference,
-        fill_rate=share * baseline.fill_rate,
-        dump_rate=share * baseline.dump_rate,
-        torque_high=full_brake_torque(car),
-        period=baseline.period if period is None else period,
-    )
-
-
-@checked
-def seeking_control(
-    vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
-) -> SeekingControl:
-    """The controller that seeks the peak of adhesion, with the gains that `seeking_gains` has for a vehicle.
-
-    - vehicle: left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
-    - reference: slip ratios that its error is taken against; left out, the published.
-    - period: sampling period, s, left out 10 ms; also of one given at most a twelfth of the dead time is taken, with
-      which sampling adds at most 4 % to Ms.
-
-    In SI. InputError: a vehicle whose brake has no dead time, by which its gains go.
-    """
-    car = PARK2008 if vehicle is None else vehicle
-    # its largest torque, with which it starts, is what an empty wheel bears until the dead time is over
-    gains = seeking_gains(car, TORQUE_LIMIT * _share(car, car.wheel_load))
-    period = min(PERIOD if period is None else period, car.actuator.dead_time / 12)
-    return SeekingControl(gains, reference or published_reference("bristle"), period=period)
 
 
 def published_vehicle() -> Vehicle:
@@ -316,21 +214,8 @@ def lead_of(vehicle: Vehicle) -> tuple[float, float]:
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
 
 
-def full_brake_torque(vehicle: Vehicle) -> float:
-    """The largest torque of a vehicle's brake, N*m, at which designs are limited and bounds taken: `TORQUE_LIMIT`, in
-    proportion to wheel load, loaded where that is more, times radius."""
-    return TORQUE_LIMIT * _share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
-
-
-def _share(vehicle: Vehicle, wheel_load: float) -> float:
-    """What the adhesion of a wheel load takes, over that of the published vehicle."""
-    return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
-
-
 def design_points(vehicle: Vehicle) -> list[LinearPlant]:
     """The linear plants the designs are tuned for: both published laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
-    from railslip_ctrl.model.linearization import linearize, operating_point
-
     plants = []
     for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
         law = named_law(name, car).on(rail)
@@ -340,13 +225,11 @@ def design_points(vehicle: Vehicle) -> list[LinearPlant]:
     return plants
 
 
-def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehicle | None = None) -> BatchMargins:
+def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None) -> BatchMargins:
     """Margins of a linear controller at each of the vehicle's `design_points`, dead time exact, in their order.
 
     A scheduled one counts with the gains it has at each point. The published vehicle as published, if none is given.
     """
-    from railslip_ctrl.design.specification import family_margins
-
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
     return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
@@ -354,8 +237,6 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
 def _tuned_gains(vehicle: Vehicle) -> PIGains:
     """Those of `recommended_pi_lead` for a vehicle of which none are stored."""
-    from railslip_ctrl.design.tuning import tune_pi
-
     (lead, lead_filter), plants = lead_of(vehicle), design_points(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     systems, names = [actuated_plant(one, vehicle.actuator) for one in plants], [one.point.words for one in plants]
@@ -369,8 +250,6 @@ def _tuned_gains(vehicle: Vehicle) -> PIGains:
 def _schedule(vehicle: Vehicle) -> GainSchedule:
     """The gains of `recommended_schedule`: stored, or tuned now."""
     if is_tuned_when_asked("scheduled", vehicle):
-        from railslip_ctrl.design.schedule import schedule_gains
-
         lead, lead_filter = lead_of(vehicle)
         return schedule_gains(
             _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
@@ -391,6 +270,8 @@ NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection", "seeking")
 """Names of the controllers that come with the package."""
 
 _LINEAR = ("pi", "pi-lead")
+_BY_RULE: Mapping[str, type[Controller]] = MappingProxyType({"slide-protection": SlideProtection, "seeking": Seeking})
+"""Those that find their own slip, and follow from the vehicle."""
 
 
 def default_column(law: AdhesionLaw) -> Column:
@@ -399,18 +280,28 @@ def default_column(law: AdhesionLaw) -> Column:
 
 
 def held_reference(
-    law: AdhesionLaw, slip: float | None, column: Column | None, name: str, remedy: str
-) -> ReferenceSlip:
-    """The slips to be held: a given one, or those of a column of Table 4, or those of the adhesion law.
+    controller: str, law: AdhesionLaw, slip: float | None, column: Column | None, *, dashes: str = ""
+) -> ReferenceSlip | None:
+    """The slips that a controller of `NAMES` holds: a given one, or those of a column of Table 4, or those of the
+    adhesion law; None if it holds none.
 
-    InputError, which begins with `name` and ends with the `remedy`, where neither its source nor its file gives any.
+    InputError, in which `dashes` stand before the names of options, if there are none to hold, or they are not used.
     """
+    if controller in _BY_RULE:
+        for name, given in (("slip", slip), ("gains", column)):
+            if given is not None:
+                told = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
+                raise InputError(f"{told}; leave it out")
+        return None
     if slip is not None:
         return ReferenceSlip(dry=slip, wet=slip)
     if column is not None:
         return published_reference(column)
     if law.reference is None:
-        raise InputError(f"{name}: adhesion {law.name!r} has no reference slip; give {remedy}")
+        raise InputError(
+            f"{dashes}slip: adhesion {law.name!r} has no reference slip; give {dashes}slip, or {dashes}gains for that "
+            "of Table 4"
+        )
     return law.reference
 
 
@@ -431,7 +322,9 @@ def controller_named(
       (`designed`).
     - column: {"beam", "bristle"}; of Table 4: gains of "pi" and "asmc", and the reference slip of all.
     - gains: in place of those of "pi" or "pi-lead".
-    - reference, knows_rail, adaptive, period: as in `published_controller`.
+    - reference: another reference slip; of "slide-protection" and "seeking", which hold none, what their error is
+      taken against.
+    - knows_rail, adaptive, period: as in `published_controller`.
 
     InputError: another name, or an option that the controller does not have.
     """
@@ -446,15 +339,15 @@ def controller_named(
         raise InputError(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
-    held = published_reference(column) if reference is None else reference
+    held = reference if reference is not None or name in _BY_RULE else published_reference(column)
     vehicle = vehicle.empty()
-    without_gains: dict[str, Callable[..., Controller]] = {
-        "scheduled": recommended_schedule, "slide-protection": slide_protection, "seeking": seeking_control
-    }  # fmt: skip
-    if name in without_gains:
-        return without_gains[name](vehicle, reference=held, period=period)
+    if name in _BY_RULE:
+        asked = {} if period is None else {"period": period}
+        return _BY_RULE[name].for_vehicle(vehicle, reference=held, name=name, **asked)
+    if name == "scheduled":
+        return recommended_schedule(vehicle, reference=held, period=period)
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
     kind: Kind = "asmc" if name == "asmc" else "pi"
     made = published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)
-    return replace(made, design=PIController(gains)) if gains and isinstance(made, LinearControl) else made
+    return made.model_copy(update={"kp": gains.kp, "ki": gains.ki}) if gains is not None else made

@@ -16,31 +16,25 @@ import re
 import sys
 import sysconfig
 from collections.abc import Callable
-from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import field_validator
 
-from railslip_ctrl.core.arguments import Floats, check_fields, number
+from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import shown
+from railslip_ctrl.core.units import quantity, shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
-from railslip_ctrl.design.controllers import PERIOD, has_step, is_function, is_system, linear_controller, linear_of
-from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import Vehicle
+from railslip_ctrl.model.linearization import OperatingPoint
 
-from .catalogue import full_brake_torque, tuned_control
-from .controllers import Controller, LinearControl, Situation
-from .scenario import LEAST_STEP
-from .steps import step_text
+from .base import LEAST_PERIOD, PERIOD, Controller, Situation
+from .systems import is_function, linear_controller
+from .translate import ARGUMENTS
 
-if TYPE_CHECKING:
-    from railslip_ctrl.model.linearization import OperatingPoint
-
-
-ADDRESS = 2  #: place of the step's address in a controller's row; see `steps.called`
+ADDRESS = 1  #: place of the step's address in a controller's row
 
 
 class UserStep:
@@ -97,72 +91,85 @@ def _unpacked(content: bytes) -> UserStep:
     return UserStep(cloudpickle.loads(content))
 
 
-@dataclass(frozen=True)
-class StepControl:
+class StepControl(Controller):
     """A controller known by its step.
 
-    - step: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
+    - thing: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
       the first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
       copied. SI.
-    - reference: what the slip error is taken against; the step has its own.
-    - name: for reports.
-    - period: sampling period, s.
     - start_numbers: what a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v,
       omega, x), where x is an array of them that it changes.
-    - knows_rail, model_law: as of `Controller`.
 
-    InputError: a step that cannot be called.
+    Its `reference` only judges the slip: the step has its own. InputError: a step that cannot be called.
     """
 
-    step: Any
-    reference: ReferenceSlip
-    name: str = "step"
-    period: float | None = PERIOD
-    start_numbers: tuple[float, ...] = ()
-    knows_rail: bool = True
-    model_law: None = None
+    kind: ClassVar[str] = "step"
+    title: ClassVar[str] = "a step of the user's"
+    source: ClassVar[str] = "the user"
+    no_loop: ClassVar[str] = "it is known by its step alone"
+    follows_reference: ClassVar[bool] = False
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.period is not None:
-            number(f"controller {self.name}: period", self.period, "s", ge=LEAST_STEP)
-        if not isinstance(self.step, UserStep):
-            object.__setattr__(self, "step", UserStep(self.step))
+    period: float | None = quantity("s", "sampling period; every step if None", ge=LEAST_PERIOD, default=PERIOD)
+    reference: ReferenceSlip | None = None
+    thing: Any = None
+    start_numbers: tuple[float, ...] = ()
+
+    @field_validator("thing", mode="before")
+    @classmethod
+    def _as_step(cls, thing: Any) -> UserStep:
+        return thing if isinstance(thing, UserStep) else UserStep(thing)
+
+    @classmethod
+    def state_fields(cls) -> dict[str, Any]:
+        return {"numbers": tuple[float, ...]}
+
+    def start(self, speed: float, period: float) -> Any:
+        return SimpleNamespace(numbers=self.start_numbers)
+
+    def logged(self, state: Any) -> dict[str, int]:
+        return {f"x{i + 1}": i for i in range(len(self.start_numbers))}
+
+    def linear(self, point: OperatingPoint | None) -> Any:
+        """What the object says of itself at an operating point; InputError where it says nothing, or no system."""
+        return linear_controller(self.thing.thing, point)
 
     @property
-    def states(self) -> tuple[str, ...]:
-        """The numbers of a function."""
-        return tuple(f"x{i + 1}" for i in range(len(self.start_numbers)))
+    def whole_step(self) -> Callable[[Any, Any, Any], float]:
+        raise InputError(f"controller {self.label}: it is known by a Python step alone; give a kind of controller")
 
-    def linear(self, point: OperatingPoint) -> Any:
-        """What the object says of itself at an operating point; InputError where it says nothing, or no system."""
-        return linear_controller(self.step.thing, point)
+    def source_text(self) -> str:
+        return f"""
+from railslip_ctrl.controllers.step_calls import call_step
 
-    def source(self) -> str:
-        return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
 
-    def row(self, situation: Situation) -> tuple[float, ...]:
-        return (math.nan,)  # room for the address, which each run has its own of
+@compiled
+def command({", ".join(ARGUMENTS)}):
+    return call_step(_c[{ADDRESS}], _t, _v, _omega, _x)
+"""
 
-    def start(self, speed: float) -> tuple[float, ...]:
-        return self.start_numbers
+    def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
+        held = math.nan if self.reference is None else self.reference.on(situation.rail)
+        return (held, math.nan)  # room for the address, which each run has its own of
+
+    def described(self) -> str:
+        return self.label
 
     def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
         """The step made ready for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
-        return NumbaCall(self) if self.step.is_numba else PythonCall(self, v, omega)
+        return NumbaCall(self) if self.thing.is_numba else PythonCall(self, v, omega)
 
     def refused(self, torque: Any, t: float) -> InputError:
         """Of what is no torque, at time t, s."""
         return InputError(
-            f"controller {self.name}: {place_of(self.step.function)}step gives {shown(torque)} at t = {t:g} s; give a "
-            "finite torque (N*m)"
+            f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; give "
+            "a finite torque (N*m)"
         )
 
     def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
         """Of an error in the step, or in another method, at time t, s."""
-        function = self.step.function if what == "step" else getattr(self.step.thing, what)
+        function = self.thing.function if what == "step" else getattr(self.thing.thing, what)
         told = call_failure(error, function, what, "t, v, omega" + ", x" * bool(self.start_numbers), f" at t = {t:g} s")
-        return InputError(f"controller {self.name}: {told}")
+        return InputError(f"controller {self.label}: {told}")
 
 
 class PythonCall:
@@ -194,7 +201,7 @@ class PythonCall:
         self.address = address_of(self._kept)
 
     def _reset(self, v: float, omega: float) -> Callable[..., Any]:
-        step = self._control.step
+        step = self._control.thing
         if is_function(step.thing):
             return step.function  # type: ignore[no-any-return]
         try:
@@ -203,7 +210,7 @@ class PythonCall:
             if not hasattr(step.thing, "reset"):
                 told = " ".join(str(error).split())
                 raise InputError(
-                    f"controller {self._control.name}: it has no reset and cannot be copied for a run ({told}); give "
+                    f"controller {self._control.label}: it has no reset and cannot be copied for a run ({told}); give "
                     "it reset(t, v, omega)"
                 ) from error
             thing = step.thing
@@ -230,7 +237,7 @@ class NumbaCall:
 
     def __init__(self, control: StepControl) -> None:
         self._control, self._count = control, len(control.start_numbers)
-        self._kept = _compiled(control.step.function, self._count, control.name)
+        self._kept = _compiled(control.thing.function, self._count, control.label)
         self.address = int(self._kept.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
@@ -239,7 +246,7 @@ class NumbaCall:
             return
         numbers = (x,) if self._count else ()
         try:
-            torque = self._control.step.function.py_func(t, v, omega, *numbers)
+            torque = self._control.thing.function.py_func(t, v, omega, *numbers)
         except Exception as error:  # the user's
             raise self._control.failed(error, t) from error
         if not (isinstance(torque, Real) and math.isfinite(torque)):
@@ -319,40 +326,3 @@ def _numbers_at(address: int, count: int) -> Floats:
     import ctypes
 
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
-
-
-# --- whatever is given as a controller --------------------------------------------------------------------------------
-
-
-def as_control(
-    controller: Any, vehicle: Vehicle, reference: ReferenceSlip | None, name: str | None = None
-) -> Controller:
-    """Whatever is given as a controller, as one that runs, with a `name` and `reference` where it says none.
-
-    A `Controller` is itself, and one tuned over an envelope runs as its file does. A linear system
-    (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at its own, by Tustin's rule, within 0 and
-    the vehicle's full brake, with anti-windup. Of anything else its step is called, at its `period`, or `PERIOD`.
-
-    InputError for what is none of these, or without a reference slip.
-    """
-    if isinstance(controller, EnvelopeDesign):
-        return tuned_control(controller, reference, name=name)
-    if not is_system(controller) and isinstance(controller, Controller):  # whose `states` warn, of python-control's
-        return controller
-    held = getattr(controller, "reference", None) or reference
-    if held is None:
-        raise InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
-    if has_step(controller) and not inspect.isclass(controller):
-        period = getattr(controller, "period", None)
-        own_name = getattr(controller, "name", None) or name or getattr(controller, "__name__", None)
-        return StepControl(
-            controller, held, str(own_name or type(controller).__name__), PERIOD if period is None else period
-        )
-    if callable(linear_of(controller)) and not inspect.isclass(controller):
-        raise InputError(
-            f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
-            "it step(t, v, omega)"
-        )
-    design, most = linear_controller(controller), full_brake_torque(vehicle)
-    own = name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
-    return LinearControl(design, held, name=own, torque_low=0.0, torque_high=most)

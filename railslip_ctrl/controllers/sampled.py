@@ -1,358 +1,43 @@
-"""Controllers as systems, continuous or sampled, and the loop they close around the wheel.
+"""Linear controllers sampled: difference equations, limits and anti-windup, and the exact loops that they close.
 
-The loop transfer function is L(s) = C(s) Ga(s) P(s): C from the slip-velocity error e = lambda_d v - sigma to the
-commanded brake torque, Ga the brake actuator with its dead time, P from acting torque to -e. More torque gives
-more slip, so that P > 0 and the feedback is negative.
+With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
 """
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, overload
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import Complexes, Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import shown
-from railslip_ctrl.core.user_files import call_failure, place_of
+from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.quasi import DelayedLoop
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
-from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
-from railslip_ctrl.model.vehicle import Actuator, PIGains
-
-from .difference import linear_step
-from .seeking import SeekingGains, seeking_loop
-
-
-@dataclass(frozen=True)
-class PIController:
-    """C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1).
-
-    - gains: kp in N*m/(m/s), ki in N*m/m.
-    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase: one equal to the actuator's lag
-      cancels that.
-    - lead_filter: time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0;
-      > 0 with a lead, or C is not proper. Without a lead it filters the error.
-
-    InputError: a field of another kind, a negative or non-finite time constant, or a lead without a filter.
-    """
-
-    gains: PIGains
-    lead: float = 0.0
-    lead_filter: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        number("lead", self.lead, "s", ge=0)
-        number("lead filter", self.lead_filter, "s", ge=0)
-        if self.lead > 0 and self.lead_filter == 0:
-            raise InputError(f"lead filter: 0 s with a lead of {self.lead:g} s is not proper; give a value > 0")
-
-    @property
-    def structure(self) -> str:
-        """ "PI" or "PI-lead"."""
-        return "PI-lead" if self.lead > 0 or self.lead_filter > 0 else "PI"
-
-    @property
-    def transfer_function(self) -> Rational:
-        """C(s) in factored form."""
-        return pi_transfer_function(self.gains.kp, self.gains.ki) * _first_order(self.lead, self.lead_filter)
-
-
-def pi_transfer_function(kp: float, ki: float) -> Rational:
-    """kp + ki/s in factored form; ki = 0 has no integrator."""
-    if ki == 0:
-        return Rational(np.array([]), np.array([]), kp)
-    zeros = np.array([]) if kp == 0 else np.array([-ki / kp])
-    return Rational(zeros, np.array([0.0]), kp or ki)
-
-
-def _first_order(lead: float, lag: float) -> Rational:
-    """(lead s + 1)/(lag s + 1)."""
-    zeros = np.array([-1 / lead]) if lead > 0 else np.array([])
-    poles = np.array([-1 / lag]) if lag > 0 else np.array([])
-    return Rational(zeros, poles, (lead or 1.0) / (lag or 1.0))
-
-
-class _System:
-    """What records of systems share; a `period` of s makes a discrete-time one."""
-
-    period: Any
-    transfer_function: Any
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if self.period is not None:
-            number("period", self.period, "s", gt=0)
-        _ = self.transfer_function
-
-    @property
-    def structure(self) -> str:
-        """What it is, in words."""
-        system = self.transfer_function
-        if system.poles.size == 0 and self.period is None:
-            return f"gain {system.gain:g} N*m/(m/s)"
-        return f"{'' if self.period is None else 'discrete '}transfer function of order {system.poles.size}"
-
-
-@dataclass(frozen=True)
-class PolynomialController(_System):
-    """C = num/den, a ratio of polynomials.
-
-    - num, den: coefficients of descending powers of s, C in N*m/(m/s); with a `period` of z.
-    - period: of a discrete-time controller, s; left out, it is continuous.
-
-    InputError: coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
-    """
-
-    num: tuple[float, ...]
-    den: tuple[float, ...]
-    period: float | None = None
-
-    @cached_property
-    def transfer_function(self) -> Rational:
-        """C(s), or C(z), in factored form."""
-        return Rational.from_polynomials(self.num, self.den)
-
-
-@dataclass(frozen=True)
-class StateSpaceController(_System):
-    """C as x' = a x + b e, torque = c x + d e (of a discrete one x of the next sample for x').
-
-    - a, b, c, d: tuples of float; n by n, n, n and a number; SI, torque in N*m for e in m/s.
-    - period: as of `PolynomialController`, s.
-
-    InputError: shapes that do not fit, entries that are not finite, or a period that is not > 0.
-    """
-
-    a: tuple[tuple[float, ...], ...]
-    b: tuple[float, ...]
-    c: tuple[float, ...]
-    d: float = 0.0
-    period: float | None = None
-
-    @cached_property
-    def transfer_function(self) -> Rational:
-        """C(s), or C(z), in factored form."""
-        order = len(self.a)
-        if any(len(part) != order for part in (*self.a, self.b, self.c)):
-            shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
-            raise InputError(f"state space: shapes {shape} do not fit; give n by n, n and n")
-        a = np.array(self.a, dtype=float).reshape(order, order)
-        return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
-
-
-LinearController = PIController | PolynomialController | StateSpaceController
-"""The records that any linear controller becomes."""
-
-
-@checked
-def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
-    """A linear controller as a record, from slip error e (m/s) to torque (N*m).
-
-    - controller: linear system; `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
-      system, `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
-    - point: what `linear` is asked for.
-
-    InputError: what is none of these: a step object or function has no margins.
-    """
-    if isinstance(controller, PIController | PolynomialController | StateSpaceController):
-        return controller
-    if isinstance(controller, PIGains):
-        return PIController(controller)
-    if isinstance(controller, str):
-        raise InputError(
-            f"controller: {shown(controller)} is a name; give the controller, of a file by load_controller"
-        )
-    if inspect.isclass(controller):
-        raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
-    if callable(linear := linear_of(controller)):
-        return _linear_at(point, linear, _name(controller))
-    if has_step(controller):
-        raise step_alone(controller)
-    if callable(getattr(controller, "row", None)):  # one that runs: `simulation.controllers.Controller`
-        told = f"{controller.name} is not linear and has no margins"
-        raise InputError(f"controller: {told}; simulate and campaign run it")
-    dt = getattr(controller, "dt", None)
-    if dt is True:
-        raise InputError("controller: its sampling period is not given (dt = True); give dt in s")
-    period = float(dt) if dt else None
-    system = Rational.from_control(controller, "controller", period=period)
-    if system.poles.size == 0:
-        return PolynomialController((system.gain,), (1.0,), period)
-    if hasattr(controller, "A"):
-        rows = np.asarray(controller.A, dtype=float)
-        b, c, d = (tuple(np.ravel(matrix).tolist()) for matrix in (controller.B, controller.C, controller.D))
-        return StateSpaceController(tuple(map(tuple, rows.tolist())), b, c, float(d[0]), period)
-    if hasattr(controller, "num"):
-        one = hasattr(controller, "ninputs")
-        num, den = (controller.num[0][0], controller.den[0][0]) if one else (controller.num, controller.den)
-        num, den = (tuple(np.atleast_1d(each).astype(float).tolist()) for each in (num, den))
-        return PolynomialController(num, den, period)
-    made = realise(system)
-    return StateSpaceController(
-        tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
-    )
-
-
-def linear_of(controller: Any) -> Any:
-    """Its `linear`, or None; InputError where it is there and cannot be had, such as a property that fails."""
-    try:
-        return controller.linear
-    except Exception as error:  # a user's property may fail in any way
-        kept = inspect.getattr_static(controller, "linear", None)
-        if kept is None:
-            return None
-        told = call_failure(error, getattr(kept, "fget", kept), "linear", "")
-        raise InputError(f"controller {_name(controller)}: {told}") from error
-
-
-def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
-    """What the method `linear` of a user's object gives at a point."""
-    if point is None:
-        raise InputError(f"controller {name}: it is linear at an operating point; give one")
-    try:
-        made = linear(point)
-    except InputError:
-        raise
-    except Exception as error:  # a user's method may fail in any way
-        raise InputError(f"controller {name}: {call_failure(error, linear, 'linear', 'operating_point')}") from error
-    if isinstance(made, _System) or not hasattr(made, "linear"):
-        try:
-            return linear_controller(made)
-        except InputError as error:
-            raise InputError(f"controller {name}: {place_of(linear)}what linear gives is refused: {error}") from None
-    raise InputError(
-        f"controller {name}: {place_of(linear)}linear gives {_name(made)}, which is no system; give python-control's"
-    )
-
-
-def seeking_of(controller: Any) -> SeekingGains | None:
-    """The gains of a seeking controller, by which its loop goes; None of any other."""
-    found = inspect.getattr_static(controller, "gains", controller)
-    return found if isinstance(found, SeekingGains) else None
-
-
-def is_function(thing: Any) -> bool:
-    """Whether it is called itself: a function, a method, or Numba's."""
-    return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
-
-
-def is_system(controller: Any) -> bool:
-    """Whether it is a linear system as it stands: python-control's and SciPy's have ports and a `dt`."""
-    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
-    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
-
-
-def has_step(controller: Any) -> bool:
-    """Whether it is known by its step: a function, or an object with `step` that is no linear system.
-
-    Of a linear system of scipy.signal `step` is its response, and a step object may have a `dt`.
-    """
-    return is_function(controller) or (hasattr(controller, "step") and not is_system(controller))
-
-
-def step_alone(controller: Any) -> InputError:
-    """The refusal of margins for what is known by its step."""
-    where = place_of(getattr(controller, "step", controller))
-    lacking = "an object that has step and" if is_function(controller) else "it"
-    return InputError(
-        f"controller: {where}{_name(controller)} is known by its step alone and has no margins; give {lacking} a "
-        "method linear(operating_point) that returns a python-control system"
-    )
-
-
-def _name(thing: Any) -> str:
-    return getattr(thing, "__name__", type(thing).__name__)
-
-
-@checked
-def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
-    """C(s) of a continuous linear `controller`, N*m/(m/s), at a `point`; arguments and errors of `linear_controller`.
-
-    InputError also for a discrete one, whose margins are those of `sampled.sampled_loop`.
-    """
-    if isinstance(controller, Rational):
-        return controller
-    design = linear_controller(controller, point)
-    if not isinstance(design, PIController) and design.period is not None:
-        raise InputError(
-            f"controller: a discrete-time system (dt = {design.period:g}) has no transfer function in s; its margins "
-            "are those of wheel_slip_loop"
-        )
-    return design.transfer_function
-
-
-@checked
-def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """From commanded torque (N*m) to -e (m/s) without the dead time.
-
-    - plant: the wheel.
-    - actuator: its lag, s, is put before the wheel.
-
-    Returns m/s over N*m, SISO.
-    """
-    if plant.speed_state:
-        wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
-    else:
-        wheel = Rational(plant.zeros, plant.poles, plant.gain)  # with v frozen -e is sigma
-    return _first_order(0.0, actuator.lag) * wheel
-
-
-@overload
-def wheel_slip_loop(
-    plant: LinearPlant | OperatingPoint, controller: PIController, actuator: Actuator | None = None
-) -> DeadTimeLoop: ...
-@overload
-def wheel_slip_loop(
-    plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None
-) -> DeadTimeLoop | Any: ...
-@checked
-def wheel_slip_loop(
-    plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None
-) -> DeadTimeLoop | SampledLoop | DelayedLoop:
-    """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact; of one that
-    seeks the peak its inner loop, `seeking.seeking_loop`.
-
-    - plant: P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
-    - controller: linear system, or the seeking controller; C, from slip error e = lambda_d v - sigma (m/s) to torque
-      (N*m): see `linear_controller`.
-    - actuator: Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
-
-    Returns L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
-    InputError: an argument of another kind, or a controller without a transfer function.
-    """
-    if isinstance(plant, OperatingPoint):
-        plant = linearize(plant)
-    actuator = plant.point.vehicle.actuator if actuator is None else actuator
-    if (gains := seeking_of(controller)) is not None:
-        return seeking_loop(plant.point, gains, actuator)
-    design = controller if isinstance(controller, Rational) else linear_controller(controller, plant.point)
-    if isinstance(design, PolynomialController | StateSpaceController) and design.period is not None:
-        return SampledLoop(design.transfer_function, actuated_plant(plant, actuator), actuator.dead_time, design.period)
-    return DeadTimeLoop(controller_system(design) * actuated_plant(plant, actuator), actuator.dead_time)
-
-
-# --- sampled controllers: difference equations and anti-windup --------------------------------------------------------
-#
-# With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
-
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.model.vehicle import Actuator
+
+from .base import PERIOD
+from .systems import (
+    LinearController,
+    PIController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+)
 
 _STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
 _WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e-8, are not moved by a hair
 # of `sampled_peak`: poles that ring, frequencies over the slowest feature, points, and times it looks closer
 _RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
-
-PERIOD = 0.01  #: s, at which a controller runs that says none
 
 
 class Rule(StrEnum):
@@ -376,11 +61,11 @@ class SampledController:
     moves the slow poles, and leaves those of leads and filters where they are: poles and zeros in order of their speed,
     each pole that is slower than its zero goes to the speed of that, 1/T, at 1 - h/T. With all poles at the zeros it
     would be the conditioned controller of [Hanus1987], whose states are those of an error that the brake could have
-    followed; of a PI it is back-calculation with Tt = kp/ki. `difference.linear_step` is what runs.
+    followed; of a PI it is back-calculation with Tt = kp/ki. `linear_step` is what runs.
 
     - design: linear system; `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
     - period: h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
-    - torque_low, torque_high: N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
+    - torque_min, torque_max: N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
     - rule: tustin's, or the backward difference.
     - tracking_time: Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest
       zero (of a PI kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no
@@ -391,8 +76,8 @@ class SampledController:
 
     design: Any
     period: float
-    torque_low: float = -math.inf
-    torque_high: float = math.inf
+    torque_min: float = -math.inf
+    torque_max: float = math.inf
     rule: Rule = Rule.TUSTIN
     tracking_time: float | None = None
 
@@ -401,9 +86,9 @@ class SampledController:
         object.__setattr__(self, "design", linear_controller(self.design))
         h = check_period(self.period)
         _check_rule(self.design, self.rule, h)
-        if not self.torque_low < self.torque_high:
+        if not self.torque_min < self.torque_max:
             raise InputError(
-                f"torque limits: low {self.torque_low:g} and high {self.torque_high:g} N*m are not allowed; give "
+                f"torque limits: low {self.torque_min:g} and high {self.torque_max:g} N*m are not allowed; give "
                 "low < high"
             )
         if self.tracking_time is not None and not self.tracking_time >= h:
@@ -422,15 +107,16 @@ class SampledController:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the first numbers of what `step` remembers."""
-        return (*state_names(self.design), "error", "unlimited_torque")
+        """Names of the states of the difference equations, in order."""
+        return state_names(self.design)
 
     @cached_property
-    def numbers(self) -> tuple[float, ...]:
-        """What `difference.linear_step` takes from its `c`."""
+    def numbers(self) -> Mapping[str, Any]:
+        """The parameters of `linear_step`, by name."""
         phi, now, before, c, d = _difference(self.design, self.rule, self.period)
-        parts = (c, now, before, self._back(phi, c), phi.ravel())
-        return (float(c.size), self.torque_low, self.torque_high, d, *(float(x) for part in parts for x in part))
+        arrays = {"output": c, "now": now, "before": before, "tracking": self._back(phi, c), "transition": phi.ravel()}
+        limits = {"torque_min": self.torque_min, "torque_max": self.torque_max}
+        return {**limits, "direct": float(d), **{name: tuple(map(float, each)) for name, each in arrays.items()}}
 
     def _back(self, phi: Floats, c: Floats) -> Floats:
         rates, h = self._tracking_rates, self.period
@@ -462,31 +148,42 @@ class SampledController:
         rate = float(np.append(self._tracking_rates, 0.0)[0])
         return 1 / rate if rate else math.inf
 
-    def start(self, torque: float = 0.0) -> tuple[float, ...]:
+    def start(self, torque: float = 0.0) -> SimpleNamespace:
         """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
 
         Raises InputError if the torque is outside the limits.
         """
-        if not self.torque_low <= torque <= self.torque_high:
+        if not self.torque_min <= torque <= self.torque_max:
             raise InputError(
-                f"initial torque: {torque:g} N*m is not allowed; give a value from {self.torque_low:g} to "
-                f"{self.torque_high:g} (N*m)"
+                f"initial torque: {torque:g} N*m is not allowed; give a value from {self.torque_min:g} to "
+                f"{self.torque_max:g} (N*m)"
             )
-        return start_state(self.design, torque)
+        return SimpleNamespace(
+            **{name: list(x) if isinstance(x, tuple) else x for name, x in self.at_rest(torque).items()}
+        )
 
-    def step(self, x: Floats, error: float, applied: float | None = None) -> float:
+    def at_rest(self, torque: float) -> dict[str, Any]:
+        """The fields of the state at rest but for a `torque`, N*m, that stays."""
+        rest = (0.0,) * (len(self.states) - 1)
+        return {"error": 0.0, "unlimited_torque": torque, "states": (torque, *rest), "room": (0.0, *rest)}
+
+    def step(self, state: Any, error: float, applied: float | None = None) -> float:
         """The torque to command until the next sample, N*m.
 
-        `x`, an array of `start`, shape (2 n + 2,), units of `states`, is changed.
+        - state: from `start`; changed.
+        - error: lambda_d v - sigma, m/s.
+        - applied: the command that the brake took since the sample before, N*m, where something beyond the controller's
+          own limits held it back; left out, its own.
 
-        `error` is lambda_d v - sigma, m/s. `applied` is the command that the brake took since the sample before, N*m,
-        where something beyond the controller's own limits held it back; left out, its own. A sample that is not finite
-        is skipped: state and torque stay as they were.
+        A sample that is not finite is skipped: state and torque stay as they were.
         """
         if applied is None:
-            unlimited = float(x[len(self.states) - 1])
-            applied = min(max(unlimited, self.torque_low), self.torque_high)
-        return float(linear_step(x, self.numbers, 0, error, applied))  # type: ignore[no-untyped-call]
+            applied = min(max(state.unlimited_torque, self.torque_min), self.torque_max)
+        return float(linear_step(state, self._parameters, error, applied))
+
+    @cached_property
+    def _parameters(self) -> SimpleNamespace:
+        return SimpleNamespace(**self.numbers)
 
     @cached_property
     def transfer_function(self) -> Rational:
@@ -508,6 +205,32 @@ class SampledController:
         numerator = np.atleast_1d(c.gain * np.real(np.poly(c.zeros)))
         denominator = np.atleast_1d(np.real(np.poly(c.poles)))
         return np.concatenate([np.zeros(denominator.size - numerator.size), numerator]), denominator
+
+
+def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
+    """One sample of the difference equations of `SampledController`: the torque to command, N*m; changes `state`.
+
+    - state: `states` and `room` (n each), `error` (m/s) and `unlimited_torque` (N*m) of the sample before.
+    - parameters: `output`, `now`, `before`, `tracking` (n each), `transition` (n by n, by rows), `direct`, limits.
+    - error: lambda_d v - sigma, m/s; a sample that is not finite is skipped.
+    - applied: the command that the brake took since the sample before, N*m.
+    """
+    if not math.isfinite(error):
+        return applied
+    n = len(parameters.output)
+    excess = applied - state.unlimited_torque
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += parameters.transition[i * n + j] * state.states[j]
+        inputs = parameters.now[i] * error + parameters.before[i] * state.error + parameters.tracking[i] * excess
+        state.room[i] = total + inputs
+    torque = parameters.direct * error
+    for i in range(n):
+        state.states[i] = state.room[i]
+        torque += parameters.output[i] * state.states[i]
+    state.error, state.unlimited_torque = error, torque
+    return min(max(torque, parameters.torque_min), parameters.torque_max)
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
@@ -545,12 +268,14 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
         )
 
 
-def run_period(design: LinearController, period: float = PERIOD) -> float:
-    """The period, s, at which a design runs: of a discrete one its own; less than `period` where the filter of a lead
-    is too fast for that."""
-    if isinstance(design, PIController):
-        return min(period, 2 * design.lead_filter) if design.lead_filter > 0 else period
-    return period if design.period is None else design.period
+def run_period(design: LinearController, period: float | None = None) -> float:
+    """Sampling period of a design, s: its own if it is discrete, else `period`.
+
+    The default is `PERIOD`, or twice the filter of a lead if that is less.
+    """
+    if not isinstance(design, PIController):
+        return design.period or period or PERIOD
+    return period or (min(PERIOD, 2 * design.lead_filter) if design.lead_filter > 0 else PERIOD)
 
 
 def state_names(design: LinearController) -> tuple[str, ...]:
@@ -558,12 +283,6 @@ def state_names(design: LinearController) -> tuple[str, ...]:
     if isinstance(design, PIController):
         return ("integral", "lagged_error") if design.lead_filter > 0 else ("integral",)
     return ("initial_torque", *(f"x{i + 1}" for i in range(_continuous(design)[1].size - 1)))
-
-
-def start_state(design: LinearController, torque: float) -> tuple[float, ...]:
-    """At rest but for a torque, N*m, that stays: states, error, torque, and room for as many states."""
-    n = len(state_names(design))
-    return (torque, *[0.0] * n, torque, *[0.0] * n)
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:

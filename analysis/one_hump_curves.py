@@ -1,0 +1,137 @@
+"""How often does the 95 % interval of the peak hold the truth, and how often is a delay reported that is not there?
+
+Counted over logs of the virtual rig with random vehicles on random one-hump curves. No formula of `identify` is such a
+curve, so that the intervals have to count the misfit. Each log has three tests from 100 km/h, with and without noise.
+
+    python analysis/one_hump_curves.py [CURVES [FIRST_SEED]]
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+
+from railslip_ctrl import PARK2008, Actuator, InputError, Vehicle
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import identify_curve
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_class
+
+CURVES = 200
+V0 = 100.0 * KMH
+TESTS = 3  # a log
+RATE = 0.116  # 1/s, of the torque over wheel load times one metre: 4 kN*m/s of the published vehicle
+SILENT = {"random_force": 0.0, "wheel_noise": 0.0}
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Slip ratio and adhesion coefficient of the peak of a curve."""
+
+    slip: float
+    mu: float
+
+
+def one_hump(generator: np.random.Generator) -> tuple[AdhesionLaw, Peak]:
+    """A random adhesion curve with one hump, as a table, and its peak.
+
+    Up to the peak mu rises as 1 - (1 - x)^a over x, the slip by that of the peak; beyond it falls to a plateau as
+    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of that.
+    """
+    slip = math.exp(generator.uniform(math.log(0.008), math.log(0.15)))
+    mu, a, plateau = generator.uniform(0.05, 0.35), generator.uniform(1.5, 4.0), generator.uniform(0.35, 0.95)
+    w = math.exp(generator.uniform(math.log(0.5), math.log(6.0)))
+    up, down = np.linspace(0.0, 1.0, 25), np.geomspace(1e-2, 1.0 / slip - 1.0, 45)
+    x = np.concatenate([up, 1.0 + down])
+    shares = np.concatenate([1.0 - (1.0 - up) ** a, plateau + (1.0 - plateau) / (1.0 + (down / w) ** 2)])
+    slips = np.append(slip * x[:-1], 1.0)
+    held = ReferenceSlip(dry=0.8 * slip, wet=0.8 * slip)
+    law = law_class("table").model_validate({"slip": tuple(slips), "mu": tuple(mu * shares), "reference": held})
+    return law, Peak(slip, mu)
+
+
+def random_vehicle(generator: np.random.Generator) -> Vehicle:
+    """Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, brake of 0.06 to 0.3 s and a lag."""
+    load = math.exp(generator.uniform(math.log(30e3), math.log(120e3)))
+    wheel = {"radius": generator.uniform(0.36, 0.46), "inertia": generator.uniform(40.0, 150.0)}
+    dead_time = math.exp(generator.uniform(math.log(0.06), math.log(0.3)))
+    lag = math.exp(generator.uniform(math.log(0.15), math.log(0.8)))
+    of_load = {"mass": load / 9.81, "mass_loaded": load / 9.81, "wheel_load": load, "wheel_load_loaded": load}
+    changed = {"wheel": PARK2008.wheel.model_copy(update=wheel), "actuator": Actuator(dead_time=dead_time, lag=lag)}
+    return PARK2008.model_copy(update={"name": "random", **of_load, **changed})
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found in the log of a curve: the model chosen, the 95 % intervals, whether a delay was reported."""
+
+    seed: int
+    true: Peak
+    model: str
+    slip: tuple[float, float]
+    mu: tuple[float, float]
+    delayed: bool
+
+    @property
+    def held(self) -> tuple[bool, bool]:
+        """Whether the intervals of slip and of mu hold the truth."""
+        return self.slip[0] <= self.true.slip <= self.slip[1], self.mu[0] <= self.true.mu <= self.mu[1]
+
+
+def found_in(seed: int, *, noisy: bool) -> Found:
+    """The log of the curve of a seed, identified."""
+    generator = np.random.default_rng(seed)
+    vehicle = random_vehicle(generator)
+    law, true = one_hump(generator)
+    noise = {} if noisy else SILENT
+    rows = run_tests(RigTest(vehicle, law, V0, rate=RATE * vehicle.wheel_load, **noise), tests=TESTS, seed=seed)
+    try:
+        found = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
+    except InputError:  # a log that is refused counts as one whose peak is missed
+        return Found(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
+    peak, delayed = found.own_peak, any("the wheel's speed seems to be" in text for text in found.warnings)
+    return Found(seed, true, found.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
+
+
+def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dict[str, tuple[Found, ...]]:
+    """Logs without and with noise of as many curves; `workers` processes, as many as processors if None."""
+    seeds, jobs = range(first, first + curves), {"without noise": False, "with noise": True}
+    if workers == 1:
+        return {name: tuple(found_in(seed, noisy=noisy) for seed in seeds) for name, noisy in jobs.items()}
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return {name: tuple(pool.map(partial(found_in, noisy=noisy), seeds)) for name, noisy in jobs.items()}
+
+
+def line(name: str, each: Sequence[Found]) -> str:
+    """The counts of some logs."""
+    slip, mu = np.mean([found.held for found in each], axis=0)
+    widths = [[(x.slip[1] - x.slip[0]) / x.true.slip / 2.0, (x.mu[1] - x.mu[0]) / x.true.mu / 2.0] for x in each]
+    of_slip, of_mu = 100.0 * np.nanmedian(widths, axis=0)
+    table, delayed = (np.mean(which) for which in ([x.model == "table" for x in each], [x.delayed for x in each]))
+    missed = ", ".join(str(x.seed) for x in each if not all(x.held))
+    return (
+        f"{name:14s} {len(each):5d} {slip:8.1%} {mu:8.1%} {of_slip:8.1f} % {of_mu:8.1f} % {delayed:8.1%} {table:8.1%}"
+        f"  {missed or 'none'}"
+    )
+
+
+def main() -> None:
+    """Print the counts."""
+    curves, first = (int(x) for x in (*sys.argv[1:], *(CURVES, 0)[len(sys.argv) - 1 :]))
+    print("Shares of logs whose 95 % interval holds the peak's slip and mu, median half widths over the truth, shares")
+    print("with a reported delay and with the table chosen, and the seeds of the peaks that were missed")
+    print("               curves  slip       mu   width slip   width mu  delays   table   missed")
+    for name, each in run(curves, first=first, workers=None).items():
+        print(line(name, each))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,487 @@
+"""A function of a step (`translate.Function`) printed in C99: one return, constants where nothing is written."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
+
+from .translate import STATE, Function
+
+WIDTH = 100
+_OPERATORS: dict[type[ast.AST], str] = {
+    **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "%"},
+    **{ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="},
+    **{ast.And: "&&", ast.Or: "||", ast.Not: "!", ast.USub: "-", ast.UAdd: "+"},
+}
+_RESERVED = frozenset(
+    """and auto bool break case catch char class const continue default delete do double else enum extern far float for
+    goto huge if inline int interrupt long near new not operator or private protected public real register return short
+    signed sizeof static struct switch template this throw try typedef union unsigned using virtual void volatile while
+    xor main exp log sqrt sin cos tan pow fabs floor ceil y0 y1 yn j0 j1 jn gamma""".split()  # noqa: SIM905
+)
+"""Names that a C or C++ compiler, or one of a small controller, takes for itself."""
+_MATH = frozenset(("exp", "log", "sqrt", "fabs", "pow", "sin", "cos", "atan", "tanh"))
+"""Functions of `math` that the program names for both precisions, besides isfinite."""
+_RESULT, _RETURNED = "result", "returned"
+
+
+def c_name(name: str) -> str:
+    """A name as C has it: without leading underscores, in lower case only if it was, and not a reserved one."""
+    name = name.lstrip("_")
+    return f"{name}_" if name in _RESERVED else name
+
+
+@dataclass(frozen=True)
+class Structures:
+    """The C types of the three structures, and the lengths of their arrays, by role and field."""
+
+    types: Mapping[str, str]
+    lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
+
+
+def writes_state(function: Function) -> bool:
+    """Whether a function, or one that it calls, writes a field of the state."""
+    stores = (node for node in ast.walk(function.node) if isinstance(node, ast.Attribute | ast.Subscript))
+    own = any(isinstance(node.ctx, ast.Store) for node in stores)
+    return own or any(writes_state(one) for one in function.calls.values())
+
+
+def returned_values(function: Function) -> int:
+    """How many numbers a function returns."""
+    values = [node.value for node in ast.walk(function.node) if isinstance(node, ast.Return) and node.value is not None]
+    if not values:
+        return 0
+    return len(values[0].elts) if isinstance(values[0], ast.Tuple) else 1
+
+
+class CFunction:
+    """A function in C; `head` is its declaration, `text` all of it."""
+
+    def __init__(self, function: Function, structures: Structures) -> None:
+        self._function, self._structures = function, structures
+        self._values = returned_values(function)
+        self._body = _Returns(self._values, self._result).body(copy.deepcopy(function.node.body))
+        self._ints = self._whole_names()
+        self._constants = {id(node) for node in self._declared_at_once()}
+
+    @property
+    def name(self) -> str:
+        """The name of the function in Python."""
+        return self._function.name
+
+    @property
+    def head(self) -> str:
+        """Result, name and arguments."""
+        function, arguments = self._function, []
+        for name in function.arguments:
+            role = function.roles.get(name)
+            constant = "" if role == STATE and writes_state(function) else "const "
+            arguments.append(
+                f"real {c_name(name)}" if role is None else f"{constant}{self._structures.types[role]} *{c_name(name)}"
+            )
+        arguments += [f"real *{name}" for name in self._outputs]
+        return f"static {'real' if self._values == 1 else 'void'} {c_name(function.name)}({', '.join(arguments)})"
+
+    @property
+    def text(self) -> str:
+        """Comment, head and body."""
+        comment = textwrap.wrap(f"/* {' '.join(self._function.doc.split())} */", WIDTH, subsequent_indent="   ")
+        declared = [f"int {name} = 0;" for name in sorted(self._ints & self._variables)]
+        declared += [f"real {c_name(name)} = REAL(0.0);" for name in sorted(self._variables - self._ints)]
+        result = [f"return {self._result};"] if self._values == 1 else []
+        outputs = [f"*{name} = {name[:-4]};" for name in self._outputs]
+        body = self._statements(self._body)
+        unused = [
+            f"(void){c_name(name)};"
+            for name in self._function.arguments
+            if not any(re.search(rf"\b{c_name(name)}\b", line) for line in body)
+        ]
+        lines = [*unused, *declared, *body, *outputs, *result]
+        head = textwrap.wrap(self.head.replace(" *", "\N{NO-BREAK SPACE}*"), WIDTH, subsequent_indent="        ")
+        head = [line.replace("\N{NO-BREAK SPACE}", " ") for line in head]
+        return "\n".join([*(comment if self._function.doc else []), *head, "{", *indented(lines), "}"])
+
+    @property
+    def _result(self) -> str:
+        names = {node.id for node in ast.walk(self._function.node) if isinstance(node, ast.Name)}
+        return _RESULT if _RESULT not in names else f"{_RESULT}_"
+
+    @property
+    def _outputs(self) -> list[str]:
+        """Names of the arguments by which several numbers are returned."""
+        return [f"{self._result}{i}_out" for i in range(self._values)] if self._values > 1 else []
+
+    # --- names ---
+
+    @property
+    def _variables(self) -> set[str]:
+        """Names that are declared at the top: assigned, and not declared where they are."""
+        found = set()
+        for node in self._walk():
+            if isinstance(node, ast.Assign) and id(node) not in self._constants:
+                found |= {one.id for target in node.targets for one in _names(target)}
+            elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+                found.add(node.target.id)
+            elif isinstance(node, ast.For) and id(node) not in self._constants:
+                found |= {one.id for one in _names(node.target)}
+        return found - set(self._function.arguments)
+
+    def _walk(self) -> Iterator[ast.AST]:
+        for statement in self._body:
+            yield from ast.walk(statement)
+
+    def _whole_names(self) -> set[str]:
+        """Names that are only ever assigned whole numbers or truths."""
+        values: dict[str, list[ast.expr | None]] = {}
+        for node in self._walk():
+            if isinstance(node, ast.Assign):
+                for target, value in _pairs(node):
+                    for one in _names(target):
+                        values.setdefault(one.id, []).append(value)
+            elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+                values.setdefault(node.target.id, []).append(
+                    ast.Constant(0.5) if isinstance(node.op, ast.Div) else node.value
+                )
+            elif isinstance(node, ast.For):
+                values.setdefault(_names(node.target)[0].id, []).append(ast.Constant(0))
+        whole = set(values) - set(self._function.arguments)
+        while True:
+            kept = {
+                name for name in whole if all(one is not None and self._is_whole(one, whole) for one in values[name])
+            }
+            if kept == whole:
+                return whole
+            whole = kept
+
+    def _is_whole(self, node: ast.expr, names: set[str] | None = None) -> bool:
+        """Whether an expression is a whole number or a truth."""
+        names = self._ints if names is None else names
+        match node:
+            case ast.Constant():
+                return isinstance(node.value, int)
+            case ast.Name():
+                return node.id in names or isinstance(self._function.constants.get(node.id), int)
+            case ast.Call(func=ast.Name(id="int" | "len")) | ast.Compare() | ast.BoolOp():
+                return True
+            case ast.UnaryOp():
+                return isinstance(node.op, ast.Not) or self._is_whole(node.operand, names)
+            case ast.BinOp():
+                whole = self._is_whole(node.left, names) and self._is_whole(node.right, names)
+                return whole and not isinstance(node.op, ast.Div | ast.Pow)
+            case ast.IfExp():
+                return self._is_whole(node.body, names) and self._is_whole(node.orelse, names)
+        return False
+
+    def _declared_at_once(self) -> Iterator[ast.stmt]:
+        """Assignments of names that are assigned once, and used in their own block alone; loops that own their name."""
+        uses: dict[str, int] = {}
+        stores: dict[str, int] = {}
+        for node in self._walk():
+            if isinstance(node, ast.Name):
+                uses[node.id] = uses.get(node.id, 0) + 1
+                stores[node.id] = stores.get(node.id, 0) + isinstance(node.ctx, ast.Store)
+        loops: dict[str, int] = {}
+        for node in self._walk():
+            if isinstance(node, ast.For):
+                (target,) = _names(node.target)
+                loops[target.id] = loops.get(target.id, 0) + _uses(node, target.id)
+        for block in _blocks(self._body):
+            for k, statement in enumerate(block):
+                if isinstance(statement, ast.For) and loops[(own := _names(statement.target)[0].id)] == uses[own]:
+                    yield statement
+                if not isinstance(statement, ast.Assign) or len(statement.targets) > 1:
+                    continue
+                names = _names(statement.targets[0])
+                if not names or len(names) != len(_elements(statement.targets[0])):
+                    continue
+                if isinstance(statement.targets[0], ast.Tuple) and not isinstance(statement.value, ast.Tuple):
+                    continue
+                here = [one.id for one in names]
+                seen = {name: sum(_uses(one, name) for one in block[k:]) for name in here}
+                first = all(stores[name] == 1 and seen[name] == uses[name] for name in here)
+                if first and not set(here) & set(self._function.arguments):
+                    yield statement
+
+    # --- statements ---
+
+    def _statements(self, nodes: list[ast.stmt]) -> list[str]:
+        return [line for node in nodes for line in self._statement(node)]
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        match node:
+            case ast.Assign():
+                return self._assigned(node)
+            case ast.AugAssign():
+                whole = isinstance(node.target, ast.Name) and node.target.id in self._ints
+                return [f"{self._text(node.target)} {_OPERATORS[type(node.op)]}= {self._bare(node.value, not whole)};"]
+            case ast.If():
+                other = ["} else {", *indented(self._statements(node.orelse))] if node.orelse else []
+                if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+                    first, *rest = self._statement(node.orelse[0])
+                    return [
+                        f"if ({self._bare(node.test)}) {{",
+                        *indented(self._statements(node.body)),
+                        f"}} else {first}",
+                        *rest,
+                    ]
+                return [f"if ({self._bare(node.test)}) {{", *indented(self._statements(node.body)), *other, "}"]
+            case ast.While():
+                return [f"while ({self._bare(node.test)}) {{", *indented(self._statements(node.body)), "}"]
+            case ast.For(iter=ast.Call(args=[end])):
+                (target,) = _names(node.target)
+                name, kind = c_name(target.id), "int " if id(node) in self._constants else ""
+                stop = f"{_RETURNED} == 0 && " if _sets_returned(node) else ""
+                head = f"for ({kind}{name} = 0; {stop}{name} < {self._text(end)}; {name}++) {{"
+                return [head, *indented(self._statements(node.body)), "}"]
+            case ast.Expr():
+                return [f"{self._text(node.value)};"]
+            case ast.Pass():
+                return []
+        raise self._refused(node)
+
+    def _assigned(self, node: ast.Assign) -> list[str]:
+        if isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Tuple):
+            outputs = [f"&{self._text(one)}" for one in _elements(node.targets[0])]
+            return [f"{self._call(node.value, outputs)};"]
+        lines, constant, pairs = [], id(node) in self._constants, list(_pairs(node))
+        texts = {ast.unparse(target) for target, _ in pairs}
+        for _, value in pairs[1:]:
+            if value is not None and any(
+                ast.unparse(one) in texts for one in ast.walk(value) if isinstance(one, ast.expr)
+            ):
+                raise self._refused(node)  # a value reads a target beside it
+        for target, value in pairs:
+            assert value is not None
+            whole = isinstance(target, ast.Name) and target.id in self._ints
+            declared = f"const {'int' if whole else 'real'} " if constant else ""
+            lines.append(f"{declared}{self._text(target)} = {self._bare(value, not whole)};")
+        return lines
+
+    # --- expressions ---
+
+    def _bare(self, node: ast.expr, real: bool = False) -> str:
+        """An expression without the brackets around it."""
+        text = self._text(node, real)
+        inner = isinstance(node, ast.BinOp | ast.BoolOp | ast.Compare | ast.IfExp)
+        return text[1:-1] if inner and text.startswith("(") and not text.startswith("(real)") else text
+
+    def _text(self, node: ast.expr, real: bool = False) -> str:
+        """An expression, each operation in brackets; as a real number if `real`."""
+        if real and self._is_whole(node) and not isinstance(node, ast.Constant):
+            return f"(real){self._text(node)}"
+        match node:
+            case ast.Constant(value=bool() | int() | float() as value):
+                return _number(float(value) if real else value)
+            case ast.Name() | ast.Attribute() | ast.Subscript():
+                return self._place(node, real)
+            case ast.BinOp():
+                return self._operation(node)
+            case ast.UnaryOp(op=ast.Not()):
+                return f"!({self._bare(node.operand)})"
+            case ast.UnaryOp():
+                return f"({_OPERATORS[type(node.op)]}{self._text(node.operand)})"
+            case ast.BoolOp():
+                return f"({f' {_OPERATORS[type(node.op)]} '.join(self._text(value) for value in node.values)})"
+            case ast.Compare():
+                return self._comparison(node)
+            case ast.IfExp():
+                as_real = not self._is_whole(node)
+                sides = (self._text(one, as_real) for one in (node.body, node.orelse))
+                return f"({self._text(node.test)} ? {' : '.join(sides)})"
+            case ast.Call():
+                return self._call(node)
+        raise self._refused(node)
+
+    def _place(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
+        """A name, a field, or an entry of an array."""
+        if isinstance(node, ast.Name):
+            value = self._function.constants.get(node.id)
+            return c_name(node.id) if value is None else _number(float(value) if real else value)
+        if isinstance(node, ast.Subscript):
+            return f"{self._text(node.value)}[{self._bare(node.slice)}]"
+        assert isinstance(node.value, ast.Name)
+        if node.value.id == "math":
+            return _number(getattr(math, node.attr))
+        return f"{c_name(node.value.id)}->{c_name(node.attr)}"
+
+    def _comparison(self, node: ast.Compare) -> str:
+        sides = [node.left, *node.comparators]
+        real = not all(self._is_whole(one) for one in sides)
+        pairs = zip(sides[:-1], node.ops, sides[1:], strict=True)
+        told = [f"({self._text(a, real)} {_OPERATORS[type(op)]} {self._text(b, real)})" for a, op, b in pairs]
+        return told[0] if len(told) == 1 else f"({' && '.join(told)})"
+
+    def _operation(self, node: ast.BinOp) -> str:
+        as_real = not self._is_whole(node)
+        left = self._text(node.left, as_real)
+        if isinstance(node.op, ast.Pow):
+            power = node.right.value if isinstance(node.right, ast.Constant) else None
+            return (
+                f"square({self._bare(node.left, True)})"
+                if power == 2
+                else f"REAL_POW({left}, {self._bare(node.right, True)})"
+            )
+        if isinstance(node.op, ast.Mod) and as_real:
+            raise self._refused(node)
+        return f"({left} {_OPERATORS[type(node.op)]} {self._text(node.right, as_real)})"
+
+    def _call(self, node: ast.Call, outputs: list[str] | None = None) -> str:
+        function = self._function
+        if isinstance(node.func, ast.Name) and node.func.id in function.calls:
+            called = function.calls[node.func.id]
+            given = zip(called.arguments, node.args, strict=True)
+            arguments = [self._text(one) if name in called.roles else self._bare(one, True) for name, one in given]
+            return f"{c_name(called.name)}({', '.join([*arguments, *(outputs or [])])})"
+        if isinstance(node.func, ast.Attribute):
+            if node.func.attr not in (*_MATH, "isfinite"):
+                raise self._refused(node)
+            name = "is_finite" if node.func.attr == "isfinite" else f"REAL_{node.func.attr.upper()}"
+            return f"{name}({', '.join(self._bare(one, True) for one in node.args)})"
+        assert isinstance(node.func, ast.Name)
+        first = node.args[0]
+        match node.func.id:
+            case "len":
+                assert isinstance(first, ast.Attribute)
+                return str(self._structures.lengths[function.role(first.value) or "", first.attr])
+            case "int":
+                return f"(int){self._text(first, True)}"
+            case "float":
+                return self._text(first, True)
+            case "abs":
+                return f"REAL_FABS({self._bare(first, True)})"
+        name = {"min": "lesser", "max": "larger"}[node.func.id]
+        text = self._bare(first, True)
+        for one in node.args[1:]:
+            text = f"{name}({text}, {self._bare(one, True)})"
+        return text
+
+    def _refused(self, node: ast.AST) -> InputError:
+        return InputError(
+            f"{self._function.name}: {ast.unparse(node)!r} cannot be written in C; write it in simpler steps"
+        )
+
+    # --- how long it can take ---
+
+    def operations(self, bound: int, known: Mapping[str, int]) -> int:
+        """Most floating-point operations of a call: loops count as `bound`, called functions as `known`."""
+        return sum(self._count(statement, bound, known) for statement in self._body)
+
+    def _count(self, node: ast.AST, bound: int, known: Mapping[str, int]) -> int:
+        own = int(isinstance(node, ast.BinOp | ast.UnaryOp | ast.Compare | ast.AugAssign | ast.Call | ast.IfExp))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in self._function.calls:
+            own = known[self._function.calls[node.func.id].name]
+        inner = sum(self._count(one, bound, known) for one in ast.iter_child_nodes(node))
+        return own + inner * (bound if isinstance(node, ast.For | ast.While) else 1)
+
+
+class _Returns:
+    """Statements whose every `return` has become an assignment to the result, what follows it moved aside."""
+
+    def __init__(self, values: int, result: str) -> None:
+        self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
+
+    def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
+        """The statements of a function, or of a loop."""
+        done: list[ast.stmt] = []
+        for k, node in enumerate(nodes):
+            rest = nodes[k + 1 :]
+            if isinstance(node, ast.Return):
+                return [*done, *self._result(node, in_loop)]
+            if isinstance(node, ast.If) and _has_return(node):
+                sides = (
+                    self.body(side if _ends(side) else [*side, *copy.deepcopy(rest)], in_loop)
+                    for side in (node.body, node.orelse)
+                )
+                return [*done, ast.If(node.test, next(sides) or [ast.Pass()], next(sides))]
+            if isinstance(node, ast.For | ast.While) and _has_return(node):
+                begin = ast.Assign([ast.Name(_RETURNED, ast.Store())], ast.Constant(0))
+                node.body = self.body(node.body, in_loop=True)
+                after = self.body(rest, in_loop)
+                test = ast.Compare(ast.Name(_RETURNED, ast.Load()), [ast.Eq()], [ast.Constant(0)])
+                return [*done, begin, node, *([ast.If(test, after, [])] if after else [])]
+            done.append(node)
+        return done
+
+    def _result(self, node: ast.Return, in_loop: bool) -> list[ast.stmt]:
+        values = [] if node.value is None else _elements(node.value)
+        found: list[ast.stmt] = (
+            [ast.Assign([ast.Name(name, ast.Store())], value) for name, value in zip(self._names, values, strict=True)]
+            if values
+            else []
+        )
+        if in_loop:
+            found.append(ast.Assign([ast.Name(_RETURNED, ast.Store())], ast.Constant(1)))
+        return found
+
+
+def _has_return(node: ast.AST) -> bool:
+    return any(isinstance(one, ast.Return) for one in ast.walk(node))
+
+
+def _sets_returned(node: ast.AST) -> bool:
+    return any(isinstance(one, ast.Name) and one.id == _RETURNED for one in ast.walk(node))
+
+
+def _ends(nodes: list[ast.stmt]) -> bool:
+    """Whether every way through statements ends in a return."""
+    last = nodes[-1] if nodes else None
+    if isinstance(last, ast.If):
+        return _ends(last.body) and _ends(last.orelse)
+    return isinstance(last, ast.Return)
+
+
+def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
+    """The blocks of statements, each as a list."""
+    yield nodes
+    for node in nodes:
+        for name in ("body", "orelse"):
+            if inner := getattr(node, name, None):
+                yield from _blocks(inner)
+
+
+def _uses(node: ast.AST, name: str) -> int:
+    return sum(isinstance(one, ast.Name) and one.id == name for one in ast.walk(node))
+
+
+def _elements(node: ast.expr) -> list[ast.expr]:
+    return list(node.elts) if isinstance(node, ast.Tuple) else [node]
+
+
+def _names(node: ast.expr) -> list[ast.Name]:
+    return [one for one in _elements(node) if isinstance(one, ast.Name)]
+
+
+def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
+    """Targets and values of an assignment, one by one; None for what a called function gives."""
+    for target in node.targets:
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            yield from zip(target.elts, node.value.elts, strict=True)
+        elif isinstance(target, ast.Tuple):
+            yield from ((one, None) for one in target.elts)
+        else:
+            yield target, node.value
+
+
+def _number(value: float) -> str:
+    if isinstance(value, bool | int):
+        return str(int(value))
+    if math.isinf(value):
+        return f"({'-' if value < 0 else ''}REAL(HUGE_VAL))"
+    return f"REAL({value!r})" if value >= 0 else f"(-REAL({-value!r}))"
+
+
+def indented(lines: list[str]) -> list[str]:
+    """Lines of a block, at most `WIDTH` wide."""
+    found = []
+    for line in lines:
+        margin = " " * (len(line) - len(line.lstrip()) + 12)
+        found += textwrap.wrap("    " + line, WIDTH, subsequent_indent=margin, break_long_words=False) or [""]
+    return found

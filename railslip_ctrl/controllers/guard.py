@@ -1,0 +1,195 @@
+"""What stands between any controller and its brake: bad samples, a stuck sensor, a locked wheel, limits.
+
+The same in Python (`ControlUnit`) and in the generated C99, which has these functions and no others. In their formulas
+g is the guard's state, m the measurement and q the guard's parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Self
+
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import quantity
+from railslip_ctrl.model.vehicle import Rail, Record, Vehicle
+
+from .base import PERIOD, Controller, Measurement, Situation
+from .linear import full_brake_torque
+
+
+class Status(IntEnum):
+    """What the guard did with a sample.
+
+    OK: the controller's command, within the limits. HOLDING: a bad sample, the last command. RELEASING: bad samples for
+    longer than the hold, the command falls to 0. FAULT: it is 0, and the samples are still bad. LOCKED: the wheel
+    stands while the train moves, the command is 0.
+    """
+
+    OK = 0
+    HOLDING = 1
+    RELEASING = 2
+    FAULT = 3
+    LOCKED = 4
+
+
+OK, HOLDING, RELEASING, FAULT, LOCKED = (float(one) for one in Status)
+
+
+class Guard(Record):
+    """The guard's parameters; SI. `for_controller` has the limits and the wheel of a controller."""
+
+    period: float = quantity("s", "sampling period", gt=0)
+    radius: float = quantity("m", "wheel radius", gt=0)
+    torque_min: float = quantity("N*m", "least command", default=0.0, le=0)
+    torque_max: float = quantity("N*m", "largest command", gt=0)
+    speed_max: float = quantity("m/s", "largest plausible train speed", gt=0, default=150.0)
+    wheel_speed_max: float = quantity("rad/s", "largest plausible wheel speed", gt=0, default=600.0)
+    hold_time: float = quantity("s", "time for which bad samples hold the last command", ge=0, default=0.1)
+    release_time: float = quantity("s", "time in which the largest command is then released", gt=0, default=0.2)
+    stuck_time: float = quantity(
+        "s", "time without any change of the wheel speed that is a stuck sensor", gt=0, default=1.0
+    )
+    locked_share: float = quantity(
+        "1", "share of the train speed below which the wheel stands", gt=0, lt=1, default=0.02
+    )
+    lock_time: float = quantity("s", "time for which a wheel may stand", ge=0, default=0.1)
+    moving_speed: float = quantity("m/s", "train speed below which a wheel may stand", ge=0, default=0.5)
+
+    class State(Record):
+        """What the guard remembers."""
+
+        status: float = quantity("1", "what it did with the last sample, see `Status`", default=0.0)
+        last_command: float = quantity("N*m", "command of the sample before", default=0.0)
+        last_wheel_speed: float = quantity("rad/s", "wheel speed of the sample before", default=-1.0)
+        same_time: float = quantity("s", "time for which the wheel speed has not changed", default=0.0)
+        bad_time: float = quantity("s", "time for which samples have been bad", default=0.0)
+        locked_time: float = quantity("s", "time for which the wheel has stood", default=0.0)
+
+    @classmethod
+    def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
+        """The guard of a controller: within its own limits, or 0 and the vehicle's full brake, if it has none."""
+        least, most = control.least_torque, control.largest_torque
+        radius = getattr(control, "radius", None)
+        return cls(
+            period=period,
+            radius=vehicle.wheel.radius if radius is None else radius,
+            torque_min=max(least, 0.0) if least > 0 or math.isinf(least) else least,
+            torque_max=full_brake_torque(vehicle) if math.isinf(most) else most,
+        )
+
+
+_SAME_TIME = 1e-9
+"""Relative; times are sums of periods, and reach their limit within this."""
+
+
+def is_good(g: Any, m: Any, q: Any) -> Any:
+    """1 if the controller may use a sample, else 0.
+
+    Bad is a speed that is not finite, negative or above the sensor's range, or a wheel speed that has not changed for
+    `stuck_time` while torque acts.
+    """
+    v, omega = m.train_speed, m.wheel_speed
+    plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # NaN is not
+    if plausible > 0.0 and omega > 0.0 and omega == g.last_wheel_speed and g.last_command > 0.0:
+        g.same_time += q.period
+    elif plausible > 0.0 and (omega != g.last_wheel_speed or omega == 0.0):
+        g.same_time = 0.0
+    if plausible > 0.0:
+        g.last_wheel_speed = omega
+    return 0.0 if g.same_time >= q.stuck_time * (1.0 - _SAME_TIME) else plausible
+
+
+def taken(g: Any, m: Any, q: Any) -> Any:
+    """The torque that the brake took, within the limits; what is no number is the last command."""
+    torque = m.applied_torque if math.isfinite(m.applied_torque) else g.last_command
+    return min(max(torque, q.torque_min), q.torque_max)
+
+
+def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
+    """The command to the brake, N*m, for the controller's `wanted` one; sets the status."""
+    if good > 0.0 and math.isfinite(wanted):
+        torque = min(max(wanted, q.torque_min), q.torque_max)
+        g.bad_time, g.status = 0.0, OK
+    else:
+        g.bad_time += q.period
+        torque, g.status = g.last_command, HOLDING
+        if g.bad_time > q.hold_time * (1.0 + _SAME_TIME):
+            fall = q.torque_max * q.period / q.release_time
+            torque = max(torque - fall, 0.0) if torque > 0.0 else min(torque + fall, 0.0)
+            g.status = FAULT if torque == 0.0 else RELEASING
+    if good > 0.0 and m.train_speed > q.moving_speed and q.radius * m.wheel_speed < q.locked_share * m.train_speed:
+        g.locked_time += q.period
+    elif good > 0.0:
+        g.locked_time = 0.0
+    if g.locked_time > q.lock_time * (1.0 + _SAME_TIME):
+        torque, g.status = min(torque, 0.0), LOCKED
+    g.last_command = torque
+    return torque
+
+
+class Command(NamedTuple):
+    """The command to the brake, N*m, and what the guard did."""
+
+    torque: float
+    status: Status
+
+
+class ControlUnit:
+    """A controller with its guard, sample by sample, as the generated C99 runs.
+
+    - control: a controller.
+    - vehicle: what the controller believes where its parameters do not say it.
+    - speed: train speed when the brake is applied, m/s.
+    - rail: whose reference slip it holds.
+
+    InputError: a controller known by a Python step alone, or parameters that its guard refuses.
+    """
+
+    @checked
+    def __init__(self, control: Controller, vehicle: Vehicle, speed: float, *, rail: Rail = Rail.DRY) -> None:
+        self.control = control.believing(vehicle)
+        self.period = PERIOD if control.period is None else control.period
+        self.guard = Guard.for_controller(self.control, vehicle, self.period)
+        self._q = SimpleNamespace(**dict(self.guard))
+        self._g = SimpleNamespace(**dict(Guard.State()))
+        self._x = mutable(self.control.start(speed, self.period))
+        self._p = SimpleNamespace(**step_parameters(self.control, rail, self.period))
+        self._step = self.control.whole_step
+        self._samples = 0
+
+    @property
+    def state(self) -> SimpleNamespace:
+        """The controller's state."""
+        return self._x
+
+    def step(self, train_speed: float, wheel_speed: float, applied_torque: float) -> Command:
+        """One sample: train speed (m/s), wheel speed (rad/s), and the torque that the brake took since the sample
+        before (N*m; 0 in the first)."""
+        m = Measurement(self._samples * self.period, train_speed, wheel_speed, applied_torque)
+        good, wanted = is_good(self._g, m, self._q), 0.0
+        m = m._replace(applied_torque=taken(self._g, m, self._q))
+        if good > 0.0:
+            wanted = self._step(self._x, m, self._p)
+        torque = guarded(self._g, m, self._q, good, wanted)
+        self._samples += 1
+        return Command(float(torque), Status(int(self._g.status)))
+
+
+def mutable(state: Any) -> SimpleNamespace:
+    """A state that a step can change."""
+    values = dict(state) if isinstance(state, Record) else vars(state)
+    return SimpleNamespace(**{name: list(one) if isinstance(one, tuple) else one for name, one in values.items()})
+
+
+def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str, Any]:
+    """The parameters of a step on a rail, by name; InputError for a controller that lacks its reference."""
+    if control.reference is None and control.follows_reference:
+        raise InputError(f"controller {control.label}: it has no reference slip; give it a reference")
+    law = control.model_law
+    situation = Situation(rail, period, law.on(rail) if law is not None else None)
+    held = math.nan if control.reference is None else control.reference.on(rail)
+    numbers = {**control.parameters(situation), **control.outside_numbers(situation)}
+    return {**numbers, "period": period, "reference_slip": held}

@@ -1,0 +1,86 @@
+"""PI, PI with a lead, and PID in series form."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.units import quantity
+from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
+
+from .linear import LinearControl
+from .systems import PIController
+
+FILTER_RATIO = 0.1
+"""Time constant of a lead's filter over that of the lead, if none is given: the usual N = 10 of a PID."""
+
+
+class PI(LinearControl):
+    """C(s) = kp + ki/s, with (lead s + 1)/(lead_filter s + 1) behind it where a lead or a filter is given."""
+
+    kind: ClassVar[str] = "pi"
+    title: ClassVar[str] = "PI"
+
+    kp: float = quantity("N*m/(m/s)", "proportional gain")
+    ki: float = quantity("N*m/m", "integral gain")
+    lead: float = quantity("s", "time constant of a lead", ge=0, default=0.0)
+    lead_filter: float = quantity("s", "time constant of its filter", ge=0, default=0.0)
+
+    @cached_property
+    def system(self) -> PIController:
+        return PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
+        """As of `LinearControl`, with the gains given: `tune` finds them.
+
+        InfeasibleDesignError without them.
+        """
+        if not {"kp", "ki"} <= given.keys():
+            raise InfeasibleDesignError(
+                f"controller {cls.kind}: its gains do not follow from the vehicle alone; tune it, or give kp and ki"
+            )
+        return super().for_vehicle(vehicle, **given)
+
+    def headline(self) -> str:
+        lead = f", lead {self.lead:.4g}/{self.lead_filter:.4g} s" if self.lead > 0 else ""
+        return f"{self.system.structure}: kp {self.kp:.4g} N·m/(m/s), ki {self.ki:.4g} N·m/m{lead}"
+
+    def gain_values(self) -> dict[str, Any]:
+        return {"kp_si": self.kp, "ki_si": self.ki, "lead_s": self.lead, "lead_filter_s": self.lead_filter}
+
+    @classmethod
+    def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
+        """What is multiplied by kp + ki/s when the gains are tuned for an `actuator`; `lead` and `lead_filter`, s, are
+        those of the rule if None."""
+        return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
+
+
+class PILead(PI):
+    """A PI with a lead at the actuator's lag, which it cancels; its filter is a tenth of that."""
+
+    kind: ClassVar[str] = "pi-lead"
+    title: ClassVar[str] = "PI with a lead on the actuator's lag"
+
+    lead: float = quantity("s", "time constant of the lead", gt=0)
+    lead_filter: float = quantity("s", "time constant of its filter", gt=0)
+
+    @classmethod
+    def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
+        lead = actuator.lag if lead is None else lead
+        return PIController(PIGains(kp=1.0, ki=0.0), lead, FILTER_RATIO * lead if lead_filter is None else lead_filter)
+
+
+class PID(PILead):
+    """A PI-lead whose lead, the derivative time, is tuned too: a PID in series form."""
+
+    kind: ClassVar[str] = "pid"
+    title: ClassVar[str] = "PID in series form"
+
+
+def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
+    """A PI as it brakes, of a `kind`, or a `PILead` if the design has a lead; `fields` are those of `LinearControl`."""
+    made = kind or (PILead if design.lead > 0 else PI)
+    times = {"lead": design.lead, "lead_filter": design.lead_filter}
+    return made(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

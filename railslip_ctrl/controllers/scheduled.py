@@ -1,0 +1,258 @@
+"""Gains scheduled over speed and rail: a PI with one lead, taken over without a bump in torque."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.core.user_files import read_text, validated
+from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.vehicle import PIGains, Rail, Record, Vehicle
+
+from .base import Controller, Situation
+from .linear import TRACKING_TIME, full_brake_torque, windup_words
+from .sampled import Rule, SampledController
+from .systems import PIController
+
+
+@dataclass(frozen=True)
+class ScheduleEntry:
+    """Gains at one speed on one rail, tuned over the vehicle's loads there, and the worst Ms with them."""
+
+    rail: Rail
+    speed_kmh: float
+    gains: PIGains
+    worst_ms: float
+
+
+@dataclass(frozen=True)
+class GainSchedule:
+    """PI gains over speed and rail, linear in speed between entries and constant outside, with one lead (s) for all.
+
+    Below `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms`
+    is the largest Ms over the scheduled speeds and between them. InputError for values that no schedule has.
+    """
+
+    entries: tuple[ScheduleEntry, ...]
+    lead: float
+    lead_filter: float
+    lowest_speed_kmh: float
+    worst_ms: float
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not self.entries:
+            raise InputError("gain schedule: it has no entries; give at least one speed")
+        seen = set()
+        for entry in self.entries:
+            number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)
+            number("gain schedule: worst Ms", entry.worst_ms, ge=1)
+            if (entry.rail, entry.speed_kmh) in seen:
+                raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h comes twice; keep one")
+            seen.add((entry.rail, entry.speed_kmh))
+        number("gain schedule: lowest speed", self.lowest_speed_kmh, "km/h", ge=0)
+        if not self.worst_ms >= 1:
+            raise InputError(f"gain schedule: worst Ms {self.worst_ms} is not allowed; give a value >= 1")
+        PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
+
+    def controller(self, speed: float, rail: Rail) -> PIController:
+        """The controller at a speed (m/s, > 0) on a rail.
+
+        Raises InputError for a speed that is not finite and positive, or a rail without entries.
+        """
+        number("speed", speed, "m/s", gt=0)
+        mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
+        if not mine:
+            raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
+        speeds = [e.speed_kmh for e in mine]
+        kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
+        ki = float(np.interp(speed / KMH, speeds, [e.gains.ki for e in mine]))
+        return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
+
+    def to_json(self) -> str:
+        """The schedule as JSON, SI except where a key names a unit; `from_json` reads it back."""
+        entries = []
+        for e in self.entries:
+            gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
+            entries.append({"rail": e.rail.value, "speed_kmh": e.speed_kmh, **gains, "worst_ms": e.worst_ms})
+        limits = {"lowest_speed_kmh": self.lowest_speed_kmh, "worst_ms": self.worst_ms}
+        content = {"lead_s": self.lead, "lead_filter_s": self.lead_filter, **limits, "entries": entries}
+        return json.dumps(content, indent=2, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> GainSchedule:
+        """Read what `to_json` wrote; InputError for anything else."""
+        try:
+            content = json.loads(text)
+            entries = []
+            for e in content["entries"]:
+                gains = validated(PIGains, {"kp": e["kp_si"], "ki": e["ki_si"]}, "gain schedule")
+                entries.append(ScheduleEntry(Rail(e["rail"]), float(e["speed_kmh"]), gains, float(e["worst_ms"])))
+            others = [float(content[key]) for key in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")]
+        except InputError:
+            raise
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
+        return cls(tuple(entries), *others)
+
+
+class Scheduled(Controller):
+    """A `GainSchedule` as it brakes. Its anti-windup follows the gains, kp/ki, unless a tracking time is given.
+
+    InputError: as of `LinearControl`; a schedule without entries for a rail of the run.
+    """
+
+    kind: ClassVar[str] = "scheduled"
+    title: ClassVar[str] = "PI-lead with gains over speed and rail"
+    source: ClassVar[str] = "this project"
+
+    schedule: GainSchedule
+    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
+    torque_min: float | None = quantity("N*m", "least torque; none if left out", default=None)
+    torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
+    tracking_time: float | None = quantity(
+        "s", "tracking time of the anti-windup; kp/ki if left out", gt=0, default=None
+    )
+    initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
+    rule: Rule = Field(Rule.BACKWARD, description="how the PI becomes a difference equation")
+
+    class State(Record):
+        """The PI behind the lead."""
+
+        integral: float = quantity("N*m", "integral part of the torque", default=0.0)
+        error: float = quantity("m/s", "slip error of the sample before", default=0.0)
+        filtered_error: float = quantity("m/s", "behind the lead", default=0.0)
+        unlimited_torque: float = quantity("N*m", "torque of the sample before, without limits", default=0.0)
+
+    class Parameters(Record):
+        """Lead, integrator, limits, and the gains of the rail over speed."""
+
+        radius: float = quantity("m", "wheel radius")
+        lead_pole: float = quantity("1", "pole of the lead in z")
+        lead_now: float = quantity("1", "from the error to the filtered one")
+        lead_before: float = quantity("1", "from the error before to the filtered one")
+        weight_now: float = quantity("s", "weight of the filtered error in the integral")
+        weight_before: float = quantity("s", "weight of the filtered error before")
+        tracking: float = quantity("1", "period over tracking time; below 0: period ki/kp")
+        torque_min: float = quantity("N*m", "least torque")
+        torque_max: float = quantity("N*m", "largest torque")
+        speed_count: float = quantity("1", "speeds in use")
+        speeds: tuple[float, ...] = quantity("m/s", "speeds, rising")
+        kp: tuple[float, ...] = quantity("N*m/(m/s)", "proportional gains at them")
+        ki: tuple[float, ...] = quantity("N*m/m", "integral gains at them")
+
+    @classmethod
+    def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
+        """`schedule` may name a file written by `GainSchedule.to_json`."""
+        if isinstance(content.get("schedule"), str):
+            schedule = GainSchedule.from_json(read_text(path.parent / content["schedule"]))
+            content = {**content, "schedule": schedule}
+        return super().from_keys(content, path, initial_speed)
+
+    def file_keys(self) -> dict[str, Any]:
+        return {**super().file_keys(), "schedule": asdict(self.schedule)}
+
+    @model_validator(mode="after")
+    def _can_run(self) -> Self:
+        if self.period is not None:
+            self._lead(self.period)
+        return self
+
+    def linear(self, point: OperatingPoint | None) -> PIController:
+        """The PI at an operating point's speed and rail."""
+        if point is None:
+            raise InputError(f"controller {self.label}: it is linear at an operating point; give one")
+        return self.schedule.controller(point.speed, point.rail)
+
+    def parameters(self, situation: Situation) -> Mapping[str, Any]:
+        h, rail = situation.period, situation.rail
+        by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is one}) for one in Rail]
+        speeds = by_rail[tuple(Rail).index(rail)] or [1.0]  # none: the schedule refuses
+        designs = [self.schedule.controller(speed, rail).gains for speed in speeds]
+        p, q0, q1 = self._lead(h)
+        now, before = (h * 0.5, h * 0.5) if self.rule is Rule.TUSTIN else (h, 0.0)
+        unused = (0.0,) * (max(map(len, by_rail)) - len(speeds))  # a run has as many of each rail
+        return {
+            **{"radius": self.radius, "lead_pole": p, "lead_now": q0, "lead_before": q1},
+            **{"weight_now": now, "weight_before": before},
+            "tracking": -1.0 if self.tracking_time is None else h / self.tracking_time,
+            **{"torque_min": self.least_torque, "torque_max": self.largest_torque, "speed_count": len(speeds)},
+            "speeds": (*speeds, *unused),
+            "kp": (*(gains.kp for gains in designs), *unused),
+            "ki": (*(gains.ki for gains in designs), *unused),
+        }
+
+    def _lead(self, h: float) -> tuple[float, float, float]:
+        """Pole p and weights q0, q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
+        design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
+        limits = self.least_torque, self.largest_torque
+        made = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
+        return float(np.sum(made.poles).real), made.gain, -made.gain * float(np.sum(made.zeros).real)
+
+    def start(self, speed: float, period: float) -> Record:
+        return self.State(integral=self.initial_torque, unlimited_torque=self.initial_torque)
+
+    @staticmethod
+    def step(state: Any, measurement: Any, parameters: Any) -> Any:
+        """A PI with a lead whose gains follow the train's speed, linear between those of the schedule."""
+        speed, applied = measurement.train_speed, measurement.applied_torque
+        error = parameters.reference_slip * speed - (speed - parameters.radius * measurement.wheel_speed)
+        if not math.isfinite(error):
+            return applied
+        last, i = int(parameters.speed_count) - 1, 0
+        while i < last and speed >= parameters.speeds[i + 1]:
+            i += 1
+        kp, ki = parameters.kp[i], parameters.ki[i]
+        if i < last and speed > parameters.speeds[i]:
+            share = (speed - parameters.speeds[i]) / (parameters.speeds[i + 1] - parameters.speeds[i])
+            kp += share * (parameters.kp[i + 1] - kp)
+            ki += share * (parameters.ki[i + 1] - ki)
+        integral = state.unlimited_torque - kp * state.filtered_error  # the torque goes on as with the gains before
+        filtered = (
+            parameters.lead_pole * state.filtered_error
+            + parameters.lead_now * error
+            + parameters.lead_before * state.error
+        )
+        share = parameters.tracking if parameters.tracking >= 0.0 else 1.0
+        if ki == 0.0:
+            share = 0.0
+        elif parameters.tracking < 0.0 and parameters.period * abs(ki) < abs(kp):
+            share = parameters.period * abs(ki / kp)
+        integral += ki * (
+            parameters.weight_now * filtered + parameters.weight_before * state.filtered_error
+        ) + share * (applied - state.unlimited_torque)
+        state.integral, state.error, state.filtered_error = integral, error, filtered
+        state.unlimited_torque = kp * filtered + integral
+        return min(max(state.unlimited_torque, parameters.torque_min), parameters.torque_max)
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
+        """Within 0 and the vehicle's full brake, with anti-windup; its `schedule` is given."""
+        limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
+        return cls(**{**limits, **given}).believing(vehicle)
+
+    def described(self) -> str:
+        speeds = sorted({entry.speed_kmh for entry in self.schedule.entries})
+        rails = {entry.rail for entry in self.schedule.entries}
+        return (
+            f"{self.label}, PI gains at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h, "
+            f"{', '.join(rail for rail in Rail if rail in rails)} rail, lead ({self.schedule.lead:g} s + 1)/"
+            f"({self.schedule.lead_filter:g} s + 1)"
+        )
+
+    def limits_described(self) -> str:
+        return super().limits_described() + windup_words(self, anti_windup=True)
+
+    def gain_values(self) -> dict[str, Any]:
+        return {}

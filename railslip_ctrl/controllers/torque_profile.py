@@ -1,0 +1,67 @@
+"""A torque given over time, open loop."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, ClassVar, Self
+
+from pydantic import model_validator
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import quantity
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.vehicle import Record
+
+from .base import Controller
+
+
+class TorqueProfile(Controller):
+    """A torque over time, linear in between and constant after; `reference` only judges the slip, if it is given.
+
+    InputError: lists of different lengths, or times that do not rise.
+    """
+
+    kind: ClassVar[str] = "torque-profile"
+    title: ClassVar[str] = "torque over time, open loop"
+    source: ClassVar[str] = "this project"
+    no_loop: ClassVar[str] = "it feeds nothing back"
+    follows_reference: ClassVar[bool] = False
+
+    reference: ReferenceSlip | None = None
+    times: tuple[float, ...] = quantity("s", "times, rising")
+    torques: tuple[float, ...] = quantity("N*m", "torques at them")
+
+    class State(Record):
+        """It remembers nothing."""
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if not self.times or len(self.times) != len(self.torques):
+            raise InputError(
+                f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give as many of each"
+            )
+        for earlier, later in pairwise(self.times):
+            if not later > earlier:
+                raise InputError(f"torque profile: time {later:g} s after {earlier:g} s is not allowed; they must rise")
+        return self
+
+    @staticmethod
+    def step(state: Any, measurement: Any, parameters: Any) -> Any:
+        """The torque at the time, linear between the points, constant outside."""
+        last = len(parameters.times) - 1
+        if measurement.time <= parameters.times[0]:
+            return parameters.torques[0]
+        if measurement.time >= parameters.times[last]:
+            return parameters.torques[last]
+        i = 0
+        while measurement.time >= parameters.times[i + 1]:
+            i += 1
+        share = (measurement.time - parameters.times[i]) / (parameters.times[i + 1] - parameters.times[i])
+        return parameters.torques[i] + share * (parameters.torques[i + 1] - parameters.torques[i])
+
+    def described(self) -> str:
+        count, least, most = len(self.times), min(self.torques), max(self.torques)
+        return f"{self.label}, torque over time: {count} points, {least:g} to {most:g} N·m"
+
+    def gain_values(self) -> dict[str, Any]:
+        return {}

@@ -1,0 +1,332 @@
+"""The step of a controller, read from its Python source and printed as the text of a kernel.
+
+A step is a function of (state, measurement, parameters) in named fields. It and the functions that it calls use numbers
+alone: assignments, `if`, `while`, `for ... in range(...)`, `return`; `min`, `max`, `abs`, `int`, `float`, `len`; the
+functions of `math`; and constants of their modules. `c_code` prints the same functions as C99.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import field
+from types import FunctionType, MappingProxyType
+from typing import Any, TypeVar
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.user_files import place
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+STATE, MEASUREMENT, PARAMETERS = "state", "measurement", "parameters"
+ROLES = (STATE, MEASUREMENT, PARAMETERS)
+"""What the first three arguments of a step are."""
+
+MEASURED = MappingProxyType({"time": "_t", "train_speed": "_v", "wheel_speed": "_omega", "applied_torque": "_applied"})
+"""Fields of a measurement (s, m/s, rad/s, N*m), and their names in a kernel."""
+
+BUILTINS = ("min", "max", "abs", "int", "float", "len", "range")
+_NODES = (
+    *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
+    *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
+    *(ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.expr_context, ast.operator, ast.unaryop, ast.boolop),
+    ast.cmpop,
+)
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of a step.
+
+    - name: unique among the functions of the step.
+    - node: its definition, without decorators, annotations and docstring.
+    - doc: its docstring.
+    - roles: those of its arguments that are the state, the measurement or the parameters.
+    - constants: the numbers of its module that it uses, by name.
+    - calls: the functions that it calls, by the name that it calls them by.
+    """
+
+    name: str
+    node: ast.FunctionDef
+    doc: str
+    roles: Mapping[str, str]
+    constants: Mapping[str, float | int | bool]
+    calls: dict[str, Function] = field(default_factory=dict)
+    is_outside: bool = False
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in order."""
+        return tuple(one.arg for one in self.node.args.args)
+
+    def role(self, node: ast.AST) -> str | None:
+        """The role of an expression that is an argument of the function; None of any other."""
+        return self.roles.get(node.id) if isinstance(node, ast.Name) else None
+
+    def all(self) -> dict[str, Function]:
+        """This function and those that it calls, the called before the calling, by name."""
+        found: dict[str, Function] = {}
+        for one in self.calls.values():
+            found |= {name: each for name, each in one.all().items() if name not in found}
+        return found | {self.name: self}
+
+
+def outside(function: F) -> F:
+    """Mark a function of (state, measurement, parameters) that each language gets from elsewhere, under its name."""
+    function.__dict__["is_outside"] = True
+    return function
+
+
+def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
+    """A step that calls `functions` under names that are `outside` in its module."""
+    assert isinstance(step, FunctionType), "a kind's step is a static method"
+    return FunctionType(step.__code__, {**step.__globals__, **functions}, step.__name__) if functions else step
+
+
+def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
+    """The functions of a step, or of a function whose first arguments are those of a step.
+
+    - roles: which arguments are the state, the measurement or the parameters; left out, the first three.
+
+    InputError, with file and line, for what cannot be translated.
+    """
+    arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
+    if roles is None and len(arguments) < len(ROLES):
+        raise InputError(f"{_place(step, 0)}: step takes {len(arguments)} arguments; give it {', '.join(ROLES)}")
+    assert isinstance(step, FunctionType), "a kind's step is a static method"
+    return _read(step, dict(zip(arguments, ROLES, strict=True)) if roles is None else roles, {})
+
+
+def _place(function: Any, line: int) -> str:
+    """File and line; `line` from the function's first one on."""
+    return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
+
+
+def _read(function: FunctionType, roles: Mapping[str, str], known: dict[FunctionType, Function]) -> Function:
+    if function in known:
+        if dict(known[function].roles) != dict(roles):
+            raise InputError(f"{_place(function, 0)}: {function.__name__} is called with other arguments elsewhere")
+        return known[function]
+    try:
+        text = textwrap.dedent(inspect.getsource(function))
+    except (OSError, TypeError):
+        raise InputError(f"{function.__name__}: its source cannot be read; write it into a file") from None
+    (node,) = ast.parse(text).body
+    assert isinstance(node, ast.FunctionDef)
+    doc = ast.get_docstring(node) or ""
+    if doc:
+        node.body = node.body[1:] or [ast.Pass()]
+    node.decorator_list, node.returns = [], None
+    for argument in node.args.args:
+        argument.annotation = None
+    name, taken = function.__name__, {one.name for one in known.values()}
+    while name in taken:
+        name += "_"
+    made = Function(name, node, doc, dict(roles), {}, {}, getattr(function, "is_outside", False))
+    known[function] = made
+    if not made.is_outside:
+        _check(made, function)
+        constants, calls = _names(made, function, known)
+        made.calls.update(calls)
+        object.__setattr__(made, "constants", constants)
+    return made
+
+
+def _check(read: Function, function: FunctionType) -> None:
+    """Refuse what is not in the language of steps."""
+    locals_ = {one.id for one in ast.walk(read.node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    for name in (*locals_, *read.arguments):
+        if name.startswith("_"):
+            raise InputError(f"{_place(function, 0)}: {name!r} begins with _, which names of a step do not")
+    for node in ast.walk(read.node):
+        if not isinstance(node, _NODES) or (isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)):
+            line = getattr(node, "lineno", 1) - 1
+            raise InputError(
+                f"{_place(function, line)}: {type(node).__name__} cannot be translated; a step has assignments, if, "
+                "while, for, return and numbers"
+            )
+
+
+def _names(
+    read: Function, function: FunctionType, known: dict[FunctionType, Function]
+) -> tuple[dict[str, float | int | bool], dict[str, Function]]:
+    """The constants and the functions that a function uses, by name."""
+    stored = {one.id for one in ast.walk(read.node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    own = stored | set(read.arguments)
+    called = {
+        one.func.id: one for one in ast.walk(read.node) if isinstance(one, ast.Call) and isinstance(one.func, ast.Name)
+    }
+    constants: dict[str, float | int | bool] = {}
+    calls: dict[str, Function] = {}
+    for one in ast.walk(read.node):
+        if not isinstance(one, ast.Name) or one.id in own or one.id in constants or one.id in calls:
+            continue
+        value = function.__globals__.get(one.id, getattr(builtins, one.id, None))
+        value = getattr(value, "py_func", value)
+        if isinstance(value, FunctionType) and one.id in called:
+            arguments = zip(inspect.signature(value).parameters, called[one.id].args, strict=False)
+            roles = {name: role for name, given in arguments if (role := read.role(given)) is not None}
+            calls[one.id] = _read(value, roles, known)
+        elif isinstance(value, bool | int | float):
+            constants[one.id] = value
+        elif value is not math and not (one.id in BUILTINS and value is getattr(builtins, one.id)):
+            raise InputError(
+                f"{_place(function, one.lineno - 1)}: {one.id!r} is no number, no function of a step and not of math"
+            )
+    return constants, calls
+
+
+# --- the text of a kernel ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Places of the fields in a kernel's arrays: the state in `_x`, the parameters in `_c`.
+
+    `_c` begins with `first` numbers of the kernel's own. Then come the scalars, the first place and the length of each
+    array of the parameters and of the state, and the arrays of the parameters. `_x` has the scalars of the state, then
+    its arrays.
+    """
+
+    state: tuple[str, ...]
+    state_arrays: tuple[str, ...]
+    parameters: tuple[str, ...]
+    parameter_arrays: tuple[str, ...]
+    first: int
+
+    def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
+        """The numbers of `_c` from `first` on."""
+        arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
+        place = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
+        header: list[float] = []
+        for array in arrays:
+            header += [float(place), float(len(array))]
+            place += len(array)
+        place = len(self.state)
+        for size in state_sizes:
+            header += [float(place), float(size)]
+            place += size
+        scalars = (float(values[name]) for name in self.parameters)
+        return (*scalars, *header, *(number for array in arrays for number in array))
+
+    def scalar(self, role: str, name: str) -> str | None:
+        """The text of a scalar field; None if it is no scalar."""
+        if role == MEASUREMENT:
+            return MEASURED.get(name)
+        names, array, first = (self.state, "_x", 0) if role == STATE else (self.parameters, "_c", self.first)
+        return f"{array}[{first + names.index(name)}]" if name in names else None
+
+    def array_header(self, role: str, name: str) -> int | None:
+        """The place in `_c` where first place and length of an array are; None if it is no array."""
+        if role == MEASUREMENT:
+            return None
+        names = (*self.parameter_arrays, *self.state_arrays)
+        own = self.state_arrays if role == STATE else self.parameter_arrays
+        if name not in own:
+            return None
+        index = names.index(name) if role == PARAMETERS else len(self.parameter_arrays) + own.index(name)
+        return self.first + len(self.parameters) + 2 * index
+
+
+ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
+
+
+def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
+    """The functions of a step as a kernel has them; the last is `command(x, t, v, omega, applied, c, table)`.
+
+    Arguments of the step without a role come last.
+    """
+    functions = [one for one in step.all().values() if not one.is_outside]
+    printed = [f"@compiled\n{ast.unparse(_Printer(one, layout).printed())}\n" for one in functions]
+    names = ", ".join((*ARGUMENTS, *(name for name in step.arguments if name not in step.roles)))
+    last = f"@compiled\ndef {command}({names}):\n    return {_prefixed(step.name)}({names})\n"
+    return "\n\n".join([*printed, last])
+
+
+def _prefixed(name: str) -> str:
+    return f"controller_{name}"
+
+
+class _Printer(ast.NodeTransformer):
+    """A function with its fields as places in arrays."""
+
+    def __init__(self, function: Function, layout: Layout) -> None:
+        self._function, self._layout = function, layout
+        self._arrays: dict[str, int] = {}
+
+    def printed(self) -> ast.FunctionDef:
+        import copy
+
+        node = copy.deepcopy(self._function.node)
+        body = [self.visit(one) for one in node.body]
+        others = [ast.arg(name) for name in self._function.arguments if name not in self._function.roles]
+        arguments = ast.arguments([], [*map(ast.arg, ARGUMENTS), *others], None, [], [], None, [])
+        found = ast.FunctionDef(_prefixed(self._function.name), arguments, [*self._prologue(), *body], [], None)
+        return ast.fix_missing_locations(found)
+
+    def _prologue(self) -> Iterable[ast.stmt]:
+        """Where the arrays that are used begin, and their lengths."""
+        for name, header in self._arrays.items():
+            yield from ast.parse(f"_at_{name} = int(_c[{header}])\n_len_{name} = int(_c[{header + 1}])").body
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        if node.id in self._function.constants and isinstance(node.ctx, ast.Load):
+            value = self._function.constants[node.id]
+            return ast.parse(repr(value) if not math.isinf(value) else f"{'-' * (value < 0)}math.inf", mode="eval").body
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        role = self._function.role(node.value)
+        if role is None:
+            return node  # of math
+        text = self._layout.scalar(role, node.attr)
+        if text is None:
+            raise self._unknown(role, node)
+        made = ast.parse(text, mode="eval").body
+        if isinstance(made, ast.Subscript | ast.Name):
+            made.ctx = node.ctx
+        return made
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        place, name, array = self._array(node.value)
+        self._arrays[name] = place
+        index = ast.BinOp(ast.Name(f"_at_{name}", ast.Load()), ast.Add(), self.visit(node.slice))
+        return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
+
+    def _array(self, node: ast.expr) -> tuple[int, str, str]:
+        """Place of the header, name and array of an array field."""
+        if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
+            raise InputError(f"{self._function.name}: {ast.unparse(node)} is no array of state or parameters")
+        place = self._layout.array_header(role, node.attr)
+        if place is None:
+            raise self._unknown(role, node)
+        return place, f"{role}_{node.attr}", "_x" if role == STATE else "_c"
+
+    def _unknown(self, role: str, node: ast.Attribute) -> InputError:
+        layout = self._layout
+        names = {
+            STATE: (*layout.state, *layout.state_arrays),
+            PARAMETERS: (*layout.parameters, *layout.parameter_arrays),
+            MEASUREMENT: tuple(MEASURED),
+        }[role]
+        return InputError(f"{self._function.name}: {role} has no {node.attr!r}; it has {', '.join(names) or 'nothing'}")
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        if isinstance(node.func, ast.Name) and node.func.id == "len":
+            place, name, _ = self._array(node.args[0])
+            self._arrays[name] = place
+            return ast.Name(f"_len_{name}", ast.Load())
+        called = self._function.calls.get(node.func.id) if isinstance(node.func, ast.Name) else None
+        others = [self.visit(one) for one in node.args if self._function.role(one) is None]
+        if called is None:
+            return ast.Call(node.func, others, [])
+        name = called.name if called.is_outside else _prefixed(called.name)
+        return ast.Call(ast.Name(name, ast.Load()), [*(ast.Name(one, ast.Load()) for one in ARGUMENTS), *others], [])

@@ -1,0 +1,72 @@
+"""Pictures of a result: drawn and written after the numbers, which never depend on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from railslip_ctrl.core.errors import InputError
+
+from .export import FileContent, write_files
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Drawings: TypeAlias = "Mapping[str, Figure | Callable[[], Figure]]"  #: figures by name, or functions that make them
+
+
+class Pictures:
+    """Pictures of a result. One that cannot be drawn or written costs neither the numbers nor other pictures.
+
+    - drawn: content by name and suffix.
+    - failure: why a picture is missing; empty if none is.
+    """
+
+    def __init__(self) -> None:
+        self.drawn: dict[str, dict[str, bytes]] = {}
+        self.failure = ""
+
+    def draw(self, figures: Callable[[], Drawings], forms: Sequence[str] = ("png", "svg")) -> None:
+        """Draw those that are missing, by name, with Matplotlib's default settings."""
+        self.failure = ""
+        try:
+            from railslip_ctrl.report.plots.style import figure_files, standard_settings
+
+            with standard_settings():
+                for name, figure in figures().items():
+                    if name not in self.drawn:
+                        self.drawn[name] = figure_files(figure() if callable(figure) else figure, forms)
+        except Exception as error:  # noqa: BLE001  # whatever fails in Matplotlib, fonts or LaTeX: the numbers stay
+            self.failure = f"{type(error).__name__}: {error}"
+
+    def files(self) -> dict[str, bytes]:
+        """Content by file name."""
+        return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
+
+    def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
+        """Write `files` after those already `written`; the number of both. InputError if a picture is missing."""
+        failure = self.failure
+        try:
+            written = [*written, *write_files(directory, files)]
+        except InputError as error:
+            failure = str(error)
+        if failure:
+            there = ", ".join(path.name for path in written)
+            raise InputError(
+                f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {there}; "
+                "do not use any other file there"
+            )
+        return len(written)
+
+
+def write_results(
+    directory: Path,
+    results: Mapping[str, FileContent],
+    figures: Callable[[], Drawings],
+    forms: Sequence[str] = ("png", "svg"),
+) -> int:
+    """Write results first, then draw and write pictures; the number of files. InputError if any is missing."""
+    written, pictures = write_files(directory, results), Pictures()
+    pictures.draw(figures, forms)
+    return pictures.write(directory, written, pictures.files())

@@ -1,0 +1,90 @@
+"""A controller's C99 program written, with what single precision changes in whole stops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from railslip_ctrl.controllers.base import PERIOD, Controller, Measurement
+from railslip_ctrl.controllers.c_code import c_program
+from railslip_ctrl.controllers.files import as_control
+from railslip_ctrl.controllers.guard import mutable, step_parameters
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import file_name, given_path
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
+
+from .run import Simulator
+from .scenario import stop
+
+_SEED = 0  # of the random force in the stops over which single precision is compared
+
+
+@checked
+def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tuple[Path, Path]:
+    """Write a controller as C99: a source file, and the header beside it.
+
+    - controller: whatever `simulate` takes but a step object or function. One that assumes the run's adhesion law
+      assumes that of a dry stop.
+    - path: of the source file; it ends in .c.
+    - vehicle: what the controller believes where its parameters do not say it, and what brakes in the stops over which
+      single precision is compared with double.
+
+    Returns the paths of the source file and of the header. InputError: a controller without a step in named fields, or
+    a path that cannot be written.
+    """
+    path = given_path(path)
+    if path.suffix.lower() != ".c":
+        raise InputError(f"{file_name(path)}: does not end in .c; give the path of the C source file")
+    control = as_control(controller, vehicle, None)
+    control = control.assuming(stop(vehicle, Rail.DRY).law(Rail.DRY))
+    if control.period is None:
+        control = control.model_copy(update={"period": PERIOD})
+    text = f"{single_precision_deviation(control, vehicle):.2g} N*m"
+    note = (
+        f"In single precision its command differs by at most {text} from that in double precision, in the stops of "
+        "this vehicle from 100 km/h on dry and on wet rail, with the same measurements."
+    )
+    program = c_program(control, vehicle, name=path.stem, notes=("", note))
+    written = path, path.with_suffix(".h")
+    try:
+        for one, content in zip(written, (program.source, program.header), strict=True):
+            one.write_text(content, "utf-8")
+    except OSError as error:
+        raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
+    return written
+
+
+def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Sequence[Rail] = tuple(Rail)) -> float:
+    """Largest difference of the command, N*m, between single and double precision, over a stop on each rail, with the
+    measurements of the run in double precision."""
+    largest, step = 0.0, control.whole_step
+    for rail in rails:
+        scenario = stop(vehicle, rail)
+        simulator = Simulator(scenario, control)
+        run = simulator.run(_SEED, record_every=1)
+        assert run.signals is not None, "it is recorded"
+        signals, single = run.signals, np.float32
+        state = mutable(control.start(scenario.initial_speed, simulator.period))
+        state = SimpleNamespace(**{name: _single(one) for name, one in vars(state).items()})
+        values = step_parameters(simulator.controller, rail, simulator.period)
+        parameters = SimpleNamespace(**{name: _single(one) for name, one in values.items()})
+        before = 0.0
+        rows = zip(signals.time, signals.measured_speed, signals.measured_wheel_speed, signals.command, strict=True)
+        for time, v, omega, command in rows:
+            m = Measurement(single(time), single(v), single(omega), single(before))  # type: ignore[arg-type]
+            torque = float(step(state, m, parameters))
+            limits = scenario.limits
+            torque = min(max(torque, limits.torque_min), np.inf if limits.torque_max is None else limits.torque_max)
+            largest = max(largest, abs(torque - float(command)))
+            before = float(command)
+    return largest
+
+
+def _single(value: Any) -> Any:
+    """Numbers in single precision."""
+    return [np.float32(one) for one in value] if isinstance(value, list | tuple) else np.float32(value)
