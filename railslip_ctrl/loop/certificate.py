@@ -158,7 +158,7 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
         if response.dead_time == 0 and kind != AXIS and ((below - 1) / 2).contains_integer():
             at, rest = exact.offset(kind, i)
             below, above = (arb(at), arb(at)) if rest == 0 else (below, above)  # L < 0 just there
-        size = float(response.log_size(np.array([float(omega.mid())]))[0])
+        size = response.log_size(float(omega.mid()))
         yield start, _End(omega, size, below), large
         start, large = _End(omega, size, above), large != (kind == GAIN and odd == 1)
     yield start, _End(arb.pos_inf(), last_size, None if math.isinf(last) else arb(last)), large

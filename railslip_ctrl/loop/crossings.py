@@ -11,7 +11,8 @@ import cmath
 import math
 from collections.abc import Callable, Iterable
 from functools import cached_property
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
@@ -37,6 +38,8 @@ from .rational import (
 # `DeadTimeLoop.margins()` may take in all, and no `scipy.optimize` is loaded.
 
 _HALF_OF_THE_DIGITS = 1e-9
+_LAST_BIT = 1e-17  # relative error that one step of Newton's method may leave, below half the last bit
+_LARGEST = 700.0  # of ln|L|: exp of it is a double
 _MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
 
 
@@ -347,16 +350,14 @@ class Response:
         return found[found > 0] if np.any(found > 0) else np.ones(1)
 
     @cached_property
-    def crossover_phases(self) -> tuple[Floats, Floats]:
+    def crossover_phases(self) -> list[tuple[float, float]]:
         """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1
         alone; balls decide where rounding could matter."""
         return self.phases_at_crossovers()
 
-    def phases_at_crossovers(self, *, certain: bool = False) -> tuple[Floats, Floats]:
+    def phases_at_crossovers(self, *, certain: bool = False) -> list[tuple[float, float]]:
         """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
-        found = [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
-        odd, rest = np.array(found).reshape(-1, 2).T
-        return odd, rest
+        return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
         """arg L/pi at frequency number `index` of a kind, rad/s, as `crossover_phases` has it."""
@@ -370,65 +371,59 @@ class Response:
         """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
         return _ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega)
 
-    def log_size(self, omega: Floats) -> Floats:
-        """ln|L|."""
-        return self.system.log_size(omega)
+    def log_size(self, omega: float) -> float:
+        """ln|L| at one frequency, in Python's numbers; infinite at zeros and poles."""
+        total = math.log(abs(self.system.gain))
+        for away, height, _, sign in self._turns:
+            distance = math.hypot(away, omega - height)
+            total += sign * (math.log(distance) if distance else -math.inf)
+        return total
 
-    def angle(self, omega: Floats) -> Floats:
-        """Continuous phase of L, rad."""
-        size, imag, turns, at_zero = self._angles
-        return np.asarray(np.arctan2(omega[..., None] - imag, size) @ turns + (at_zero - self.dead_time * omega))
+    def size(self, omega: float) -> float:
+        """|L| at one frequency, neither 0 nor infinite."""
+        return math.exp(min(max(self.log_size(omega), -_LARGEST), _LARGEST))
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
-        """`angle` and its derivative."""
-        size, imag, turns, at_zero = self._angles
+        """Continuous phase of L, rad, and its derivative."""
+        size, imag, turns, _ = np.array(self._turns).reshape(-1, 4).T
         offset = omega[..., None] - imag
         distance = np.hypot(size, offset)
-        angle = np.arctan2(offset, size) @ turns + (at_zero - self.dead_time * omega)
+        angle = np.arctan2(offset, size) @ turns + (self._at_zero - self.dead_time * omega)
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
-    def turned(self, omega: float) -> tuple[float, float]:
-        """`phase` at one frequency, in Python's numbers."""
-        total, slope = self._angles[3] - self.dead_time * omega, -self.dead_time
-        for away, height, turn in self._turns:
+    def turned(self, omega: float) -> tuple[float, float, float]:
+        """`phase` at one frequency, and its second derivative, in Python's numbers."""
+        total, slope, bend = self._at_zero - self.dead_time * omega, -self.dead_time, 0.0
+        for away, height, turn, _ in self._turns:
             offset = omega - height
             distance = math.hypot(away, offset)
             total += turn * math.atan2(offset, away)
-            slope += turn * (away / distance) / distance
-        return total, slope
+            near = turn * (away / distance) / distance
+            slope += near
+            bend -= 2 * near * (offset / distance) / distance
+        return total, slope, bend
 
     @cached_property
-    def _turns(self) -> list[tuple[float, float, float]]:
-        return list(zip(*(one.tolist() for one in self._angles[:3]), strict=True))
+    def _turns(self) -> list[tuple[float, float, float, float]]:
+        """What `turned` sums up: of each root its distance from the axis, its height, the way that it turns L, the
+        other way if it lies right of the axis, and 1 for a zero, -1 for a pole."""
+        zeros, poles = self._listed_roots
+        pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
+        return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
 
     @cached_property
-    def _angles(self) -> tuple[Floats, Floats, Floats, float]:
-        """What `angle` sums up: of each root its distance from the axis, its height and the way that it turns L, the
-        other way if it lies right of the axis; and the phase in which all begin, rad."""
-        right = self.system.roots.real > 0
-        turned = float(self.system.gain < 0) + float(self.system.signs[right].sum())
-        turns = np.where(right, -self.system.signs, self.system.signs)
-        return np.abs(self.system.roots.real), self.system.roots.imag.copy(), turns, np.pi * turned
+    def _at_zero(self) -> float:
+        """The phase in which all begin, rad."""
+        zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
+        return math.pi * (float(self.system.gain < 0) + zeros - poles)
 
-    def log_slope(self, omega: Floats) -> Complexes:
-        """d ln L(j omega)/d omega, complex."""
-        return np.asarray(self.system.log_slope(omega) - 1j * self.dead_time)
-
-    def value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
-        """L(j omega), d ln L/d omega and d^2 ln L/d omega^2 at omega > 0 off the axis roots, 1-D: for searches."""
-        zeros = self.system.zeros.size
-        with np.errstate(all="ignore"):
-            s = 1j * omega
-            away = s[:, None] - self.system.roots
-            inverse = 1 / away
-            value = np.exp(-self.dead_time * s) * self.system.gain
-            paired = away[:, :zeros] * inverse[:, zeros : 2 * zeros]
-            value *= paired.prod(axis=1) * inverse[:, 2 * zeros :].prod(axis=1)
-            slope = 1j * (inverse @ self.system.signs - self.dead_time)
-            return value, slope, (inverse * inverse) @ self.system.signs
+    @cached_property
+    def lag(self) -> float:
+        """What, over omega, the zeros and poles lack from their limits of the phase far up, rad."""
+        return sum(turn * away for away, _, turn, _ in self._turns)
 
     def at(self, omega: float) -> tuple[complex, complex, complex]:
-        """`value_and_slopes` at one frequency, in Python's numbers: ten times as fast; ArithmeticError on overflow."""
+        """L(j omega), d ln L/d omega and d^2 ln L/d omega^2, in Python's numbers; ArithmeticError on overflow."""
         zeros, poles = self._listed_roots
         s = complex(0, omega)
         value, slope, second = self.system.gain * cmath.exp(-self.dead_time * s), complex(-self.dead_time), 0j
@@ -440,6 +435,30 @@ class Response:
             inverse = 1 / (s - pole)
             value, slope, second = value * inverse, slope - inverse, second - inverse * inverse
         return value, 1j * slope, second
+
+    @cached_property
+    def order_at_zero(self) -> int:
+        """Zeros less poles at 0."""
+        zeros, poles = self._listed_roots
+        return zeros.count(0) - poles.count(0)
+
+    def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
+        """Bounds on the second and third derivative of ln L by ln omega over a part of the axis; by omega, but for the
+        roots at 0, from `low` 0."""
+        s, reach = complex(0, middle), high - middle
+        bend = twist = self.dead_time * high if low else 0.0
+        for root, size in self._off_zero:
+            near = abs(s - root) - reach
+            if near <= 0:
+                return math.inf, math.inf
+            x = high * size / (near * near) if low else 1 / (near * near)
+            bend, twist = bend + x, twist + x * ((high + size) if low else 2) / near
+        return bend, twist
+
+    @cached_property
+    def _off_zero(self) -> list[tuple[complex, float]]:
+        zeros, poles = self._listed_roots
+        return [(root, abs(root)) for root in zeros + poles if root]
 
     @cached_property
     def _listed_roots(self) -> tuple[list[complex], list[complex]]:
@@ -459,55 +478,40 @@ class Response:
             return np.where(np.isinf(value), value, value * np.exp(-1j * self.dead_time * omega))
 
 
-@dataclass(frozen=True)
-class Pieces:
-    """Parts of the axis, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign: ends,
-    rad/s, (n,), from 0 to infinity, and ln|L| and arg L/pi at, or in the limit to, both ends, (2, n)."""
+class Piece(NamedTuple):
+    """A part of the axis on which |L| and its phase are monotone and |L| - 1 has one sign: its ends, rad/s, from 0 to
+    infinity, and ln|L| and arg L/pi at, or in the limit to, both."""
 
-    low: Floats
-    high: Floats
-    size: Floats
-    half_turns: Floats
-
-    def ends(self, response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        """`size` and `half_turns` of parts of these pieces that reach from `low` to `high`, rad/s."""
-        owner = np.searchsorted(self.low, low, side="right") - 1
-        omega = np.stack([low, high])
-        inner = omega != np.stack([self.low[owner], self.high[owner]])
-        size, half_turns = self.size[:, owner], self.half_turns[:, owner]
-        size[inner], half_turns[inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
-        return size, half_turns
+    low: float
+    high: float
+    size: tuple[float, float]
+    half_turns: tuple[float, float]
 
 
-def pieces(response: Response) -> Pieces:
-    """The pieces of a loop, decided by its polynomials."""
+def pieces(response: Response) -> list[Piece]:
+    """The pieces of a loop, ascending, decided by its polynomials."""
     exact, system = response.exact, response.system
     if system.gain == 0:
-        return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
-    low, high = limits(response)
-    kinds = ((kind, exact.frequencies(kind)) for kind in (GAIN, SIZE, PHASE))
-    found = [(float(ball.mid()), kind, i) for kind, balls in kinds for i, (ball, _) in enumerate(balls)]
-    sizes = response.log_size(np.array([omega for omega, _, _ in found])).tolist()
-    ends = []  # frequency, and what the pieces above and below it have there
-    for (omega, kind, i), size in zip(found, sizes, strict=True):
-        odd, rest = response.half_turns(omega, kind, i)
-        half = odd + rest
-        if half == odd and rest:
-            half = math.nextafter(odd, math.copysign(math.inf, rest))
-        ends.append((omega, size, half, size, half))
+        return [Piece(0.0, math.inf, (-math.inf, -math.inf), (0.0, 0.0))]
+    ends = dict[float, tuple[float, float, float, float]]()  # what the pieces below and above a frequency have there
+    for kind in (GAIN, SIZE, PHASE):
+        for i, (ball, _) in enumerate(exact.frequencies(kind)):
+            omega = float(ball.mid())
+            if omega not in ends:
+                size, (odd, rest) = response.log_size(omega), response.half_turns(omega, kind, i)
+                half = odd + rest
+                if half == odd and rest:
+                    half = math.nextafter(odd, math.copysign(math.inf, rest))
+                ends[omega] = size, half, size, half
     for omega in {root.imag for root in system.roots.tolist() if root.real == 0 and root.imag > 0}:
-        beside = np.nextafter(omega, [np.inf, 0.0])
-        values = np.column_stack([response.log_size(beside), response.angle(beside) / np.pi])
-        ends.append((omega, *values.ravel().tolist()))
-    ends = sorted({one[0]: one for one in reversed(ends)}.values())
-    edges, above_size, above, below_size, below = np.array(ends).reshape(-1, 5).T
-    return Pieces(
-        *(np.append(0.0, edges), np.append(edges, np.inf)),
-        *(
-            np.array([np.append(first, beyond), np.append(before, last)])
-            for first, last, beyond, before in zip(low, high, (above_size, above), (below_size, below), strict=True)
-        ),
-    )
+        beside = (math.nextafter(omega, 0.0), math.nextafter(omega, math.inf))
+        values = [(response.log_size(one), response.turned(one)[0] / math.pi) for one in beside]
+        ends.setdefault(omega, (*values[0], *values[1]))
+    low, high = limits(response)
+    edges = [(0.0, 0.0, 0.0, *low), *((omega, *ends[omega]) for omega in sorted(ends)), (math.inf, *high, 0.0, 0.0)]
+    return [
+        Piece(before[0], after[0], (before[3], after[1]), (before[4], after[2])) for before, after in pairwise(edges)
+    ]
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -540,10 +544,10 @@ def frequency_nodes(response: Response) -> Floats:
     return np.setdiff1d(np.concatenate(parts), roots.imag[roots.real == 0])
 
 
-def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
+def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
     """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
     least, found = math.log(smallest), list[float]()
-    for low, high, sizes, turns in zip(*(one.T.tolist() for one in vars(cut).values()), strict=True):
+    for low, high, sizes, turns in cut:
         start, end = turns
         way = 2 if end > start else -2
         # odd numbers behind the start, the end included but at infinity, where it is not reached
@@ -559,7 +563,7 @@ def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALL
             # too many: those next to either end, where |L| is nearest to 1 and where it is largest
             steps += [int(number) - 1 - step for step in reversed(steps)]
         found += [phase_crossover(response, low, high, start, end, first + way * step) for step in steps]
-    return np.array(sorted(set(found)))
+    return sorted(set(found))
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
@@ -567,25 +571,31 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # there the dead time turns the most
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
+        start -= response.lag / (dead_time * start) if start else 0.0
     else:
         start = (
             math.sqrt(low) * math.sqrt(high) if high > 4 * low else low + (high - low) * (odd - first) / (last - first)
         )
     if not low < start < high:
         start = 2 * low or (0.5 * high if high < math.inf else 1 / (dead_time or 1.0))
+    angle, slope, bend = response.turned(start)
+    step = (target - angle) / slope if slope else math.inf
+    if abs(bend * step * step) <= _LAST_BIT * abs(slope) * start and low < start + step < high:
+        return start + step  # one step of Newton's method does, as among many crossovers far up
 
     def away(omega: float) -> tuple[float, float]:
-        angle, slope = response.turned(omega)
+        angle, slope, _ = response.turned(omega)
         return angle - target, slope
 
     return monotone_root(away, start, low, high, -1.0 if last > first else 1.0)
 
 
-def _until(response: Response, cut: Pieces, least: float) -> float:
+def _until(response: Response, cut: list[Piece], least: float) -> float:
     """How many phase crossovers the last piece has up to where ln|L| has fallen to `least`; inf if it never does."""
-    if cut.size[1, -1] >= least:
+    last = cut[-1]
+    if last.size[1] >= least:
         return math.inf
-    top = max(cut.low[-1], 1 / response.dead_time)
-    while response.log_size(np.array([top]))[0] > least:
+    top = max(last.low, 1 / response.dead_time)
+    while response.log_size(top) > least:
         top *= 2
-    return float((cut.half_turns[0, -1] - response.angle(np.array([top]))[0] / np.pi) // 2 + 1)
+    return float((last.half_turns[0] - response.turned(top)[0] / math.pi) // 2 + 1)

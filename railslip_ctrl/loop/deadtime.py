@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
@@ -19,7 +18,7 @@ from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.core.records import dataclass
 
 from .certificate import Certificate, certify
-from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
+from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Piece, Response, phase_crossovers, pieces
 from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
 from .rational import Rational, pade
 from .responses import TimeResponse, step_response
@@ -412,7 +411,7 @@ class DeadTimeLoop(Loop):
         # on a limit, beyond the neutral one, or beyond more limits than are listed: count from below the smallest one
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)
         at_low = count_right_of(self.system * low, self.dead_time)
-        found = stabilizing_range([replace(g, factor=g.factor / low) for g in limits], at_low.right)
+        found = stabilizing_range([g._replace(factor=g.factor / low) for g in limits], at_low.right)
         return None if found is None or at_low.marginal else (found[0] * low, found[1] * low)
 
     def margins(self) -> Margins:
@@ -422,12 +421,12 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _margins(self) -> Margins:
-        response, crossovers, crossings = self._response, self.gain_crossovers, self._listed[0]
-        rest = response.crossover_phases[1].copy()
-        for i in {*smallest_at(rest, crossovers)} if rest.size else ():
+        response = self._response
+        rest = [one for _, one in response.crossover_phases]
+        for i in smallest_at(rest, crossovers := self.gain_crossovers.tolist()):
             if response.rounding(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
-        return compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
+        return compute_margins(response, self._pieces, rest, self._listed, self._gain_limits)
 
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
@@ -451,55 +450,49 @@ class DeadTimeLoop(Loop):
         return Response(self.system, self.dead_time)
 
     @cached_property
-    def _pieces(self) -> Pieces:
+    def _pieces(self) -> list[Piece]:
         return pieces(self._response)
 
     @cached_property
-    def _listed(self) -> tuple[Floats, list[GainLimit]]:
-        """Phase crossovers, down to an |L| below which none can matter to the stabilising gains, and their limits."""
+    def _listed(self) -> list[GainLimit]:
+        """Gain limits, down to an |L| at their crossovers below which none can matter to the stabilising gains."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
-            found = phase_crossovers(self._response, self._pieces, smallest=smallest)
-            limits = gain_limits(self._response, found)
+            limits = gain_limits(self._response, phase_crossovers(self._response, self._pieces, smallest=smallest))
             usable = self._range_within(limits)
             if usable is None or math.isinf(usable[1]) or usable[1] * smallest <= 1:
                 break
             smallest = 0.9 / usable[1]  # crossovers of larger |L| would limit the gain first: list them too
-        return found, limits
+        return limits
 
     def _size_at_unstable_poles(self) -> float:
         """Largest |L| from the slowest unstable open-loop pole on: what a stabilising gain has to bring to 1."""
-        sizes = np.abs(self.system.poles[self.system.poles.real > 0])
-        if sizes.size == 0 or self.system.gain == 0:
+        sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
+        if not sizes or self.system.gain == 0:
             return 1.0
-        slowest = np.array([0.3 * sizes.min()])
-        beyond = self._pieces.size[:, self._pieces.low >= slowest]
-        return float(np.exp(max(beyond.max(initial=-np.inf), self._response.log_size(slowest)[0])))
+        slowest = 0.3 * min(sizes)
+        beyond = [size for piece in self._pieces if piece.low >= slowest for size in piece.size]
+        return math.exp(max([*beyond, self._response.log_size(slowest)]))
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:
-        limits = self._listed[1]
+        limits = self._listed
         inner = [limit for limit in limits if 0 < limit.frequency < math.inf]
         inner = sorted(inner, key=lambda limit: abs(math.log(limit.factor or math.ulp(0.0))))[:_MOST_SHARPENED]
-        sharp = self._sharpened(inner)
+        sharp = {limit: self._sharpened(limit) for limit in inner}
         limits = [self._decided(sharp.get(limit, limit)) for limit in limits]
         return sorted(limits, key=lambda limit: limit.factor)
 
-    def _sharpened(self, limits: list[GainLimit]) -> dict[GainLimit, GainLimit]:
-        """Those of some limits that rounding of the phase blurs, refined in balls."""
-        omega, response = np.array([limit.frequency for limit in limits]), self._response
-        rate = response.log_slope(omega)
-        slope = rate.imag
-        error = np.abs(rate.real) * np.pi * response.rounding(omega)
-        found = {}
-        for i in np.flatnonzero(error > _SHARP * np.abs(slope)).tolist():
-            if slope[i] != 0:
-                odd = 2 * round((float(response.angle(omega[i])) / np.pi - 1) / 2) + 1
-                with ctx.workprec(REFINED_BITS):
-                    frequency = response.exact.phase_crossover(float(omega[i]), float(slope[i]), odd)
-                    factor = float((1 / abs(response.exact.value(frequency)[0])).mid())
-                found[limits[i]] = replace(limits[i], factor=factor, frequency=float(frequency))
-        return found
+    def _sharpened(self, limit: GainLimit) -> GainLimit:
+        """A limit, refined in balls if rounding of the phase blurs it."""
+        omega, response, slope = limit.frequency, self._response, limit.rate.imag
+        if slope == 0 or abs(limit.rate.real) * math.pi * response.rounding(omega) <= _SHARP * abs(slope):
+            return limit
+        odd = 2 * round((response.turned(omega)[0] / math.pi - 1) / 2) + 1
+        with ctx.workprec(REFINED_BITS):
+            frequency = response.exact.phase_crossover(omega, slope, odd)
+            factor = float((1 / abs(response.exact.value(frequency)[0])).mid())
+        return limit._replace(factor=factor, frequency=float(frequency))
 
     def _decided(self, limit: GainLimit) -> GainLimit:
         """A limit that rounding does not tell from 1, moved to the side of 1 on which the exact root count changes."""
@@ -507,7 +500,7 @@ class DeadTimeLoop(Loop):
         if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # then no side of 1 is stable
             return limit
         below = count_right_of(self.system * (1 - 2 * _NEAR_ONE), self.dead_time)
-        return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))
+        return limit._replace(factor=math.nextafter(1.0, 2.0 if below == self.root_count else 0.0))
 
 
 # -- records for plotting -----------------------------------------------------------------------------------------

@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from itertools import pairwise
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from flint import ctx, fmpq
-from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import Complexes, Flags, Floats
+from railslip_ctrl.core.arguments import Complexes, Floats
 from railslip_ctrl.core.records import dataclass
 
-from .crossings import REFINED_BITS, Pieces, Response
+from .crossings import REFINED_BITS, Piece, Response
 from .stability import count_right_of
 
-_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 8, 1e-9  # for a peak by doubles
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # for a peak by doubles, halving included
 _BLUNT = 100.0  # up to here they place it well enough
-_STEP = 0.25  # phase change, rad, of the dead time over the parts that one is divided into
-_PER_DECADE, _BEYOND = 8, 100.0  # of the points that part the axis first, and how far they reach beyond the features
 _PEAK = 1e-11  # relative: no peak exceeds the one reported by more
-# Around a peak the axis is cut at distances from it that grow by this factor: a bound good to second order shows each
-# part to be lower if it is short against its distance.
-_GROWING = np.outer([-1, 1], 1.5 ** np.arange(70)).ravel()
-_FAR_FROM_PEAK = 0.6  # relative to its frequency
 _NOTHING = 1e-100  # a |T| that is not looked for; bounds are cut off below it
 _NARROWEST = 1e-15  # relative: a part that no double divides
 _FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
-_MOST_PARTS = 64
+# Bounds are tried on parts up to this ratio of their ends, over which the dead time turns at most so far (rad): on
+# larger ones they mostly fail. All three make the fewest evaluations for wheel-slip loops.
+_WIDEST, _MOST_TURNED = 1.8, 1.5
+_AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12  # half widths, ln omega, on which a peak is tried to be convex
+_OUTWARD = 4.0  # factor by which a part that reaches to infinity is cut
 _A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
 _BESIDE = 1e-6  # relative: how far from a gain limit the poles are counted on both sides
 _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
@@ -91,35 +91,34 @@ class Margins:
         return ratio, 1 / ratio
 
 
-@dataclass(frozen=True)
-class GainLimit:
+class GainLimit(NamedTuple):
     """A loop-gain factor at which closed-loop poles are on the imaginary axis.
 
-    `crossing` is the change in the number of unstable poles when the factor grows past it.
+    `crossing` is the change in the number of unstable poles when the factor grows past it; `rate` is d ln L/d omega at
+    a phase crossover.
     """
 
     factor: float
     frequency: float
     crossing: int
+    rate: complex = 0j
 
 
-def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
+def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLimit]:
     """Every listed factor k > 0 for which k L puts poles on the axis, ascending.
 
     From 1 + k L(s) = 0: Re ds/dk has the sign of -d(arg L)/d omega, so where the phase falls a pair moves right.
     """
-    system = response.system
-    limits = []
-    dc = system.dc_gain
-    if np.isfinite(dc) and dc < 0:
+    dc, limits = 0.0 if response.order_at_zero else response.system.dc_gain, list[GainLimit]()
+    if -math.inf < dc < 0:
         # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
-        slope = float(response.phase(1e-12 * response.scales.min(keepdims=True))[1][0])
+        slope = response.turned(1e-12 * float(response.scales.min()))[1]
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
-    factors, slopes = np.exp(-response.log_size(phase_crossings)), response.phase(phase_crossings)[1]
-    limits += [
-        GainLimit(factor, omega, 2 if slope < 0 else -2)
-        for omega, factor, slope in zip(phase_crossings.tolist(), factors.tolist(), slopes.tolist(), strict=True)
-    ]
+    for omega in phase_crossings:
+        loop, rate, _ = response.at(omega)
+        size = abs(loop)
+        factor = 1 / size if _NOTHING < size < 1 / _NOTHING else 1 / response.size(omega)
+        limits.append(GainLimit(factor, omega, 2 if rate.imag < 0 else -2, rate))
     at_infinity = _gain_limit_at_infinity(response)
     if at_infinity is not None:
         limits.append(at_infinity)
@@ -143,49 +142,54 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
 
 
 def compute_margins(
-    response: Response, cut: Pieces, crossovers: Floats, rest: Floats, crossings: Floats, limits: list[GainLimit]
+    response: Response, cut: list[Piece], rest: list[float], listed: list[GainLimit], limits: list[GainLimit]
 ) -> Margins:
     """Margins of a loop known to be stable; see `Margins`.
 
-    `rest` is arg(-L)/pi at the gain `crossovers`, in [-1, 1]; `crossings` are the phase crossovers, all in rad/s.
+    `rest` is arg(-L)/pi at the gain crossovers, in [-1, 1]; `listed` are the `limits` before they are refined.
     """
+    crossovers = response.gain_crossovers.tolist()
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
     room = smallest_of(_room(rest, crossovers), crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
         room = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
-    ms, mt, (disk, disk_frequency) = _peaks(response, cut)
-    at_zero = [limit for limit in limits if limit.frequency == 0]
-    gains = np.exp(-response.log_size(crossings))
+    ms, mt, (disk, disk_frequency) = _peaks(
+        response, cut, [g.frequency for g in (up, down) if 0 < g.frequency < math.inf]
+    )
+    crossings = [limit for limit in limits if limit.frequency == 0]
+    crossings += sorted((limit for limit in listed if 0 < limit.frequency < math.inf), key=lambda g: g.frequency)
     return Margins(
         *(up.factor, up.frequency, down.factor, down.frequency),
-        *smallest_of(180 * np.abs(rest), crossovers),
+        *smallest_of([180 * abs(one) for one in rest], crossovers),
         *room,
         *ms,
         *mt,
         *(1.0 / disk if disk > 0 else float("inf"), disk_frequency),
-        gain_crossovers=crossovers,
-        phase_margins_deg=180 * np.where(rest == -1, 1.0, rest),
-        phase_crossovers=np.concatenate([[g.frequency for g in at_zero], crossings]),
-        phase_crossover_gains=np.concatenate([[g.factor for g in at_zero], gains]),
+        gain_crossovers=response.gain_crossovers,
+        phase_margins_deg=np.array([180.0 if one == -1 else 180 * one for one in rest]),
+        phase_crossovers=np.array([limit.frequency for limit in crossings]),
+        phase_crossover_gains=np.array([limit.factor for limit in crossings]),
     )
 
 
-def smallest_at(rest: Floats, crossovers: Floats) -> tuple[int, int]:
-    """Which gain crossovers, at least one, limit the phase and the added dead time; see `compute_margins`."""
-    return int(np.argmin(np.abs(rest))), int(np.argmin(_room(rest, crossovers)))
+def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
+    """Which gain crossovers limit the phase and the added dead time; see `compute_margins`."""
+    rooms = _room(rest, crossovers)
+    sizes = ([abs(one) for one in rest], rooms)
+    return {one.index(min(one)) for one in sizes if one}
 
 
-def _room(rest: Floats, crossovers: Floats) -> Floats:
+def _room(rest: list[float], crossovers: list[float]) -> list[float]:
     """Dead time, s, that may be added at each gain crossover."""
-    return np.pi * np.where(rest > 0, rest, rest + 2) / crossovers
+    return [math.pi * (one if one > 0 else one + 2) / omega for one, omega in zip(rest, crossovers, strict=True)]
 
 
-def smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
-    if values.size == 0:
-        return float("inf"), float("nan")
-    at = int(np.argmin(values))
-    return float(values[at]), float(frequencies[at])
+def smallest_of(values: Iterable[float], frequencies: Iterable[float]) -> tuple[float, float]:
+    """The least of some values, and its frequency; infinity and NaN without any."""
+    pairs = zip(values, frequencies, strict=True)
+    value, omega = min(pairs, key=lambda pair: pair[0], default=(math.inf, math.nan))
+    return float(value), float(omega)
 
 
 SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))  #: (a, b): (a + b L)/(1 + L) is S, T and 1/2 - S
@@ -207,151 +211,206 @@ def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
 Peaks = list[tuple[float, float]]  #: peaks of S, T and S - 1/2: size and where, rad/s
 
 
-def _peaks(response: Response, cut: Pieces) -> Peaks:
-    """Suprema over omega >= 0: the axis is divided until a bound on every part shows that it has nothing higher."""
+def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
+    """Suprema over omega >= 0; climbing begins at the highest of some frequencies `starts`, rad/s."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
     if response.dead_time == 0:
         with ctx.workprec(REFINED_BITS):
             return [(float(peak.mid()), omega) for peak, omega in response.exact.peaks()]
-    edges = _first_points(response, cut)
-    low, high = np.append(0.0, edges), np.append(edges, np.inf)
-    while low.size:
-        size, half_turns = cut.ends(response, low, high)
-        best, higher = _raised(response, best, low, high, size[0], half_turns[0])
-        left = _may_be_higher(box_bounds(size, half_turns), response.rounding(0.0), best)
-        left &= (high > low * (1 + _NARROWEST)) & (high > 1 / _FARTHEST) & (low < _FARTHEST)
-        low, high = low[left], high[left]
-        if higher and low.size:
-            low, high = _cut_around(response, low, high, best)
-        left = _may_be_higher(*_second_order_bounds(response, low, high), best)
-        if not left.any():
-            break
-        low, high = _divided(response, low[left], high[left])
-    return best
+    search = _PeakSearch(response, best)
+    search.climb(sorted({*starts, *(piece.high for piece in cut[:-1])}))
+    search.cover(cut)
+    return search.best
 
 
-def _first_points(response: Response, cut: Pieces) -> Floats:
-    """Frequencies, rad/s, ascending, the ends of the pieces among them, between which boxes tell of most loops."""
-    inner = np.concatenate([cut.low[1:], response.scales])
-    low, high = inner.min() / _BEYOND, inner.max() * _BEYOND
-    wide = low * (high / low) ** np.linspace(0, 1, int(_PER_DECADE * math.log10(high / low)) + 2)
-    points = np.sort(np.concatenate([inner, wide]))
-    return np.asarray(points[np.append(True, np.diff(points) > 0)])
+class _PeakSearch:
+    """Peaks of |S|, |T| and |S - 1/2|, and the proof that no frequency has higher ones.
+
+    |S| <= M where M^2 |1 + L|^2 - 1 >= 0. Likewise for T and S - 1/2 a margin u P + v N + w must not be negative, with
+    P = |1 + L|^2 and N = |L|^2. Where |L| > 1, 1/L takes the place of L. Each part of the axis is divided until this is
+    shown: by |L| alone, or by Taylor's formula about its middle with a bound on the third derivative.
+    """
+
+    def __init__(self, response: Response, best: Peaks) -> None:
+        self.best, self._response, self._rounding = best, response, response.rounding(0.0)
+        self._sure = [(0.0, 0.0)] * 3  # where convexity shows the peak to be the highest, rad/s
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Set (u, v, w) of each kind, for L and for 1/L, and the |L| below and above which every phase is allowed."""
+        slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify it
+        s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
+        of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
+        self._forms = [of_s, of_t, of_both], [(s * s, -1.0, 0.0), (t * t, 0.0, -1.0), of_both]
+        ratio = (2 * centred - 1) / (2 * centred + 1)
+        self._small = min(1 - 1 / s, t / (1 + t), ratio)
+        self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
+
+    def climb(self, starts: list[float]) -> None:
+        """Find the peaks next to the highest of some frequencies, rad/s, ascending."""
+        values = [_sizes(self._response, omega) for omega in starts]
+        for kind, sizes in enumerate(zip(*values, strict=True)):
+            top = sizes.index(max(sizes))
+            if sizes[top] > self.best[kind][0] * (1 + _PEAK):
+                self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
+
+    def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
+        """Put the peak near `start`, or at least what is there, in place of a lower one."""
+        shape, exact = SHAPES[kind], self._response.exact
+        low, high = between
+        omega = _near_peak(self._response, *shape, low, start, high)
+        with ctx.workprec(REFINED_BITS):
+            peak = exact.size_at(*shape, omega)
+            if not peak < _BLUNT:
+                found, peak = exact.peak(*shape, low, omega, high)
+                omega = float(found)
+            if not float(peak.mid()) > self.best[kind][0]:
+                omega, peak = start, exact.size_at(*shape, start)
+        self.best[kind] = max(self.best[kind], (float(peak.mid()), omega))
+        self._prepare()
+        half = _AROUND_PEAK
+        for _ in range(_MOST_NARROWED):
+            low, high = omega * math.exp(-half), omega * math.exp(half)
+            around = self._expanded(low, high)
+            if around is not None and self._positive(kind, around):
+                self._sure[kind] = low, high
+                break
+            half *= _NARROWER
+
+    def cover(self, cut: list[Piece]) -> None:
+        """Go through the pieces of the axis."""
+        left = list[tuple[float, float, float, float]]()  # ends, rad/s, and |L| there, between which it is monotone
+        ends = sorted({end for both in self._sure for end in both})
+        for piece in cut:
+            first, last = (math.exp(min(size, 700.0)) for size in piece.size)
+            inner = [(end, self._response.size(end)) for end in ends if piece.low < end < piece.high]
+            for (low, before), (high, after) in pairwise([(piece.low, first), *inner, (piece.high, last)]):
+                left.append((low, high, before, after))
+        left.reverse()
+        while left:
+            low, high, first, last = left.pop()
+            if max(first, last) <= self._small or min(first, last) >= self._large:
+                continue
+            kinds = [kind for kind, (start, end) in enumerate(self._sure) if low < start or end < high]
+            if not (kinds and high > low * (1 + _NARROWEST) and high > 1 / _FARTHEST and low < _FARTHEST):
+                continue
+            middle, tried = self._middle(low, high)
+            around = self._expanded(low, high) if tried else None
+            if around is None or not self._below(kinds, around, low, middle):
+                size = self._response.size(middle)
+                left += [(middle, high, size, last), (low, middle, first, size)]
+
+    def _middle(self, low: float, high: float) -> tuple[float, bool]:
+        """Where to divide a part, and whether it is short enough for its bounds."""
+        if math.isinf(high):
+            return (_OUTWARD * low or 1 / self._response.dead_time), False
+        tried = (high - low) * self._response.dead_time < _MOST_TURNED
+        return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
+
+    def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
+        """Whether no kind is higher on a part; where one is in the middle of it, its peak is found."""
+        rounding = self._response.rounding(middle)
+        if rounding > 2 * self._rounding:
+            self._rounding = rounding
+            self._prepare()
+        for kind in kinds:
+            if not self._positive(kind, around, even=low == self.best[kind][1] == 0):
+                u, v, w = self._forms[around.inverted][kind]
+                if u * around.p[0] + v * around.n[0] + w < 0:
+                    self._raise(kind, middle, (0.0, math.inf))
+                return False
+        return True
+
+    def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
+        """Whether the margin of a kind stays positive on a part; `even`: its lower end is 0, where the peak is."""
+        u, v, w = self._forms[around.inverted][kind]
+        (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
+        value, slope, second, third = u * p + v * n + w, abs(u * p1 + v * n1), u * p2 + v * n2, u * p3 - v * n3
+        inside = slope < second * half
+        least = value - (slope * slope / (2 * second) if inside else slope * half - 0.5 * second * half * half)
+        if least > third * half**3 / 6:
+            return True
+        convex = second - third * half  # the least second derivative
+        return convex > 0 and (even or value > slope * slope / (2 * convex))
+
+    def _expanded(self, low: float, high: float) -> _Around | None:
+        """P and N over a part, by ln omega, or by omega if it begins at 0; None where nothing bounds them."""
+        middle, half = (math.sqrt(low) * math.sqrt(high), 0.5 * math.log(high / low)) if low else (0.5 * high,) * 2
+        try:
+            value, slope, second = self._response.at(middle)
+            bend, twist = self._response.spread(low, middle, high)
+            inverted, order = abs(value) > 1, self._response.order_at_zero
+            if inverted:
+                value, slope, second, order = 1 / value, -slope, -second, -order
+        except ArithmeticError:
+            return None
+        if low:
+            slope, second, order = middle * slope, middle * (slope + middle * second), 0
+        if order < 0 or not bend * half * half < 100:
+            return None
+        # L = omega^order F: bounds of F, then of L, over |L|
+        own = slope - order / middle
+        rate, inner = abs(own) + half * bend, order / high
+        top = abs(value) * (high / middle) ** order * math.exp(half * abs(own.real) + 0.5 * half * half * bend)
+        f2, f3 = rate * rate + bend, rate * (rate * rate + 3 * bend) + twist
+        e2 = inner * (order - 1) / high
+        d1, d2 = value * slope, value * (slope * slope + second)
+        k3 = top * (f3 + 3 * (inner * f2 + e2 * rate) + e2 * (order - 2) / high)
+        k2 = min(top * (f2 + 2 * inner * rate + e2), abs(d2) + half * k3)
+        first = min(top * (rate + inner), abs(d1) + half * k2)
+        below = 1 + value
+        one, own = below.conjugate(), value.conjugate()
+        both, bent, apart = 2 * (d1 * d1.conjugate()).real, 6 * first * k2, abs(below) + half * first
+        p = (one * below).real, 2 * (one * d1).real, both + 2 * (one * d2).real, bent + 2 * apart * k3
+        n = (own * value).real, 2 * (own * d1).real, both + 2 * (own * d2).real, bent + 2 * top * k3
+        return _Around(inverted, half, p, n)
 
 
-def _raised(
-    response: Response, best: Peaks, low: Floats, high: Floats, size: Floats, half_turns: Floats
-) -> tuple[Peaks, bool]:
-    """The best with the peaks beside the highest of the points `low`, where L is given, and whether any is higher."""
-    with np.errstate(all="ignore"):
-        sizes = heights(np.exp(np.clip(size, -300, 300) + 1j * np.pi * half_turns))
-    sizes[~np.isfinite(sizes)] = 0
-    found, higher = best.copy(), False
-    for kind, top in enumerate(sizes.argmax(axis=1).tolist()):
-        if sizes[kind, top] > best[kind][0] * (1 + _PEAK) and low[top] > 0:
-            shape, between = SHAPES[kind], (float(low[top - 1]) if top else 0.0, float(low[top]), float(high[top]))
-            omega, found_it = _near_peak(response, *shape, *between)
-            with ctx.workprec(REFINED_BITS):
-                peak = response.exact.size_at(*shape, omega)
-                if not (found_it and peak < _BLUNT):
-                    omega, peak = response.exact.peak(*shape, between[0], omega, between[2])
-            found[kind], higher = max(best[kind], (float(peak.mid()), float(omega))), True
-    return found, higher
+class _Around(NamedTuple):
+    """P = |1 + L|^2 and N = |L|^2: value, two derivatives in the middle of a part, and the most of the third."""
+
+    inverted: bool  # P and N are those of 1/L
+    half: float  # half the part
+    p: tuple[float, float, float, float]
+    n: tuple[float, float, float, float]
 
 
-def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> tuple[float, bool]:
-    """`ExactLoop.peak` in doubles: where the peak is, rad/s, and True; or `start` and False where that fails."""
-    omega = start
-    try:
+def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
+    """`heights` at one frequency; 0 where L has none."""
+    with suppress(ArithmeticError):
+        loop = response.at(omega)[0]
+        s = 1 / (1 + loop)
+        return abs(s), abs(loop * s), abs(s - 0.5)
+    return 0.0, 0.0, 0.0
+
+
+def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> float:
+    """`ExactLoop.peak` in doubles, never downhill: where the peak is, rad/s, or where else the highest value was."""
+    omega, least, seen = start, math.inf, start
+    with suppress(ArithmeticError):
         for _ in range(_NEWTON_STEPS):
             loop, slope, second = response.at(omega)
             size = a + b * loop
-            inverse, first = (1 + loop) / size, (a - b) * loop * slope / size / size
-            falls = (inverse.conjugate() * first).real
-            bends = first * (second / slope + slope * (1 - 2 * b * loop / size))
-            step = falls / ((first.conjugate() * first).real + (inverse.conjugate() * bends).real)
-            if not low < omega - step < high:
-                break
-            omega -= step
-            if abs(step) < _HALF_OF_THE_DIGITS * omega:
-                return omega, True
-    except ArithmeticError:
-        pass
-    return start, False
-
-
-@np.errstate(all="ignore")
-def _cut_around(response: Response, low: Floats, high: Floats, best: Peaks) -> tuple[Floats, Floats]:
-    """The parts, divided on either side of the peaks: from so near that the curvature there is below `_PEAK`."""
-    peaks = np.array([omega for _, omega in best if 0 < omega < np.inf])[:, None]
-    loop, slope, second = (one[:, None] for one in response.value_and_slopes(peaks[:, 0]))
-    both = (1 + np.abs(loop)) / np.abs(1 + loop)
-    nearest = np.sqrt(_PEAK / (both * (np.abs(second) + np.abs(slope) ** 2 * both)))
-    nearest = np.fmax(np.fmin(nearest, _FAR_FROM_PEAK * peaks), _NARROWEST * peaks)  # the bounds of one not finite
-    away = nearest * _GROWING
-    cut = np.sort((peaks + away)[np.abs(away) <= _FAR_FROM_PEAK * peaks])
-    owner = np.searchsorted(low, cut) - 1
-    cut = cut[(owner >= 0) & (cut < high[owner])]
-    return np.sort(np.append(low, cut)), np.sort(np.append(high, cut))
-
-
-def _divided(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Each part divided, the more the more the dead time turns in it; ends at 0 or infinity part by part. Ascending."""
-    scale = 1 / response.dead_time if response.dead_time > 0 else 1.0
-    first = np.where(low == 0, np.where(np.isinf(high), scale, high) / _BEYOND, low)
-    last = np.where(np.isinf(high), first * _BEYOND, high)
-    number = np.clip(np.ceil((last - first) * response.dead_time / _STEP), 4, _MOST_PARTS).astype(int)
-    inner = _spread(first, last, number)
-    below, above = first > low, last < high
-    return (
-        np.sort(np.concatenate([low[below], inner[0], last[above]])),
-        np.sort(np.concatenate([first[below], inner[1], high[above]])),
-    )
-
-
-def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats, Floats]:
-    """The ends of the parts that each interval is divided into, equal in ratio if it is wide, else in length."""
-    at = np.repeat(np.arange(parts.size), parts + 1)
-    share = (np.arange(at.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[at]
-    ratio = high[at] / low[at]
-    factor, wide = 1 + (ratio - 1) * share, ratio > 4
-    factor[wide] = ratio[wide] ** share[wide]
-    omega = np.where(share == 1, high[at], low[at] * factor)
-    inside = at[1:] == at[:-1]
-    return omega[:-1][inside], omega[1:][inside]
+            inverse, part = (1 + loop) / size, (a - b) * loop / size / size
+            if abs(inverse) <= least * (1 + _PEAK):
+                least, seen = abs(inverse), omega
+                first, bends = part * slope, part * (second + slope * slope * (1 - 2 * b * loop / size))
+                falls = (inverse.conjugate() * first).real
+                curvature = (first.conjugate() * first).real + (inverse.conjugate() * bends).real
+                low, high = (omega, high) if falls < 0 else (low, omega)
+                new = omega - falls / abs(curvature)
+                if curvature > 0 and abs(new - omega) < _HALF_OF_THE_DIGITS * omega:
+                    return new
+                omega = new if low < new < high else 0.5 * (max(low, omega / 4) + min(high, omega * 4))
+            else:
+                omega = 0.5 * (seen + omega)
+    return seen
 
 
 def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
-
-
-def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> Flags:
-    """Which parts may hold a value above the best, by their bounds, (3, n), and the relative rounding of L there."""
-    slack = rounding * (best[0][0] * best[1][0])  # |S| and |T| amplify it
-    most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best]) + slack
-    return np.asarray(~(bounds <= most).all(axis=0))
-
-
-@np.errstate(all="ignore")
-def _second_order_bounds(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from value and slope in the middle of each part and a bound on
-    the second derivative, common to all three as T = 1 - S; inf where the part is too long. And the rounding of L."""
-    half, middle = 0.5 * (high - low), 0.5 * (high + low)
-    (loop, slope, _), bend = response.value_and_slopes(middle), response.bend(low, high)
-    size, steep = np.abs(loop), half * np.abs(slope)
-    bent = half * half * bend
-    growth = np.expm1(steep + 0.5 * bent)  # of |L| over the part, relatively
-    below = 1 + loop
-    least = np.abs(below) - size * growth  # of |1 + L|
-    s_most, t_most = 1 / least, size * (1 + growth) / least
-    curved = 0.5 * s_most * t_most * (bent + (steep + bent) ** 2 * (s_most + t_most))
-    s = 1 / below
-    t = loop * s
-    middles, rate = np.array([s, t, s - 0.5]), half * slope * s * t
-    most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
-    return np.where(least > 0, most, np.inf), response.rounding(high)
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
@@ -397,9 +456,9 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
     `unstable_at_one` is the exact number of unstable poles at factor 1; each limit tells how it changes.
     """
     factors = [limit.factor for limit in limits]
-    counts = np.cumsum([0, *(limit.crossing for limit in limits)], dtype=float)
-    counts += unstable_at_one - counts[np.searchsorted(factors, 1.0, side="right")]
-    return next((one for one, count in by_distance(factors, counts) if count == 0), None)
+    counts = [0, *accumulate(limit.crossing for limit in limits)]
+    more = unstable_at_one - counts[bisect_right(factors, 1.0)]
+    return next((one for one, count in by_distance(factors, counts) if count + more == 0), None)
 
 
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:

@@ -8,9 +8,11 @@ polynomials lose digits, and gives the phase of G(j omega) as a *continuous* fun
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterable, Iterator
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from numbers import Real
 from typing import Any
 
@@ -25,6 +27,8 @@ from railslip_ctrl.core.records import dataclass
 # -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
 
 DOUBLE_BITS = 64  #: precision of what is then taken as a double
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # in doubles, from where balls refine: relative step of the last one
+_SPARE_BITS = 32  # for the cancellation of terms at a root; where more is lost, FLINT isolates all roots
 _SHARP = 56  # bits of a part of a root that rounds to a double
 
 
@@ -128,10 +132,42 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
     while polynomial[0] == 0:
         polynomial = polynomial.right_shift(1)
     signs = [c > 0 for c in polynomial.coeffs() if c != 0]
-    if all(signs) or not any(signs):
+    changes = sum(one != other for one, other in pairwise(signs))
+    if not changes:
         return []  # Descartes: no change of sign, no positive root
+    if changes == 1 and (only := _only_root(polynomial)):
+        return [(only.sqrt(), 1)]
     found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
     return [(root.sqrt(), count) for root, count in sorted(found, key=lambda pair: pair[0].mid())]
+
+
+def _only_root(polynomial: fmpq_poly) -> arb | None:
+    """The positive root where the coefficients change sign once, so that it is the only one and simple (Descartes), in
+    a ball of the precision of the context; None where doubles do not lead to it."""
+    try:
+        terms = [(k, float(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
+        (_, first), (degree, last) = terms[0], terms[-1]
+        x = abs(first / last) ** (1 / degree)
+        for _ in range(_NEWTON_STEPS):  # ln of the ratio of both parts by ln x, whose slope is between 1 and the degree
+            sums, slopes = [0.0, 0.0], [0.0, 0.0]
+            for k, c in terms:
+                part = abs(c) * x**k
+                sums[c * last > 0] += part
+                slopes[c * last > 0] += k * part
+            step = math.log(sums[1] / sums[0]) / (slopes[1] / sums[1] - slopes[0] / sums[0])
+            x *= math.exp(-step)
+            if abs(step) < _HALF_OF_THE_DIGITS:
+                break
+    except (ArithmeticError, ValueError):
+        return None
+    bits = ctx.prec
+    with ctx.workprec(bits + _SPARE_BITS):
+        value, root = arb_poly(polynomial), arb(x)
+        slope = value.derivative()
+        for _ in range(max(bits // 40, 1).bit_length()):  # each doubles the digits
+            root = (root - value(root) / slope(root)).mid()
+        ball = arb(root, root * arb(2) ** -bits)
+        return ball if value(ball.lower()) * value(ball.upper()) < 0 else None
 
 
 def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, float]:
@@ -180,8 +216,7 @@ class Rational:
                 f"transfer function with more zeros ({self.zeros.size}) than poles ({self.poles.size}) is not proper; "
                 "add poles (for example a derivative filter)"
             )
-        finite = np.isfinite(self.zeros).all() and np.isfinite(self.poles).all() and math.isfinite(self.gain)
-        if not finite:
+        if not all(map(cmath.isfinite, [*self.zeros.tolist(), *self.poles.tolist(), self.gain])):
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
 
     @classmethod
@@ -193,11 +228,12 @@ class Rational:
         numerator, denominator = (np.atleast_1d(reals(name, x)) for name, x in (("num", num), ("den", den)))
         if numerator.ndim > 1 or denominator.ndim > 1:
             raise InputError("transfer function: num and den are not 1-D; give the coefficients of one polynomial each")
-        if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
+        above, below = numerator[::-1].tolist(), denominator[::-1].tolist()
+        if not all(map(math.isfinite, above + below)):
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
-        if not denominator.any():
+        if not any(below):
             raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
-        return cls._from_exact(coefficients(numerator[::-1]), coefficients(denominator[::-1]))
+        return cls._from_exact(coefficients(above), coefficients(below))
 
     @classmethod
     def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:

@@ -275,9 +275,9 @@ class SampledLoop(BoundedLoop):
         return Expansion(value, slope, lambda half: box.bounds(half * h)[1:])
 
     def _first_phase(self, omega: Floats) -> Floats:
-        return Response(self.plant, 0.0).angle(omega) + Response(self.controller.shifted(1.0), 0.0).angle(
-            omega * self.period  # where z - 1 is j omega h
-        )
+        parts = (self.plant, omega), (self.controller.shifted(1.0), omega * self.period)  # where z - 1 is j omega h
+        phases = [Response(system, 0.0).phase(at)[0] for system, at in parts]
+        return phases[0] + phases[1]
 
     def _added_delay(self) -> tuple[float, float]:
         # not read off a crossover: more dead time changes what the hold lets through between samples

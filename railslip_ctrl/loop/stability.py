@@ -76,12 +76,13 @@ def _moved(response: Response, c: float) -> Response:
 def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     """(closed-loop poles with positive real part, whether one is on the axis)."""
     system, dead_time = response.system, response.dead_time
-    axis_zeros, axis_poles = (r[r.real == 0] for r in (system.zeros, system.poles))
-    if axis_zeros.size and axis_poles.size and response.exact.hidden_on_axis:
+    both = (system.zeros.tolist(), system.poles.tolist())
+    axis_zeros, axis_poles = (any(root.real == 0 for root in roots) for roots in both)
+    if axis_zeros and axis_poles and response.exact.hidden_on_axis:
         return float("nan"), True  # a hidden mode on the axis is a closed-loop pole there
-    right = [int(np.count_nonzero(roots.real > 0)) for roots in (system.zeros, system.poles)]
+    right = [sum(root.real > 0 for root in roots) for roots in both]
     if system.gain == 0:
-        return float(right[1]), bool(axis_poles.size)
+        return float(right[1]), axis_poles
     through = response.exact.through
     if dead_time > 0 and abs(through) >= 1:
         return float("inf"), False  # neutral: a chain of poles tends to Re s = ln|G(inf)|/tau >= 0
@@ -97,12 +98,13 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     # half turns of arg Q from omega = 0 to infinity: the branch follows the form in use, that of N where |L| > 1
     large, turned = response.exact.large_at_zero, int(system.gain < 0)
     change = -(right[0] + turned) if large else -right[1]
-    odd, rest = response.phases_at_crossovers(certain=True) if certain else response.crossover_phases
-    if not rest.all():
+    phases = response.phases_at_crossovers(certain=True) if certain else response.crossover_phases
+    if not all(rest for _, rest in phases):
         return float("nan"), True
-    for n, (_, multiplicity) in zip(odd + np.sign(rest), response.exact.frequencies(GAIN), strict=True):
+    for (odd, rest), (_, multiplicity) in zip(phases, response.exact.frequencies(GAIN), strict=True):
         if multiplicity % 2:  # at a touch of |L| = 1 the form does not change
-            change += int(n) if large else -int(n)
+            n = int(odd) + (1 if rest > 0 else -1)
+            change += n if large else -n
             large = not large
     # far up the axis every continuous angle is 90 deg, left and right roots alike
     end = system.zeros.size + 2 * turned if large else system.poles.size
