@@ -18,8 +18,8 @@ from scipy.special import lambertw
 from railslip_ctrl import DeadTimeLoop, InputError, Rational, UnstableLoopError
 from railslip_ctrl.loop import stability
 from railslip_ctrl.loop.certificate import CertificateError, certify
-from railslip_ctrl.loop.crossings import bracketed_roots, monotone_root
-from railslip_ctrl.loop.margins import by_distance
+from railslip_ctrl.loop.crossings import Response, bracketed_roots, monotone_root
+from railslip_ctrl.loop.margins import _PeakSearch, by_distance, heights
 from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
@@ -420,3 +420,21 @@ def test_peaks_without_dead_time_in_closed_form(zeros, poles, gain, margins):
             low, high = getattr(certificate, name)
             assert low * (1 - 1e-15) <= value <= high * (1 + 1e-15), name  # rounding of the closed form
             assert getattr(loop.margins(), name) == pytest.approx(value, rel=1e-15), name
+
+
+@pytest.mark.parametrize("kind", ["wheel_slip", "many_crossovers", "gain_one_at_zero"])
+def test_only_parts_of_the_axis_below_the_peaks_are_shown_to_be(kind):
+    """Parts of any width, against peaks just below and well above what a grid has there."""
+    rng, shown = np.random.default_rng(5), 0
+    for zeros, poles, gain, dead_time in random_loops.loops(getattr(random_loops, kind), 40):
+        response = Response(Rational(zeros, poles, gain), dead_time or 0.1)
+        for middle, half in zip(10 ** rng.uniform(-2, 2, 40), 10 ** rng.uniform(-2, 0, 40), strict=True):
+            low, high = (middle * math.exp(-half) if rng.random() < 0.8 else 0.0), middle * math.exp(half)
+            tops = heights(response(np.linspace(low, high, 402)[1:])).max(axis=1)
+            for factor in (rng.uniform(0.97, 0.999), 1.1):
+                search = _PeakSearch(response, [(factor * top, 1.0) for top in tops.tolist()])
+                around = search._expanded(low, high)
+                below = [one for one in range(3) if around is not None and search._positive(one, around)]
+                assert factor > 1 or not below
+                shown += len(below)
+    assert shown > 300

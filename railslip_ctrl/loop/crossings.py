@@ -38,7 +38,6 @@ from .rational import (
 # `DeadTimeLoop.margins()` may take in all, and no `scipy.optimize` is loaded.
 
 _HALF_OF_THE_DIGITS = 1e-9
-_LAST_BIT = 1e-17  # relative error that one step of Newton's method may leave, below half the last bit
 _LARGEST = 700.0  # of ln|L|: exp of it is a double
 _MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
 
@@ -391,17 +390,15 @@ class Response:
         angle = np.arctan2(offset, size) @ turns + (self._at_zero - self.dead_time * omega)
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
-    def turned(self, omega: float) -> tuple[float, float, float]:
-        """`phase` at one frequency, and its second derivative, in Python's numbers."""
-        total, slope, bend = self._at_zero - self.dead_time * omega, -self.dead_time, 0.0
+    def turned(self, omega: float) -> tuple[float, float]:
+        """`phase` at one frequency, in Python's numbers."""
+        total, slope = self._at_zero - self.dead_time * omega, -self.dead_time
         for away, height, turn, _ in self._turns:
             offset = omega - height
             distance = math.hypot(away, offset)
             total += turn * math.atan2(offset, away)
-            near = turn * (away / distance) / distance
-            slope += near
-            bend -= 2 * near * (offset / distance) / distance
-        return total, slope, bend
+            slope += turn * (away / distance) / distance
+        return total, slope
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
@@ -416,11 +413,6 @@ class Response:
         """The phase in which all begin, rad."""
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
-
-    @cached_property
-    def lag(self) -> float:
-        """What, over omega, the zeros and poles lack from their limits of the phase far up, rad."""
-        return sum(turn * away for away, _, turn, _ in self._turns)
 
     def at(self, omega: float) -> tuple[complex, complex, complex]:
         """L(j omega), d ln L/d omega and d^2 ln L/d omega^2, in Python's numbers; ArithmeticError on overflow."""
@@ -571,20 +563,15 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
     target, dead_time = math.pi * odd, response.dead_time
     if math.isinf(high):  # there the dead time turns the most
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
-        start -= response.lag / (dead_time * start) if start else 0.0
     else:
         start = (
             math.sqrt(low) * math.sqrt(high) if high > 4 * low else low + (high - low) * (odd - first) / (last - first)
         )
     if not low < start < high:
         start = 2 * low or (0.5 * high if high < math.inf else 1 / (dead_time or 1.0))
-    angle, slope, bend = response.turned(start)
-    step = (target - angle) / slope if slope else math.inf
-    if abs(bend * step * step) <= _LAST_BIT * abs(slope) * start and low < start + step < high:
-        return start + step  # one step of Newton's method does, as among many crossovers far up
 
     def away(omega: float) -> tuple[float, float]:
-        angle, slope, _ = response.turned(omega)
+        angle, slope = response.turned(omega)
         return angle - target, slope
 
     return monotone_root(away, start, low, high, -1.0 if last > first else 1.0)
