@@ -56,6 +56,9 @@ class Loop(ABC):
     def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
         raise TypeError(self._instead)
 
+    def __getitem__(self, _: Any) -> Any:
+        raise TypeError(self._instead)
+
     def __len__(self) -> int:
         return 3
 
@@ -145,7 +148,8 @@ class Loop(ABC):
 
         The numbers alone are `loop.response(omega)`.
 
-        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and has its gain crossovers.
+        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and has its gain crossovers. Between
+          frequencies that ascend, two at least, the data interpolate.
         - squeeze: as of `control.frequency_response`.
         """
         if omega is None:
@@ -153,7 +157,8 @@ class Loop(ABC):
             omega = np.union1d(np.geomspace(low, high, _POINTS), self.gain_crossovers.clip(low, high))
         grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
         made: Any = import_module("control").FrequencyResponseData
-        return made(self.response(grid), grid, sysname="L", squeeze=squeeze, smooth=True, dt=self._dt or 0)
+        smooth = grid.size > 1 and bool((np.diff(grid) > 0).all())  # its splines take no others
+        return made(self.response(grid), grid, sysname="L", squeeze=squeeze, smooth=smooth, dt=self._dt or 0)
 
     def sensitivity(self, omega: ArrayLike) -> Complexes:
         """S = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
