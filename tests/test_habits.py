@@ -112,6 +112,9 @@ def test_load_law_takes_what_the_option_adhesion_takes(railslip, file):
     assert rs.load_law("law.py") == rs.load_law("law.toml")
     file("run.toml", 'extends = "stop"\nadhesion = "law.py"\n')
     assert rs.load_scenario("run.toml").adhesion == rs.load_law("law.py")
+    for load, name in ((rs.load_law, "LAW"), (rs.load_controller, "CONTROLLER")):
+        with pytest.raises(rs.InputError, match=rf"empty\.py: has no {name}"):
+            load(file("empty.py", "\n"))
     for given in ("law.py", "polach", "beam"):
         law = rs.load_law(given, initial_speed_kmh=90)
         told = json.loads(railslip("linearize", "--adhesion", given, "--initial-speed", "90", "--rail", "dry",
@@ -183,9 +186,20 @@ def test_functions_of_python_control_take_a_loop_or_say_what_to_call():
     for name in ("bode_plot", "nyquist_plot", "nichols_plot", "singular_values_plot", "nyquist_response", "damp"):
         with pytest.raises(AttributeError, match=r"^DeadTimeLoop .*loop\.frequency_response\(omega\)"):
             getattr(ct, name)(DELAYED)
-    for refuse in (lambda: ct.step_response(DELAYED, omega), lambda: ct.frd(DELAYED, omega), lambda: np.array(DELAYED)):
+    for refuse in (
+        *(lambda: ct.step_response(DELAYED, omega), lambda: ct.root_locus_map(DELAYED)),
+        *(lambda: ct.frd(DELAYED, omega), lambda: np.array(DELAYED)),
+    ):
         with pytest.raises((AttributeError, TypeError), match=r"^DeadTimeLoop .*loop\.to_tf\(order\)"):
             refuse()
+
+
+@pytest.mark.parametrize("omega", [2.0, [2.0], [3.0, 1.0], [1.0, 1.0, 2.0], [1.0, 2.0]])
+@pytest.mark.parametrize("loop", [DELAYED, SAMPLED, SEEKING], ids=lambda loop: type(loop).__name__)
+def test_a_frequency_response_takes_one_frequency_and_any_order(loop, omega):
+    record = loop.frequency_response(omega)
+    assert np.ravel(record.omega) == pytest.approx(np.ravel(omega))
+    assert np.ravel(record.frdata) == pytest.approx(np.ravel(loop.response(omega)))
 
 
 @pytest.mark.parametrize("loop", [DELAYED, SAMPLED, SEEKING], ids=lambda loop: type(loop).__name__)
