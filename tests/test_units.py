@@ -83,14 +83,14 @@ TRADE = [
     ("train_speed", "m/s", 1.0, "m/s M/S mps m.s-1 m·s^-1"),
     ("train_speed", "m/s", 0.44704, "mph MPH mi/h"),
     ("train_speed", "m/s", 1852 / 3600, "kn kt"),
-    ("wheel_angular_speed", "rad/s", math.pi / 30, "rpm RPM Rpm 1/min min-1 min^-1 min⁻¹ /min U/min rev/min r/min"),
+    ("wheel_angular_speed", "rad/s", math.pi / 30, "rpm RPM Rpm 1/min min-1 min^-1 min⁻¹ /min U/min Upm rev/min r/min"),
     ("wheel_angular_speed", "rad/s", 1.0, "rad/s RAD/S rads rad/sec"),
     ("brake_torque", "N*m", 1.0, "Nm N.m N-m N·m N⋅m nm NM"),
     ("brake_torque", "N*m", 1e3, "kNm kN.m kN-m kN*m KNM knm"),
     ("brake_torque", "N*m", 10.0, "daNm daN.m"),
     ("brake_torque", "N*m", 1e6, "MNm MN.m"),
     ("wheel_load", "N", 1e3, "kN KN kn"),
-    ("mass", "kg", 1e3, "t T tonne tonnes"),
+    ("mass", "kg", 1e3, "t T tonne tonnes Tonnes"),
 ]
 
 

@@ -33,9 +33,10 @@ _MINUS = str.maketrans({"\N{MINUS SIGN}": "-"})  # word processors and spreadshe
 
 TRADE_UNITS = MappingProxyType(
     {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "min": "min", "h": "h", "hr": "h"}
-    | {"m": "m", "mm": "mm", "km": "km", "kg": "kg", "t": "tonne"}
+    | {"m": "m", "mm": "mm", "km": "km", "kg": "kg"}
+    | dict.fromkeys(("t", "tonne", "tonnes"), "tonne")
     | dict.fromkeys(("kmh", "kph", "kmph"), "km/h")
-    | {"mph": "mile/h", "mps": "m/s", "rad": "rad", "rads": "rad/s", "rpm": "rpm", "rps": "turn/s"}
+    | {"mph": "mile/h", "mps": "m/s", "rad": "rad", "rads": "rad/s", "rpm": "rpm", "upm": "rpm", "rps": "turn/s"}
     | dict.fromkeys(("rev", "revs"), "turn")
     | {"N": "N", "daN": "daN", "kN": "kN", "Nm": "N*m", "daNm": "daN*m", "kNm": "kN*m", "MNm": "MN*m"}
 )
