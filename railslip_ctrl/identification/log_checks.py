@@ -384,7 +384,8 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, read: 
     ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
     if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
         return None
-    likely, now = (min(_CLOCKS, key=lambda unit: abs(math.log(_CLOCKS[unit] / x))) for x in (read * ratio, read))
+    likely = min(_CLOCKS, key=lambda unit: abs(math.log(_CLOCKS[unit] / (read * ratio))))
+    now = next((unit for unit, clock in _CLOCKS.items() if math.isclose(clock, read)), f"units of {read:.3g} s")
     less, times = ("less", 1.0 / ratio) if ratio < 1.0 else ("more", ratio)
     return told("other clock", ratio=times, less=less, likely=likely, read=now)
 
