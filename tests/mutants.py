@@ -92,6 +92,7 @@ ROOMS = {
     "paper/printed": "sliding_code",
     "sliding/": "sliding_code",
     "sliding/derivation": "sliding_code verification",
+    "sliding/predictive": "predictive_derivation",
     "verification/": "verification",
     "verification/actuator_effects": "sliding_verification",
     "verification/fixed_step": "verification sliding_verification",

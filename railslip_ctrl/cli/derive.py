@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,15 +18,18 @@ from railslip_ctrl.report.derivation import derivation_document, derivation_json
 from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.sliding.code import LawCode, LawNumbers, generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Derivation, Reference, derive
+from railslip_ctrl.sliding.predictive import derive_predictive
 
 from .options import law_from_file, number_option
 from .output import print_text, progress
 from .settings import HELP, json_option, option, path_option, preset
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
+_LAWS = ("published", "predictive")
 
 
 @click.command(context_settings=HELP)
+@preset("--law", "|".join(_LAWS), "Adaptive law of [Park2008], or the predictive law for the actuator.", "published")
 @preset("--reference", "proportional|constant", "Reference slip velocity: lambda_d v, or constant.", "proportional")
 @option(
     "--adhesion",
@@ -49,7 +53,13 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     "it is printed",
 )
 def command(
-    reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None
+    law: str,
+    reference: str,
+    adhesion: str | None,
+    initial_speed: float | None,
+    form: str | None,
+    as_json: bool,
+    out: Path | None,
 ) -> None:
     """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code. The law is
     symbolic; with an adhesion law's file its numbers are shown too. Exit status 0, or 2 for bad input.
@@ -61,16 +71,21 @@ def command(
     given = "json" if as_json else _one_of("--format", form or "text", _FORMATS)
     if out is not None:
         _check_out(out, given)  # before the work, not after it
-    name, law, file = _law(adhesion, initial_speed)
-    chosen = _one_of("--reference", reference, get_args(Reference)), name, law, file
+    held: Reference = _one_of("--reference", reference, get_args(Reference))
+    if _one_of("--law", law, _LAWS) == "predictive":
+        _check_predictive(held, adhesion, initial_speed, given)
+        made_text = partial(_predictive_text, given)
+    else:
+        chosen = held, *_law(adhesion, initial_speed)
+        made_text = partial(_text, *chosen, given)
     if out is None:
-        print_text(lambda: _text(*chosen, given))
+        print_text(made_text)
         return
     if given == "c":
         program = law_program(_derived(*chosen)[1], name=out.stem)
         texts = {out.name: program.source, out.with_suffix(".h").name: program.header}
     else:
-        texts = {out.name: _text(*chosen, given)}
+        texts = {out.name: made_text()}
     made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
     write_files(out.parent, texts)
     progress(f"wrote {' and '.join(str(out.with_name(one)) for one in texts)}{made}")
@@ -111,6 +126,27 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
     if form == "text":
         return derivation_text(derivation, rows, numbers)
     return derivation_document(form, derivation, rows, code, numbers)
+
+
+def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
+    """InputError for an option of the published law."""
+    if reference != "proportional":
+        raise InputError(f"--reference: {reference!r} goes with --law published; the predictive law holds a slip ratio")
+    if adhesion is not None or initial_speed is not None:
+        name = "--initial-speed" if adhesion is None else "--adhesion"
+        raise InputError(f"{name}: goes with --law published; leave it out, the predictive law estimates the torque")
+    if form in ("c", "python"):
+        raise InputError(
+            f"--format: {form!r} goes with --law published; railslip tune --structure predictive --out FILE.c writes "
+            "the predictive law as C"
+        )
+
+
+def _predictive_text(form: str) -> str:
+    derivation = derive_predictive()
+    if form == "json":
+        return json_text(derivation_json(derivation), ensure_ascii=False)
+    return derivation_text(derivation) if form == "text" else derivation_document(form, derivation)
 
 
 def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:

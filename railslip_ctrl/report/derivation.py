@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import sympy as sp
 from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
@@ -13,15 +14,18 @@ from railslip_ctrl import __version__
 from railslip_ctrl.controllers.c_code import law_program
 from railslip_ctrl.core.notation import SOURCES
 from railslip_ctrl.core.templates import environment
+from railslip_ctrl.model import plant
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.proof import latex, plain
+from railslip_ctrl.sliding.predictive import PredictiveDerivation
+from railslip_ctrl.sliding.proof import latex, plain, sliding_symbol
 
 from .document import Facts, Paragraph, heading, render
 from .export import exported
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
+_PREDICTIVE_TITLE = "The predictive sliding-mode law, derived from the plant"
 _STEP = ("name", "statement", "done", "equation_latex", "source", "checked", "check")
 _ERRATUM = (
     *("where", "printed_latex", "derived_latex", "difference_latex"),
@@ -31,25 +35,41 @@ _NO_FORMULA = "The law has no closed form: Ta is evaluated from these numbers ou
 
 
 def derivation_json(
-    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+    derivation: Derivation | PredictiveDerivation,
+    errata: Sequence[Erratum] = (),
+    code: LawCode | None = None,
+    numbers: Sequence[LawNumbers] = (),
 ) -> dict[str, Any]:
-    """The contract's keys, and beside them what was done, how each step was checked, and a law's `numbers` by rail."""
+    """The contract's keys, how each step was done and checked, and a law's `numbers` by rail; its `code`, if any."""
     formulas = [None if one.torque is None else f"T_b = {latex(one.torque)}" for one in numbers]
     of_rails = {
         one.rail.value: {"parameters": dict(one.parameters), "latex": formula}
         for one, formula in zip(numbers, formulas, strict=True)
     }
+    torque, law = _law(derivation)
     return {
-        **exported(derivation, "reference", "adhesion", "all_checked"),
+        **exported(
+            derivation, *(("reference", "adhesion") if isinstance(derivation, Derivation) else ()), "all_checked"
+        ),
         "steps": [exported(step, *_STEP) for step in derivation.steps],
         "law": {
-            "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
-            "python": code.python,
-            "c": law_program(code).in_one_file,
+            "latex": f"{latex(torque)} = {latex(law)}",
+            **({} if code is None else {"python": code.python, "c": law_program(code).in_one_file}),
             **({"numbers": of_rails} if numbers else {}),
         },
         "errata": [exported(row, *_ERRATUM) for row in errata],
     }
+
+
+def _law(derivation: Derivation | PredictiveDerivation) -> tuple[sp.Symbol, sp.Expr]:
+    """The torque that the law commands, and its formula."""
+    if isinstance(derivation, Derivation):
+        return plant.Tb, derivation.law_in_adhesion
+    return sliding_symbol("u"), derivation.control_law
+
+
+def _title(derivation: Derivation | PredictiveDerivation) -> str:
+    return _TITLE if isinstance(derivation, Derivation) else _PREDICTIVE_TITLE
 
 
 def _numeric_title(numbers: LawNumbers) -> str:
@@ -60,14 +80,16 @@ def _parameters(numbers: LawNumbers) -> str:
     return ", ".join(f"{name} = {value:.10g}" for name, value in numbers.parameters) + " (SI)"
 
 
-def _case(derivation: Derivation) -> str:
+def _case(derivation: Derivation | PredictiveDerivation) -> str:
+    if not isinstance(derivation, Derivation):
+        return "proportional reference, holding torque estimated"
     torque = (
         "Ta measured or estimated" if derivation.adhesion is None else f"Ta of the adhesion law {derivation.adhesion}"
     )
     return f"{derivation.reference} reference, {torque}"
 
 
-def _outcome(derivation: Derivation) -> str:
+def _outcome(derivation: Derivation | PredictiveDerivation) -> str:
     failed = [step.name for step in derivation.steps if not step.checked]
     if failed:
         return f"{len(failed)} of {len(derivation.steps)} steps FAIL their check: {', '.join(failed)}"
@@ -85,10 +107,12 @@ def _mark(checked: bool) -> str:
 # --- text ----------------------------------------------------------------------------------------------------------
 
 
-def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: Sequence[LawNumbers] = ()) -> str:
+def derivation_text(
+    derivation: Derivation | PredictiveDerivation, errata: Sequence[Erratum] = (), numbers: Sequence[LawNumbers] = ()
+) -> str:
     """Plain text."""
     parts: list[RenderableType] = [
-        heading(_TITLE),
+        heading(_title(derivation)),
         Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
     ]
     for number, step in enumerate(derivation.steps, 1):
@@ -99,12 +123,14 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
             Facts([("done", step.done), ("check", step.check)]),
             Text(""),
         ]
-    parts += [heading("Law", "-"), Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4))]
+    torque, law = _law(derivation)
+    parts += [heading("Law", "-"), Padding(Text(f"{torque} = {plain(law)}"), (0, 0, 1, 4))]
     for one in numbers:
         parts += [heading(_numeric_title(one), "-"), Paragraph(_parameters(one))]
-        torque = _NO_FORMULA if one.torque is None else f"Tb = {plain(one.torque)}"
-        parts.append(Padding(Text(torque), (1, 0, 1, 4)))
-    parts.append(heading("Errata: as printed, and as derived", "="))
+        formula = _NO_FORMULA if one.torque is None else f"Tb = {plain(one.torque)}"
+        parts.append(Padding(Text(formula), (1, 0, 1, 4)))
+    if errata:
+        parts.append(heading("Errata: as printed, and as derived", "="))
     for row in errata:
         parts += [
             heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
@@ -113,12 +139,17 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
             ),
             Text(""),
         ]
-    parts.append(Text(_sources_line()))
+    parts += [Text(line) for line in _sources(derivation)]
     return render(parts)
 
 
-def _sources_line() -> str:
-    return f"[Park2008] {SOURCES['Park2008']}"
+def _sources(derivation: Derivation | PredictiveDerivation) -> list[str]:
+    """References cited by the steps."""
+    return [
+        f"[{key}] {text}"
+        for key, text in SOURCES.items()
+        if any(f"[{key}]" in step.source for step in derivation.steps)
+    ]
 
 
 # --- Markdown and LaTeX ----------------------------------------------------------------------------------------------
@@ -132,7 +163,11 @@ _LATEX = {
 
 
 def derivation_document(
-    form: str, derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+    form: str,
+    derivation: Derivation | PredictiveDerivation,
+    errata: Sequence[Erratum] = (),
+    code: LawCode | None = None,
+    numbers: Sequence[LawNumbers] = (),
 ) -> str:
     """As "markdown" with LaTeX formulas, or as "latex": a document that needs amsmath, geometry, graphicx and listings;
     too wide a formula is made to fit."""
@@ -145,15 +180,17 @@ def derivation_document(
         **{"latex": latex, "mark": _mark, "verdict": _verdict, "title": _numeric_title, "parameters": _parameters},
     }
     case = _case(derivation)
+    torque, law = _law(derivation)
     text: str = filling.get_template(template).render(
-        derivation=derivation,
+        steps=derivation.steps,
+        law=f"{latex(torque)} = {latex(law)}",
         errata=errata,
-        python=code.python,
-        c=law_program(code).in_one_file,
+        python="" if code is None else code.python,
+        c="" if code is None else law_program(code).in_one_file,
         numbers=numbers,
-        title=_TITLE,
+        title=_title(derivation),
         opening=f"{case[0].upper()}{case[1:]}; {_outcome(derivation)}.",
         no_formula=_NO_FORMULA,
-        sources=_sources_line(),
+        sources=_sources(derivation),
     )
     return text

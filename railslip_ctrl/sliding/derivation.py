@@ -47,7 +47,7 @@ UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 
 def derive_surface(reference: Reference) -> Surface:
     """s and s' for a reference."""
-    plant_step, train, wheel = _accelerations()
+    plant_step, train, wheel = accelerations()
     slip_step, sigma_rate = _slip_rate(train, wheel)
     error, error_rate, definition, surface_step, rate_form = _differentiated(reference)
     rate = sp.expand(rate_form.subs(_SIGMA_RATE, sigma_rate))
@@ -63,7 +63,7 @@ def derive_surface(reference: Reference) -> Surface:
     )
 
 
-def _accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
+def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
     """v' and omega' in Ta, Fr, omega from the statement, and the step that shows them."""
     force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
     train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))

@@ -19,21 +19,23 @@ _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d
 
 _TABLES = templates.texts(__package__, "notation.toml")
 
-SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: the table, by name
+SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: symbols of the published law, by name
+PREDICTIVE_NOTATION = notation_in(_TABLES["predictive"])  #: symbols of the predictive law, by name
+_SYMBOLS = {**PREDICTIVE_NOTATION, **SLIDING_NOTATION}
 CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
 """Unit and meaning of what the generated code has besides, by name."""
 
 
 def sliding_symbol(name: str) -> sp.Symbol:
-    """The SymPy symbol of a name in `SLIDING_NOTATION`; KeyError for another."""
-    entry = SLIDING_NOTATION[name]
+    """The SymPy symbol of a name in `SLIDING_NOTATION` or `PREDICTIVE_NOTATION`; KeyError for another."""
+    entry = _SYMBOLS[name]
     return sp.Symbol(name, positive=True) if entry.positive else sp.Symbol(name, real=True)
 
 
 def latex(expression: sp.Basic) -> str:
     """LaTeX of an expression in the source's letters."""
     own = {sp.Symbol(name, positive=True): text for name, text in _OTHER_LATEX}
-    names = {**latex_names(), **own, **{sliding_symbol(entry.name): entry.latex for entry in SLIDING_NOTATION.values()}}
+    names = {**latex_names(), **own, **{sliding_symbol(name): entry.latex for name, entry in _SYMBOLS.items()}}
     return str(sp.latex(expression, symbol_names=names)).replace(r"\operatorname{sign}", r"\operatorname{sgn}")
 
 
