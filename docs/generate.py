@@ -22,7 +22,8 @@ from railslip_ctrl.core.notation import NOTATION, SOURCES, Notation
 from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import Derivation, derive
-from railslip_ctrl.sliding.proof import SLIDING_NOTATION
+from railslip_ctrl.sliding.predictive import PredictiveDerivation, derive_predictive
+from railslip_ctrl.sliding.proof import PREDICTIVE_NOTATION, SLIDING_NOTATION
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -46,6 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, equations in groups(derivation).items():
         _write(f"equations/{name}.md", equations_text(equations, rows))
     _write("equations/derivation.md", steps_text(derivation))
+    _write("equations/predictive.md", steps_text(derive_predictive()))
+    for step in derive_predictive().steps:
+        name = step.name.replace("'", "").replace(" ", "_")
+        _write(f"equations/predictive/{name}.md", f"$$\n{step.equation_latex}\n$$\n")
     _write("equations/errata.md", errata_text(rows))
     _write("equations/nomenclature.md", nomenclature_text())
     _write("equations/laws.md", laws_text())
@@ -105,7 +110,7 @@ def errata_text(rows: Sequence[Erratum]) -> str:
     return "\n".join(parts)
 
 
-def steps_text(derivation: Derivation) -> str:
+def steps_text(derivation: Derivation | PredictiveDerivation) -> str:
     """The steps of the derivation with their checks."""
     parts = []
     for number, step in enumerate(derivation.steps, 1):
@@ -125,16 +130,20 @@ def _prose(text: str) -> str:
 
 
 def nomenclature_text() -> str:
-    """Symbols of the plant, of the sliding-mode law, and the parameters of the adhesion laws."""
+    """Symbols of the plant, of the published and of the predictive sliding-mode law."""
     return "\n".join(
         [
             "## Plant",
             "",
             *_symbols(NOTATION.values()),
             "",
-            "## Sliding-mode law",
+            "## Published sliding-mode law",
             "",
             *_symbols(SLIDING_NOTATION.values()),
+            "",
+            "## Predictive sliding-mode law",
+            "",
+            *_symbols(PREDICTIVE_NOTATION.values()),
             "",
         ]
     )

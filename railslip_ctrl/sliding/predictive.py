@@ -32,7 +32,18 @@ _r, _J, _T = plant.r, plant.J, symbol("T")
 
 
 @dataclass(frozen=True)
-class PredictiveDerivation:
+class SurfaceLaw:
+    """Surface and law; fields as of `PredictiveDerivation`."""
+
+    surface: sp.Expr
+    surface_rate: sp.Expr
+    control_law: sp.Expr
+    disturbance: sp.Expr
+    closed_rate: sp.Expr
+
+
+@dataclass(frozen=True)
+class PredictiveDerivation(SurfaceLaw):
     """The predictive law and its derivation; SymPy expressions in SI, by the names of `proof.PREDICTIVE_NOTATION`.
 
     - steps: in order, each with the outcome of its machine check.
@@ -52,11 +63,6 @@ class PredictiveDerivation:
     steps: tuple[DerivationStep, ...]
     holding_torque: sp.Expr
     reduced_rate: sp.Expr
-    surface: sp.Expr
-    surface_rate: sp.Expr
-    control_law: sp.Expr
-    disturbance: sp.Expr
-    closed_rate: sp.Expr
     sliding_rate: sp.Expr
     authority: tuple[sp.Expr, sp.Expr]
     pole: sp.Expr
@@ -76,25 +82,21 @@ def derive_predictive() -> PredictiveDerivation:
     plant_step, train, wheel = accelerations()
     error_step, holding = _holding_torque(wheel)
     reduction_steps, reduced = _reduction()
-    law_steps, surface, surface_rate, law, closed, disturbance = _law(reduced)
-    motion_steps, sliding, authority = _motion(reduced, surface, surface_rate, closed, disturbance, law)
+    law_steps, law = _law(reduced)
+    motion_steps, sliding, authority = _motion(reduced, law)
     pole_step, pole = _pole(holding, train)
-    gain_steps, small_gain = _small_gain(reduced, surface, disturbance)
-    loop_step, loop = _layer(holding, surface, law)
-    degree_step, degrees = _relative_degrees(surface_rate)
+    gain_steps, small_gain = _small_gain(reduced, law)
+    loop_step, loop = _layer(holding, law)
+    degree_step, degrees = _relative_degrees(law)
     return PredictiveDerivation(
+        **vars(law),
         steps=(
             *(plant_step, error_step, _in_the_train_s_motion(holding, train), _ahead()),
             *(*reduction_steps, *law_steps, *motion_steps, pole_step, *gain_steps),
-            *(loop_step, *_inner_loop(holding, surface, law), degree_step),
+            *(loop_step, *_inner_loop(holding, law), degree_step),
         ),
         holding_torque=holding,
         reduced_rate=reduced,
-        surface=surface,
-        surface_rate=surface_rate,
-        control_law=law,
-        disturbance=disturbance,
-        closed_rate=closed,
         sliding_rate=sliding,
         authority=authority,
         pole=pole,
@@ -201,10 +203,8 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
 # --- surface, law and reaching ----------------------------------------------------------------------------------------
 
 
-def _law(
-    reduced: sp.Expr,
-) -> tuple[tuple[DerivationStep, ...], sp.Expr, sp.Expr, sp.Expr, sp.Expr, sp.Expr]:
-    """The steps of surface and law; S, S', u, S' under the law and its disturbance."""
+def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], SurfaceLaw]:
+    """S, S', the command for the rate asked for, and S' under it."""
     surface = H_hat + _J / _r * kappa * e_hat - T_plus
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     parts = {H_hat: H_hat_rate, e_hat: reduced, T_plus: ahead}
@@ -227,33 +227,37 @@ def _law(
         step("predictive law", (u, law), identical(solved, law), identical(known.subs(u, law), asked)),
         step("rate of S under the law", (S_rate, disturbance + asked), identical(closed, disturbance + asked)),
     )
-    return steps, surface, shown_rate, law, disturbance + asked, disturbance
+    return steps, SurfaceLaw(
+        surface=surface,
+        surface_rate=shown_rate,
+        control_law=law,
+        disturbance=disturbance,
+        closed_rate=disturbance + asked,
+    )
 
 
-def _motion(
-    reduced: sp.Expr, surface: sp.Expr, surface_rate: sp.Expr, closed: sp.Expr, disturbance: sp.Expr, law: sp.Expr
-) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
+def _motion(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
     """Reaching outside the layer, the layer, the motion on S = 0, and the authority of the brake."""
     d, size = sliding_symbol("d"), sp.Dummy("|d|", positive=True)
     product = S * (d - k * S - K * sp.sign(S))
     bound = -(K - size) * sp.Abs(S)
-    on_surface = linear_solution(surface, T_plus)
+    on_surface = linear_solution(law.surface, T_plus)
     sliding = -kappa * e_hat + _r / _J * (H - H_hat + theta * H_hat_rate)
-    least, torque_max = law.subs({sat: -1, S: 0}), sliding_symbol("torque_max")
+    least, torque_max = law.control_law.subs({sat: -1, S: 0}), sliding_symbol("torque_max")
     down = T_plus / _T - kappa * (T_plus - H_hat)
     up = (torque_max - T_plus) / _T + kappa * (T_plus - H_hat)
-    released, applied = (surface_rate.subs(u, limit) for limit in (0, torque_max))
+    released, applied = (law.surface_rate.subs(u, limit) for limit in (0, torque_max))
     steps = (
         step(
             "reaching the predictive surface",
             (sliding_symbol("S_times_S_rate"), product),
-            identical(S * closed.subs(sat, sp.sign(S)), product.subs(d, disturbance)),
+            identical(S * law.closed_rate.subs(sat, sp.sign(S)), product.subs(d, law.disturbance)),
             identical(bound - product, sp.Abs(S) * size - S * d + k * S**2),
         ),
         step(
             "boundary layer",
             (sliding_symbol("S_rate"), d - g * S),
-            identical(closed.subs(sat, S / phi), disturbance - (k + K / phi) * S),
+            identical(law.closed_rate.subs(sat, S / phi), law.disturbance - (k + K / phi) * S),
         ),
         step(
             "motion on the surface",
@@ -264,9 +268,9 @@ def _motion(
             "authority",
             (sp.Matrix([sliding_symbol("K_down"), sliding_symbol("K_up")]), sp.Matrix([down, up])),
             identical(linear_solution(least, K), down),
-            identical(linear_solution(law.subs({sat: 1, S: 0}) - torque_max, K), up),
-            identical(released, disturbance + down),
-            identical(applied, disturbance - up),
+            identical(linear_solution(law.control_law.subs({sat: 1, S: 0}) - torque_max, K), up),
+            identical(released, law.disturbance + down),
+            identical(applied, law.disturbance - up),
         ),
     )
     return steps, sliding, (down, up)
@@ -296,9 +300,7 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
     return made, shown
 
 
-def _small_gain(
-    reduced: sp.Expr, surface: sp.Expr, disturbance: sp.Expr
-) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
+def _small_gain(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
     """The disturbance behind the observer, and the loop gain from H' back to H', all kernels in L1."""
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
@@ -307,14 +309,14 @@ def _small_gain(
     observer = step(
         "observer",
         (sliding_symbol("d"), shown),
-        identical(disturbance.subs(H, H_hat + observed), shown),
+        identical(law.disturbance.subs(H, H_hat + observed), shown),
         vanishes(linear_solution(tau_o * s * H_hat - (H - H_hat), H_hat) - H / (tau_o * s + 1)),
     )
     # Laplace transforms, H the input: T_plus, e_hat, S and e' = -(r/J)(E T_plus - H)
     estimate, more = Q * H, 1 + kappa * lag
     equations = (
         s * e_hat - reduced.subs(H_hat_rate, s * estimate),
-        S - surface.subs(H_hat, estimate),
+        S - law.surface.subs(H_hat, estimate),
         s * S - (more * s * estimate - g * S),
     )
     found = sp.solve(equations, (T_plus, e_hat, S), dict=True)[0]
@@ -357,15 +359,15 @@ def _observed(holding: sp.Expr) -> sp.Expr:
     return sp.expand(holding.subs(UNCERTAIN).subs(filtered, simultaneous=True))
 
 
-def _layer(holding: sp.Expr, surface: sp.Expr, law: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
+def _layer(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, sp.Expr]:
     """The loop transfer function of the linear layer, broken at the acting torque."""
     s, Ga, back = symbol("s"), sliding_symbol("Ga"), sp.Dummy("Tb_back", real=True)
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     equations = (
         H_hat - _observed(holding),
         e_hat + G * plant.Tb + _r / _J * ((1 - E) / s * T_plus - theta * H_hat),
-        S - surface,
-        u - law.subs(sat, S / phi),
+        S - law.surface,
+        u - law.control_law.subs(sat, S / phi),
         s * T_plus - ahead,
         back - Ga * u,
     )
@@ -382,12 +384,12 @@ def _layer(holding: sp.Expr, surface: sp.Expr, law: sp.Expr) -> tuple[Derivation
     return made, loop
 
 
-def _inner_loop(holding: sp.Expr, surface: sp.Expr, law: sp.Expr) -> tuple[DerivationStep, DerivationStep]:
+def _inner_loop(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, DerivationStep]:
     """The seeking controller's inner loop as a linear layer, and the bias of its prediction."""
     kappa_o, tau_c = sliding_symbol("kappa_o"), sliding_symbol("tau_c")
     asked = H_hat + _J / _r * kappa_o * e_hat
     command = T_plus + _T / tau_c * (asked - T_plus)
-    layer = law.subs(sat, S / phi).subs(K, phi * (g - k)).subs(S, surface)
+    layer = law.control_law.subs(sat, S / phi).subs(K, phi * (g - k)).subs(S, law.surface)
     gains = {kappa_o: g * kappa / (g + kappa), tau_c: 1 / (g + kappa)}
     # sigma(t + theta) needs the torque that holds sigma: H of a constant reference, lambda_d = 0
     bias = theta * lambda_d * a
@@ -402,14 +404,14 @@ def _inner_loop(holding: sp.Expr, surface: sp.Expr, law: sp.Expr) -> tuple[Deriv
     )
 
 
-def _relative_degrees(surface_rate: sp.Expr) -> tuple[DerivationStep, tuple[int, int]]:
+def _relative_degrees(law: SurfaceLaw) -> tuple[DerivationStep, tuple[int, int]]:
     """How often the published s and S are differentiated until the command appears."""
     Tc = symbol("Tc")
     published = derive_surface("proportional").s_rate
     behind_the_lag = sp.diff(published, plant.Tb) * plant.actuator_lag_rate()
     degrees = (
         next(n for n, rate in enumerate((published, behind_the_lag), 1) if rate.has(Tc)),
-        next(n for n, rate in enumerate((surface_rate,), 1) if rate.has(u)),
+        next(n for n, rate in enumerate((law.surface_rate,), 1) if rate.has(u)),
     )
     made = step(
         "relative degree",
