@@ -207,7 +207,7 @@ def filling(name: str, rails: str, seeds: Iterable[int]) -> tuple[float, list[tu
         for rail, kmh in product(("dry", "wet"), (100, 30))
         if rail in words
     ]
-    slower = filled(scenario, seeds, torque_time=2 * CONTROL.torque_time)
+    slower = filled(scenario, seeds, reaching_rate=CONTROL.reaching_rate / 2, layer=2 * CONTROL.layer)
     quiet = filled(scenario.with_changes(disturbances=Disturbances()), [None])
     return max(held) / 1e3, [quiet, filled(scenario, seeds), slower]
 

@@ -133,6 +133,22 @@ def overshoot(vehicle: Vehicle, g: Seeking, box: Box, speed: float, *, again: in
     return _highest(vehicle, g, box, speed, begins, float(slow[end + round(WITHIN / STEP)]), again)
 
 
+def rate_of_torque(g: Seeking, wanted: float, over: float) -> float:
+    """Rate of the torque that is `over` what holds the slip, by the law whose surface is `wanted` less that; N*m."""
+    surface = wanted - over
+    reached = g.reaching_rate * surface + g.switching_gain * min(max(surface / g.layer, -1.0), 1.0)
+    return reached - g.kappa * over
+
+
+def resting(g: Seeking, wanted: float) -> float:
+    """The torque over what holds the slip at which that rate is 0, N*m."""
+    gain = g.reaching_rate + g.switching_gain / g.layer
+    inside = gain * wanted / (g.kappa + gain)
+    if abs(wanted - inside) <= g.layer:
+        return inside
+    return (g.reaching_rate * wanted + math.copysign(g.switching_gain, wanted)) / (g.kappa + g.reaching_rate)
+
+
 def _highest(vehicle: Vehicle, g: Seeking, box: Box, speed: float, begins: Any, after: float, again: int) -> float:
     """The slip at which T - H, bounded over the slip while it rises, is no more than what adhesion can have fallen; H
     is the holding torque of the highest adhesion so far, `after` the least speed."""
@@ -157,16 +173,13 @@ def _highest(vehicle: Vehicle, g: Seeking, box: Box, speed: float, begins: Any, 
         error = (reference - slip) * (speed if slip < reference else after)
         error += g.dead_time * (reference * slowing + rate * worst[i])
         rests = g.kappa * error / rate + turning * max(slip - reference, 0.0)  # it holds the reference, not the slip
-        below = min(max((error / (reference * after) - 0.25) / 0.75, 0.0), 1.0)
-        if below > 0:
-            rests = max(rests, 0.3 * below * float(holding(vehicle, 0.0, rising[-1], speed, 0.0)))
-        over = max(over, rests)
+        over = max(over, resting(g, rests))
         drives = over + second + fallen[i]
         if drives <= 0:
             if slip > farthest:
                 return float(slip)
             continue
-        falls = max((rests - over) / g.torque_time, -(over + held) / g.lag)
+        falls = max(rate_of_torque(g, rests, over), -(over + held) / g.lag)
         over += SLIP_STEP * (falls * after / (rate * drives) + turning)
     return 1.0
 

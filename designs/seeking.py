@@ -50,7 +50,7 @@ class Design:
 
 def run() -> Design:
     """From the vehicle to the table."""
-    # 1. The gains: kappa 0.152/theta, torque time 0.75 theta, observer 0.34 theta, deceleration 0.52 theta.
+    # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), observer 0.34 theta, deceleration 0.52 theta.
     control = rs.Seeking.for_vehicle(VEHICLE)
     # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
     judgement = rs.judge(control, ENVELOPE)
@@ -77,8 +77,7 @@ def main() -> None:
     control = design.control
     print(
         f"Dead time {control.dead_time:g} s, lag {control.lag:g} s, J {control.wheel_inertia:g} kg m^2, "
-        f"r {VEHICLE.wheel.radius:g} m:\n  kappa {control.kappa:.4g} 1/s, torque time {control.torque_time:.4g} s, "
-        f"observer {control.observer_time:.4g} s"
+        f"r {VEHICLE.wheel.radius:g} m:\n  {control.described()}"
     )
     print(design.judgement)
     print(f"Worst operating point, certified: Ms in [{design.certified_ms[0]:.10f}, {design.certified_ms[1]:.10f}]")

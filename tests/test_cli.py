@@ -126,7 +126,6 @@ SEEDS = "give a whole number from 2 to 100000"
     ("derive --reference falling", "--reference: 'falling' is not known"),
     ("derive --adhesion glue", "--adhesion: 'glue' is not a law"),
     ("derive --adhesion law.py", "--adhesion: law.py: a Python file is not derived with"),
-    ("derive --law predictive --format c", "railslip tune --structure predictive --out FILE.c writes"),
     ("derive --law predictive --adhesion beam", "--adhesion: goes with --law published"),
     ("derive --law predictive --reference constant", "--reference: 'constant' goes with --law published"),
     ("derive --out .", "--out: '.' is a folder"),

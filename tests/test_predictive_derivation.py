@@ -1,5 +1,7 @@
 """The predictive law: its derivation against the contract, broken plants, a delayed simulation and block arithmetic."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -7,12 +9,15 @@ from sample_laws import sample_law
 from scipy.integrate import solve_ivp
 
 from railslip_ctrl import PARK2008
+from railslip_ctrl.controllers.guard import mutable, step_parameters
+from railslip_ctrl.controllers.predictive import Predictive
+from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.model.vehicle import Actuator, Rail
 from railslip_ctrl.sliding.predictive import Layer, derive_predictive, layer_loop
 from railslip_ctrl.sliding.proof import sliding_symbol
 
@@ -117,3 +122,32 @@ def test_the_layer_s_loop_against_its_blocks(law) -> None:
 
     s = np.concatenate([1j * np.geomspace(1e-2, 60, 20), [0.3 + 2j, -0.5 + 1j]])
     np.testing.assert_allclose(layer_loop(s, point, layer, brake), [returned(one) for one in s], rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [Predictive, Seeking])
+def test_the_loop_of_the_controller_is_the_derived_one(kind) -> None:
+    """The exact loop of the kinds against the derived formula; a brake that is not as believed."""
+    control, brake = kind.for_vehicle(PARK2008), Actuator(dead_time=0.2, lag=0.4)
+    layer = Layer(
+        *(control.kappa, control.reaching_rate + control.switching_gain / control.layer, control.dead_time),
+        *(control.lag, control.observer_time, control.deceleration_time, control.wheel_inertia),
+    )
+    s = 1j * np.geomspace(1e-2, 60, 40)
+    for law, kmh, slip in (("curve", 60, 0.09), ("bristle", 20, 0.11), ("beam", 100, 0.12)):
+        point = operating_point(published_law(law, "dry"), PARK2008, kmh / 3.6, slip)
+        np.testing.assert_allclose(control.loop(point, brake)(s), layer_loop(s, point, layer, brake), rtol=1e-9)
+
+
+def test_the_printed_python_steps_as_the_controller(railslip) -> None:
+    """The text alone, in a namespace of its own: the same commands to the last bit in random samples."""
+    printed: dict = {}
+    exec(railslip("derive", "--law", "predictive", "--format", "python")[1], printed)
+    control = Predictive.for_vehicle(PARK2008)
+    state, numbers = mutable(control.start(25.0, control.period)), step_parameters(control, Rail.DRY, control.period)
+    parameters, noise, torque = SimpleNamespace(**numbers), np.random.default_rng(3), 0.0
+    for k in range(300):
+        v = 25.0 - 0.01 * k
+        measured = SimpleNamespace(time=0.01 * k, train_speed=v, wheel_speed=v * noise.uniform(0.8, 1.0) / R)
+        measured.applied_torque = torque
+        torque = Predictive.step(state, measured, parameters)
+        assert printed["step"](printed["state"], measured, printed["PARAMETERS"]) == torque

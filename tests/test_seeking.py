@@ -79,10 +79,10 @@ def test_the_predictor_is_exact_for_a_constant_adhesion(p, state):
         step.actuator_model(state, p, rng.uniform(0, 4000))
         ahead.append(state.torque_ahead)
     state.holding_torque, state.deceleration = held, 1.5
-    step.predict(state, p, 27.0, sigma)
+    step.predict(state, p, 27.0, sigma, 0.1)
     for torque in ahead[-late:]:
         sigma += PARK2008.wheel.radius / PARK2008.wheel.inertia * PERIOD * (torque - held)
-    assert state.sigma_ahead == pytest.approx(sigma, rel=1e-12)
+    assert state.sigma_ahead == pytest.approx(sigma - 0.1 * 0.15 * 1.5, rel=1e-12)
     assert state.speed_ahead == pytest.approx(27.0 - 0.15 * 1.5, rel=1e-15)
 
 
@@ -157,14 +157,15 @@ def test_it_starts_anew_where_a_wheel_spins_up_above_a_low_reference(p, state, s
     [(0.02, 0.3, 0.15, True), (0.02, 0.5, 0.15, False), (0.002, 0.3, 0.15, False), (0.02, 0.5, -0.15, False)],
 )
 def test_a_start_slows_down_where_adhesion_rises_little_with_slip(p, state, slip, elasticity, step_of_slip, slow):
-    """To what gives the acting torque the time constant tau_c towards twice the holding torque."""
+    """To twice the holding torque, by the rate of the law's layer."""
     v, held, ahead = 20.0, 3000.0, 5500.0
     state.starting, state.holding_torque, state.torque_ahead = 1.0, held, ahead
     state.filtered_speed = v
     for share in (1.0, 1 + step_of_slip / 3, 1 + step_of_slip):  # a step of slip of 5 % is too short for it
         state.filtered_sigma, state.adhesion_torque = share * slip * v, 2500.0 * share**elasticity
         command = step.fast_start(state, p, v, 0.0, 0.11)
-    towards = ahead + CONTROL.lag / CONTROL.torque_time * (2 * held - ahead)
+    gain = CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer
+    towards = ahead + CONTROL.lag * gain * (2 * held - ahead)
     assert command == pytest.approx(towards if slow else CONTROL.torque_max)
 
 
@@ -312,7 +313,8 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
     moving = linearize(point, speed_state=True)
     rate = ct.tf(ct.ss(plant.A, plant.B, moving.A[:1, 1:], [[0.0]]))
     q, qa = 1 / (g.observer_time * s + 1), 1 / (g.deceleration_time * s + 1)
-    more, ratio = 1 + g.kappa * g.dead_time, g.wheel_inertia / PARK2008.wheel.radius
+    quick, ratio = 1 / (g.reaching_rate + g.switching_gain / g.layer), g.wheel_inertia / PARK2008.wheel.radius
+    more = 1 + g.kappa * quick + g.kappa * g.dead_time
 
     def response(w):
         x = 1j * w
@@ -320,9 +322,8 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
         acting = e_true * (g.lag * x + 1) / (brake.lag * x + 1)
         spin = x * sigma(x) - rate(x)  # J omega' = -J/r (sigma' - v')
         holding = ratio * (q(x) * spin + (1 - slip) * qa(x) * rate(x))
-        error = sigma(x) - slip * g.dead_time * qa(x) * rate(x)
-        own = g.torque_time * x + 1 + g.kappa * (1 - e) / x - more * q(x) * e
-        return acting * (more * holding + g.kappa * ratio * error) / own
+        own = quick * x + 1 + g.kappa * quick + g.kappa * (1 - e) / x - more * q(x) * e
+        return acting * (more * holding + g.kappa * ratio * sigma(x)) / own
 
     w = np.geomspace(1e-3, 60, 400)
     np.testing.assert_allclose(exact(1j * w), [response(one) for one in w], rtol=1e-8)
@@ -356,9 +357,10 @@ def sampled_sensitivity(point, brake, h, omega, g=CONTROL):
         holding = g.wheel_inertia * spin + q * ahead * z**-believed
         holding += per_wheel * fall * (1 - point.slip)
         under_way = sum(z**-i for i in range(believed)) * h * ahead
-        sigma_ahead = sigma + (under_way - g.dead_time * holding) / per_wheel
-        wanted = holding + per_wheel * g.kappa * (-point.slip * g.dead_time * fall - sigma_ahead)
-        return ahead + g.lag / g.torque_time * (wanted - ahead)
+        error = -sigma - (under_way - g.dead_time * holding) / per_wheel
+        surface = holding + per_wheel * g.kappa * error - ahead
+        gain = g.reaching_rate + g.switching_gain / g.layer
+        return ahead + g.lag * (gain * surface - g.kappa * (ahead - holding))
 
     found = []
     for z in np.exp(1j * omega * h):
@@ -380,7 +382,7 @@ def sampled_sensitivity(point, brake, h, omega, g=CONTROL):
 )
 @pytest.mark.parametrize("faster", [1.0, 7.5])
 def test_sampled_the_inner_loop_is_that_of_a_short_period(law, slip, kmh, late, faster):
-    """Ms is 1 to 4 % more at the period of the controller, shorter of a faster brake; a tenth of that costs a tenth."""
+    """Ms is 1 to 5 % more at the period of the controller, shorter of a faster brake; a tenth of that costs a tenth."""
     own = Actuator(dead_time=0.15 / faster, lag=0.6 / faster)
     car = PARK2008.model_copy(update={"actuator": own})
     control = Seeking.for_vehicle(car)
@@ -391,7 +393,7 @@ def test_sampled_the_inner_loop_is_that_of_a_short_period(law, slip, kmh, late, 
     omega = np.geomspace(0.5, 40.0 * faster, 1500)
     periods = (control.period, control.period / 10)
     more = [sampled_sensitivity(point, brake, h, omega, control).max() / ms - 1 for h in periods]
-    assert 0.01 < more[0] < 0.04
+    assert 0.01 < more[0] < 0.05
     assert more[1] == pytest.approx(0.1 * more[0], rel=0.1)  # to the second order of the period
 
 
@@ -426,7 +428,7 @@ def test_certificate_of_the_inner_loop(rail, slip, late):
     "name", ["", *(pytest.param(name, marks=pytest.mark.long) for name in ("coach", "desiro_classic"))]
 )
 def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
-    """Ms at most 2 at every operating point of the default envelope, from 10 km/h up, and at most 4 % more as it runs
+    """Ms at most 2 at every operating point of the default envelope, from 10 km/h up, and at most 5 % more as it runs
     sampled; stable with every tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
     car = load_vehicle(DESIGNS / f"{name}.toml") if name else PARK2008
     control = Seeking.for_vehicle(car)
@@ -438,7 +440,7 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     case = found.worst.case
     omega = np.geomspace(0.5, 40.0, 1500)
     sampled = sampled_sensitivity(case.point, car.actuator, PERIOD, omega, control).max()
-    assert sampled <= 1.04 * found.worst.ms
+    assert sampled <= 1.05 * found.worst.ms
     hardest = {"laws": ("bristle",), "rails": ("dry",), "speeds": (10, 60, 100)}
     assert judge(control, Envelope(car).at(**hardest)).stable.all()
 
@@ -446,7 +448,7 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
 @pytest.mark.parametrize(("law", "rail"), [("curve", "dry"), ("curve", "wet"), ("beam", "wet"), ("bristle", "dry")])
 def test_the_slip_that_it_is_judged_at(law, rail):
     """The least with all but the flatness of the highest adhesion, found here by a root. Runs move about it, by 20 %;
-    past beam's flat wet peak they do farther: there they have all but 2 % of it. Where adhesion falls from the start,
+    past beam's flat wet peak they do farther: there they have all but 3 % of it. Where adhesion falls from the start,
     the largest reference."""
     adhesion, load, v = published_law(law, rail), PARK2008.wheel_load, 50 / 3.6
     held = CONTROL.held_slip(adhesion, v, load)
@@ -463,7 +465,7 @@ def test_the_slip_that_it_is_judged_at(law, rail):
         between = (run.signals.speed > 30 / 3.6) & (run.signals.speed < 70 / 3.6)
         middle = np.median(run.signals.slip[between])
         if law == "beam":
-            assert adhesion_coefficient(adhesion, v, middle, load) > 0.98 * top.coefficient
+            assert adhesion_coefficient(adhesion, v, middle, load) > 0.97 * top.coefficient
         else:
             assert middle == pytest.approx(held, rel=0.2)
 

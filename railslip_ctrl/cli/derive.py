@@ -9,10 +9,12 @@ from typing import Any, get_args
 
 import click
 
-from railslip_ctrl.controllers.c_code import law_program
+from railslip_ctrl.controllers.c_code import CProgram, c_program, law_program
+from railslip_ctrl.controllers.predictive import Predictive
+from railslip_ctrl.controllers.python_code import python_text
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
-from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_document, derivation_json, derivation_text
 from railslip_ctrl.report.export import check_directory, json_text, write_files
@@ -74,7 +76,7 @@ def command(
     held: Reference = _one_of("--reference", reference, get_args(Reference))
     if _one_of("--law", law, _LAWS) == "predictive":
         _check_predictive(held, adhesion, initial_speed, given)
-        made_text = partial(_predictive_text, given)
+        made_text, chosen = partial(_predictive_text, given), None
     else:
         chosen = held, *_law(adhesion, initial_speed)
         made_text = partial(_text, *chosen, given)
@@ -82,7 +84,7 @@ def command(
         print_text(made_text)
         return
     if given == "c":
-        program = law_program(_derived(*chosen)[1], name=out.stem)
+        program = law_program(_derived(*chosen)[1], name=out.stem) if chosen else _predictive_program(out.stem)
         texts = {out.name: program.source, out.with_suffix(".h").name: program.header}
     else:
         texts = {out.name: made_text()}
@@ -135,14 +137,18 @@ def _check_predictive(reference: str, adhesion: str | None, initial_speed: float
     if adhesion is not None or initial_speed is not None:
         name = "--initial-speed" if adhesion is None else "--adhesion"
         raise InputError(f"{name}: goes with --law published; leave it out, the predictive law estimates the torque")
-    if form in ("c", "python"):
-        raise InputError(
-            f"--format: {form!r} goes with --law published; railslip tune --structure predictive --out FILE.c writes "
-            "the predictive law as C"
-        )
+
+
+def _predictive_program(name: str) -> CProgram:
+    """The predictive law of the published vehicle as C; `tune` writes it for another."""
+    return c_program(Predictive.for_vehicle(PARK2008), PARK2008, name=name)
 
 
 def _predictive_text(form: str) -> str:
+    if form == "c":
+        return _predictive_program(Predictive.kind).in_one_file
+    if form == "python":
+        return python_text(Predictive.for_vehicle(PARK2008))
     derivation = derive_predictive()
     if form == "json":
         return json_text(derivation_json(derivation), ensure_ascii=False)

@@ -19,7 +19,7 @@ from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputE
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name
-from railslip_ctrl.design.catalogue import NAMES
+from railslip_ctrl.design.catalogue import BY_RULE, NAMES
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import (
     AdhesionLaw,
@@ -511,10 +511,13 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
 # --- controllers ------------------------------------------------------------------------------------------------------
 
 
+_RULED = "; ".join(f"{name}, {kind.title}" for name, kind in BY_RULE.items())
+
+
 def controller_option(left_out: str, **kind: Any) -> Option:
     """`--controller`, the same in every command; `left_out` says what holds where it is not given."""
     text = (
-        "Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a controller's "
+        f"Table 4's PI or ASMC; this project's designs, pi-lead and scheduled; {_RULED}; a file with a controller's "
         "numbers, or a Python file with one of your own, which is run."
     )
     return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, left_out, **kind)

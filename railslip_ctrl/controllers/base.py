@@ -102,6 +102,8 @@ class Controller(Record):
     """Why it has no linear loop, if it has none."""
     follows_reference: ClassVar[bool] = True
     """Whether it holds the reference slip; else its slip is its own."""
+    by_rule: ClassVar[bool] = False
+    """Whether `for_vehicle` makes it of the vehicle alone; it is then a choice by its name."""
     finds_slip: ClassVar[bool] = False
     """Whether it finds the slip to hold by itself, see `held_slip`."""
 

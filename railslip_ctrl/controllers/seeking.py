@@ -8,49 +8,34 @@ formulas x is the state and p the parameters.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import lru_cache, reduce
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import model_validator
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import KMH, quantity
-from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
-from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, stable_and_peak
+from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
-from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
-from .base import LEAST_PERIOD, PERIOD, Controller
-from .linear import TORQUE_LIMIT, adhesion_share
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Rows = NDArray[np.intp]
+from .predictive import (
+    ASSUMED,
+    MEAN_TIME,
+    QUICK_TIME,
+    Predictive,
+    actuator_model,
+    fading,
+    hand_over,
+    observe,
+    predict,
+    sliding_torque,
+    towards,
+)
 
 KNOTS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
 """Slip ratios at which the map of adhesion has values."""
 
-_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: more add at most 4 % to Ms
-_SPARE = 3  # samples of the torque history beyond the dead time
 
-FADED = 0.7
-"""Share of the reference slip that is left at the hand-over."""
-
-_LOST = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
-_QUICKEST = 0.44  # of x: with less, a brake 30 % quicker than believed makes the loop unstable
-_HAND_OVER = 4.2  # that, over the speed below which the slip ratio is not held: 14 km/h for the published vehicle
-_FADE = 27 / 13  # the speed below which the reference fades, over that
-_LEAST_HAND_OVER_KMH = 5
 _SLIPS = 1001  # up to the peak, among which the slip held is looked for
 
-_MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
-QUICK_TIME = 0.05  # s
 _GROWTH = 0.7  # 1/s, largest relative rate of the reference slip, upwards: slip follows it no faster where it is low
 AGAIN, RISEN = 2.0, 3.0  # in STARTING: slip stayed low, adhesion rose; 1: the first start, 0: none
 _LOW_SLIP = 0.6  # of the first reference: a new start is worth its price to a slip that is lower
@@ -69,10 +54,6 @@ _CALM = 1.4  # of the mean slip: what is farther is a motion, and no scatter
 _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is low; by what it is raised in doubt
 # such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
 _STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
-_ASSUMED = 0.1  # adhesion coefficient of a rail of which nothing is known yet, at the hand-over
-_LOCKED = 0.9  # slip of a wheel that turns no more, at the hand-over
-# slip that has run away before; share of the torque to be held meanwhile, and afterwards
-_RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
 _REACHED = 0.85  # of the reference: with less slip the map does not lower it, if it is not low
 _MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
 _TINY = 1e-9  # of the map: weight of a knot never visited
@@ -80,7 +61,7 @@ _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
 _LOWEST_SLIP = 1e-4  # whose logarithm is taken
 
 
-class Seeking(Controller):
+class Seeking(Predictive):
     """A controller that seeks the peak of adhesion: what it believes of wheel and brake, and its own numbers; SI.
 
     Its reference is its own; `reference` only judges the slip, if it is given. InputError for a number out of its
@@ -92,29 +73,8 @@ class Seeking(Controller):
     source: ClassVar[str] = "this project"
     follows_reference: ClassVar[bool] = False
     finds_slip: ClassVar[bool] = True
-    no_loop: ClassVar[str] = "its loop is that of its inner part"
 
-    period: float = quantity(
-        "s",
-        "sampling period; at most the 0.05 s of its quickest filter",
-        ge=LEAST_PERIOD,
-        le=QUICK_TIME,
-        default=PERIOD,
-    )
     reference: ReferenceSlip | None = None
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia J", gt=0, default=None)
-    viscous_friction: float | None = quantity("N*m*s", "viscous friction B", ge=0, default=None)
-    wheel_load: float | None = quantity("N", "wheel load, by which its map is scaled", gt=0, default=None)
-    dead_time: float | None = quantity("s", "dead time theta of the actuator", ge=0, default=None)
-    lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
-    torque_max: float = quantity("N*m", "largest torque", gt=0)
-
-    kappa: float = quantity("1/s", "rate at which the inner loop takes away the slip error", gt=0)
-    torque_time: float = quantity("s", "time constant that the acting torque is given", gt=0)
-    observer_time: float = quantity("s", "time constant of the adhesion-torque observer", gt=0)
-    deceleration_time: float = quantity("s", "time constant of the train's deceleration", gt=0)
-
     start_lead: float = quantity("s", "lead on the slip that ends the fast start", ge=0)
     start_slip: float = quantity("1", "slip, with the lead, that ends the fast start", gt=0, lt=1, default=0.12)
     elasticity: float = quantity("1", "d ln Ta/d ln slip below which the fast start ends", gt=0, lt=1, default=0.18)
@@ -129,30 +89,11 @@ class Seeking(Controller):
     rise: float = quantity("1/s", "largest rate of the reference slip, upwards", gt=0, default=0.022)
     fall: float = quantity("1/s", "largest rate of the reference slip, downwards", gt=0, default=0.36)
 
-    fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=29 * KMH)
-    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=14 * KMH)
-    last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
-    hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, le=1, default=0.84)
-    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, le=1, default=0.2)
-
     knots: tuple[float, ...] = quantity("1", "slip ratios at which the map has values", default=KNOTS)
 
-    class State(Record):
-        """Model of the brake, observer, reference, start and map."""
+    class State(Predictive.State):
+        """Besides that of the law: reference, start and map."""
 
-        samples: float = quantity("1", "samples since the start", default=0.0)
-        torque_ahead: float = quantity("N*m", "acting torque ahead of the dead time, modelled", default=0.0)
-        filtered_omega: float = quantity("rad/s", "wheel speed, filtered", default=0.0)
-        filtered_torque: float = quantity("N*m", "acting torque, filtered", default=0.0)
-        filtered_sigma: float = quantity("m/s", "slip velocity, filtered", default=0.0)
-        filtered_speed: float = quantity("m/s", "train speed, filtered", default=0.0)
-        slow_speed: float = quantity("m/s", "train speed behind the filter of the deceleration", default=0.0)
-        adhesion_torque: float = quantity("N*m", "adhesion torque, estimated", default=0.0)
-        deceleration: float = quantity("m/s^2", "deceleration of the train, estimated", default=0.0)
-        holding_torque: float = quantity("N*m", "torque that holds the slip", default=0.0)
-        sigma_ahead: float = quantity("m/s", "slip velocity predicted for a dead time ahead", default=0.0)
-        speed_ahead: float = quantity("m/s", "train speed predicted for a dead time ahead", default=0.0)
-        slip_rate: float = quantity("m/s^2", "rate of the slip velocity", default=0.0)
         reference_slip: float = quantity("1", "slip ratio that it holds", default=0.0)
         peak: float = quantity("1", "slip ratio of the peak of the map; 0: not known yet", default=0.0)
         starting: float = quantity("1", "0: no start, 1: the first, 2: slip stayed low, 3: adhesion rose", default=0.0)
@@ -162,8 +103,6 @@ class Seeking(Controller):
         low_time: float = quantity("s", "time for which the slip was low", default=0.0)
         mean_torque: float = quantity("N*m", "mean of the adhesion torque", default=0.0)
         quick_torque: float = quantity("N*m", "its mean over a shorter time", default=0.0)
-        mean_holding: float = quantity("N*m", "mean of the holding torque", default=0.0)
-        handed_over: float = quantity("1", "1: handed over, 0: not, -1: the slip has run away", default=0.0)
         slow: float = quantity("1", "1: the start is slow", default=0.0)
         step_log_torque: float = quantity(
             "1", "ln of the adhesion torque of the last step of a slow start", default=0.0
@@ -174,16 +113,14 @@ class Seeking(Controller):
         slip_scatter: float = quantity("1", "variance of the slip ratio", default=0.0)
         adhesion_scatter: float = quantity("N^2*m^2", "variance of the adhesion torque", default=0.0)
         stiff_time: float = quantity("s", "time for which slip scattered little", default=0.0)
-        history: tuple[float, ...] = quantity("N*m", "torque ahead of the last samples, in a ring", default=())
         weights: tuple[float, ...] = quantity("1", "of the map: normal matrix, diagonal and next to it", default=())
         sums: tuple[float, ...] = quantity("1", "of the map: right-hand side", default=())
         factors: tuple[float, ...] = quantity("1", "of the map: factors of the matrix", default=())
         adhesion: tuple[float, ...] = quantity("1", "of the map: adhesion coefficients at the knots", default=())
 
-    def start(self, speed: float, period: float) -> Record:
-        assert self.dead_time is not None, "filled in by `believing`"
+    def start(self, speed: float, period: float) -> Any:
         knots = len(self.knots)
-        sizes = {"history": math.ceil(self.dead_time / period) + _SPARE, "weights": 2 * knots, "sums": knots}
+        sizes = {"history": self._ring(period), "weights": 2 * knots, "sums": knots}
         sizes |= {"factors": 3 * knots, "adhesion": knots}
         return self.State(**{name: (0.0,) * size for name, size in sizes.items()})
 
@@ -198,36 +135,29 @@ class Seeking(Controller):
         if state.samples == 0.0:
             state.reference_slip = parameters.first_slip
             state.starting = 1.0 if v >= parameters.hand_over_speed else 0.0
-            state.mean_holding = _ASSUMED * parameters.wheel_load * parameters.radius
+            state.mean_holding = ASSUMED * parameters.wheel_load * parameters.radius
         sigma = v - parameters.radius * omega
         reference = state.reference_slip * fading(parameters, v)
         actuator_model(state, parameters, applied)
         observe(state, parameters, v, omega, reference)
-        predict(state, parameters, v, sigma)
+        predict(state, parameters, v, sigma, reference)
         seek(state, parameters, reference)
         if state.starting > 0.0:
             if v >= parameters.hand_over_speed and state.starting > 1.0:
-                state.mean_holding += parameters.period / _MEAN_TIME * (state.holding_torque - state.mean_holding)
+                state.mean_holding += parameters.period / MEAN_TIME * (state.holding_torque - state.mean_holding)
             torque = fast_start(state, parameters, v, sigma, reference)
         else:
-            torque = hand_over(state, parameters, v, inner_loop(state, parameters, reference), reference)
+            torque = hand_over(state, parameters, v, sliding_torque(state, parameters, reference), reference)
             readhesion(state, parameters, v, sigma / v, reference)
         state.samples += 1.0
         return min(max(torque, 0.0), parameters.torque_max)
 
     def described(self) -> str:
-        return (
-            f"{self.label}, its own reference slip from {self.least_slip:g} to {self.largest_slip:g}, kappa "
-            f"{self.kappa:.4g} 1/s, torque time {self.torque_time:.4g} s, observer {self.observer_time:.4g} s"
-            f", for a dead time of {self.dead_time:g} s and a lag of {self.lag:g} s"
-        )
+        slips = f"{self.least_slip:g} to {self.largest_slip:g}"
+        return f"{self.label}, its own reference slip from {slips}, {self._gains_described()}"
 
     def headline(self) -> str:
         return f"seeking: finds the adhesion peak, slip {self.least_slip:.3g} to {self.largest_slip:.3g}"
-
-    def handed_over(self) -> str:
-        first, last = 100 * self.hand_over_share, 100 * self.last_share
-        return f"{first:g} % of its mean torque, {last:g} % at {self.last_speed / KMH:.3g} km/h"
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float:
         """The slip ratio that it comes to on a rail of constant adhesion at a speed, m/s, under a wheel load, N: the
@@ -240,210 +170,16 @@ class Seeking(Controller):
         enough = adhesion_coefficient(law, speed, slips, wheel_load) >= (1 - self.flatness) * top.coefficient
         return min(float(slips[np.argmax(enough)]), self.largest_slip) * self._kept(speed)
 
-    def speeds_to_judge(self) -> tuple[float, ...]:
-        """Where it hands over, and where the slip that it holds begins to fade: the worst may be one of these."""
-        return self.hand_over_speed, self.fade_speed
-
-    def _kept(self, speed: float) -> float:
-        """The share of the reference slip that is held at a speed, m/s."""
-        return float(np.interp(speed, [self.hand_over_speed, self.fade_speed], [FADED, 1.0]))
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        orders = (
-            (" <= ", ("least_slip", "first_slip", "largest_slip")),
-            (" <= ", ("last_share", "hand_over_share")),
-            (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # it divides by their differences
-        )
-        for order, names in orders:
-            values = [getattr(self, name) for name in names]
-            if values != sorted(values if order == " <= " else set(values)):
-                told = ", ".join(f"{value:g}" for value in values)
-                raise InputError(f"{names[0]}: {told} are not in order; give {order.join(names)}")
-        return self
+    @classmethod
+    def _orders(cls) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        return ((" <= ", ("least_slip", "first_slip", "largest_slip")), *super()._orders())
 
     @classmethod
-    def for_vehicle(cls, vehicle: Vehicle, *, period: float | None = None, **given: Any) -> Self:
-        """The gains for a vehicle, by rules in its dead time theta: kappa = 0.152 x/theta, torque time 0.75 x theta,
-        observer 0.34 x theta, deceleration 0.52 theta, start lead 0.9 theta; hand-over below N r^2 theta/(4.2 J), in
-        whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The factors were searched for
-        over stops, x for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
-
-        x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
-        peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need
-        be filtered. N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at
-        the hand-over 4.2 times the train's speed. The largest torque is what an empty wheel bears until the dead time
-        is over.
-
-        - vehicle: its wheel, wheel load and actuator count; its mass does not.
-        - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less, with which sampling
-          adds at most 4 % to Ms. A longer one is refused.
-
-        InputError: a brake without dead time, or a period beyond that.
-        """
-        dead_time = vehicle.actuator.dead_time
-        if dead_time <= 0:
-            raise InputError(f"seeking: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
-        run_away = vehicle.wheel_load * vehicle.wheel.radius**2 * dead_time / vehicle.effective_inertia
-        quick = min(max(_LOST / run_away, _QUICKEST), 1.0)
-        hand_over_kmh = max(round(run_away / _HAND_OVER / KMH), _LEAST_HAND_OVER_KMH)
-        longest = dead_time / _SAMPLES_OF_DEAD_TIME
-        if period is not None and period > longest:
-            raise InputError(
-                f"seeking: period {period:g} s is not allowed with a dead time of {dead_time:g} s; give a value <= "
-                f"{longest:.4g} (s), a twelfth of that"
-            )
-        rules = {
-            "torque_max": TORQUE_LIMIT * adhesion_share(vehicle, vehicle.wheel_load),
-            "kappa": 0.152 * quick / dead_time,
-            "torque_time": 0.75 * quick * dead_time,
-            "observer_time": 0.34 * quick * dead_time,
-            "deceleration_time": 0.52 * dead_time,
-            "start_lead": 0.9 * dead_time,
-            "hand_over_speed": hand_over_kmh * KMH,
-            "fade_speed": round(_FADE * hand_over_kmh) * KMH,
-            "period": min(PERIOD, longest) if period is None else period,
-        }
-        return cls(**{**rules, **given}).believing(vehicle)
-
-    def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
-        """The exact loop of the inner part at a point, broken at the acting torque; its reference is the point's slip.
-
-        The speed is frozen. With E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the deceleration, G and
-        A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa theta) (s Q G +
-        ((1 - lambda) Qa - Q) A) + kappa (G - lambda theta Qa A)] / [tau_c s + 1 + kappa (1 - E)/s - (1 + kappa theta) Q
-        E]. It runs sampled; this is the loop of a short period.
-
-        - point: of wheel and rail.
-        - actuator: the brake, s; left out, as believed.
-
-        Returns the loop of the believed dead time and the brake's, dimensionless.
-        """
-        assert self.dead_time is not None, "filled in by `believing`"
-        assert self.lag is not None, "as above"
-        brake = Actuator(dead_time=self.dead_time, lag=self.lag) if actuator is None else actuator
-        above, undelayed, delayed = _blocks(point, self)
-        lag = np.array([brake.lag, 1.0])
-        numerator = QuasiPolynomial([[0.0], above], [0.0, brake.dead_time], removed=1)
-        parts = [np.convolve(undelayed, lag), np.convolve(delayed, lag)]
-        denominator = QuasiPolynomial(parts, [0.0, self.dead_time], removed=1)
-        return DelayedLoop(DelayedRatio(numerator, denominator))
-
-    def stable_and_ms(
-        self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
-    ) -> tuple[NDArray[np.bool_], Floats]:
-        """As `Controller.stable_and_ms`, of `loop`."""
-        assert self.dead_time is not None, "filled in by `believing`"
-        blocks = [_blocks(point, self) for point in points]
-        lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
-        stable, ms = np.zeros(lag.size, dtype=bool), np.full(lag.size, np.inf)
-        kinds = np.array([tuple(part.size for part in parts) for parts in blocks])
-        for kind in np.unique(kinds, axis=0):
-            mine = np.flatnonzero((kinds == kind).all(axis=1)[case[0]])
-            above, undelayed, delayed = (np.array([blocks[i][k] for i in case[0][mine].tolist()]) for k in range(3))
-            none, believed = np.zeros(mine.size), np.full(mine.size, self.dead_time)
-            numerator = QuasiPolynomials((none[:, None], above), (none, dead_time[mine]), removed=1)
-            parts = tuple(
-                np.column_stack([lag[mine, None] * part, none]) + np.column_stack([none, part])
-                for part in (undelayed, delayed)
-            )
-            denominator = QuasiPolynomials(parts, (none, believed), removed=1)
-            stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
-        return stable, ms
-
-
-@lru_cache(64)  # the actuators of an envelope follow each other at a point
-def _blocks(point: OperatingPoint, gains: Seeking) -> tuple[Floats, Floats, Floats]:
-    """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
-    assert gains.dead_time is not None, "filled in by `believing`"
-    assert gains.lag is not None, "as above"
-    assert gains.wheel_inertia is not None, "as above"
-    den, sigma, v_rate = _responses(point)
-    more, slip, ratio = 1 + gains.kappa * gains.dead_time, point.slip, gains.wheel_inertia / point.vehicle.wheel.radius
-    s, observer, slow, lag, torque = (
-        np.array([tau, one])
-        for tau, one in (
-            *((1.0, 0.0), (gains.observer_time, 1.0), (gains.deceleration_time, 1.0)),
-            *((gains.lag, 1.0), (gains.torque_time, 1.0)),
-        )
-    )
-    both = _product(observer, slow, sigma)
-    turning = _product(_sum((1 - slip) * observer, -slow), v_rate)
-    holding = _sum(_product(s, slow, sigma), turning)
-    error = _sum(both, -slip * gains.dead_time * _product(observer, v_rate))
-    above = ratio * _product(_sum(more * holding, gains.kappa * error), lag, s)
-    undelayed = _sum(_product(observer, torque, s), gains.kappa * observer)
-    delayed = -_sum(gains.kappa * observer, more * s)
-    return above, _product(undelayed, den, slow), _product(delayed, den, slow)
-
-
-def _product(*polynomials: Floats) -> Floats:
-    return reduce(np.convolve, polynomials)
-
-
-def _sum(*polynomials: Floats) -> Floats:
-    return reduce(lambda one, other: np.asarray(np.polyadd(one, other)), polynomials)
-
-
-def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
-    """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
-    plant, moving = linearize(point), linearize(point, speed_state=True)
-    den = np.asarray(np.poly(plant.A).real, dtype=float)
-    sigma = np.array([[float(name == "sigma") for name in plant.states]])
-    found = [np.asarray(np.poly(plant.A - plant.B @ row).real - den, dtype=float) for row in (sigma, moving.A[:1, 1:])]
-    return den, found[0], found[1]
+    def _own_rules(cls, dead_time: float) -> dict[str, float]:
+        return {"start_lead": 0.9 * dead_time}
 
 
 # --- the parts of a sample ----
-
-
-def actuator_model(x: Any, p: Any, applied: float) -> None:
-    """Acting torque ahead of the dead time, from the command that the brake took; into its history."""
-    k, ring = int(x.samples), len(x.history)
-    if k > 0:
-        x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)
-    x.history[k % ring] = x.torque_ahead
-
-
-def torque_ago(x: Any, samples: float) -> Any:
-    """The modelled torque a number of samples ago, N*m; 0 before the first, in between linear."""
-    k, ring, whole = int(x.samples), len(x.history), int(samples)
-    share = samples - whole
-    late = x.history[(k - whole) % ring] if k >= whole else 0.0
-    later = x.history[(k - whole - 1) % ring] if k > whole else 0.0
-    return (1.0 - share) * late + share * later
-
-
-def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
-    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the reference slip."""
-    sigma = v - p.radius * omega
-    if x.samples == 0.0:
-        x.filtered_omega, x.filtered_sigma, x.filtered_speed, x.slow_speed = omega, sigma, v, v
-    blend, slow = 1.0 - math.exp(-p.period / p.observer_time), 1.0 - math.exp(-p.period / p.deceleration_time)
-    acting = torque_ago(x, p.dead_time / p.period)
-    x.filtered_omega += blend * (omega - x.filtered_omega)
-    x.filtered_torque += blend * (acting - x.filtered_torque)
-    x.filtered_sigma += blend * (sigma - x.filtered_sigma)
-    x.filtered_speed += blend * (v - x.filtered_speed)
-    rate = blend / (1.0 - blend) / p.period  # of a filtered value to its derivative
-    x.slip_rate = rate * (sigma - x.filtered_sigma)
-    spin = rate * (omega - x.filtered_omega)
-    x.adhesion_torque = p.wheel_inertia * spin + p.viscous_friction * x.filtered_omega + x.filtered_torque
-    x.slow_speed += slow * (v - x.slow_speed)
-    x.deceleration = slow / (1.0 - slow) / p.period * (x.slow_speed - v)
-    turning = p.wheel_inertia / p.radius * x.deceleration * (1.0 - reference)
-    x.holding_torque = x.adhesion_torque + turning - p.viscous_friction * x.filtered_omega
-
-
-def predict(x: Any, p: Any, v: float, sigma: float) -> None:
-    """Slip velocity and train speed when a command of now acts, the adhesion torque as it is."""
-    count = p.dead_time / p.period
-    under_way = 0.0
-    for i in range(int(count)):
-        under_way += torque_ago(x, float(i)) * p.period
-    under_way += (count - int(count)) * p.period * torque_ago(x, count)
-    x.sigma_ahead = sigma + p.radius / p.wheel_inertia * (under_way - p.dead_time * x.holding_torque)
-    x.speed_ahead = v - p.dead_time * x.deceleration
 
 
 def learn(x: Any, p: Any) -> None:
@@ -544,19 +280,6 @@ def seek(x: Any, p: Any, reference: float) -> None:
         x.reference_slip += min(max(goal - x.reference_slip, -fall * p.period), rise * p.period)
 
 
-def fading(p: Any, v: float) -> Any:
-    """The share of the reference slip to be held at a speed."""
-    if v >= p.fade_speed:
-        return 1.0
-    return 0.7 + 0.3 * max(v - p.hand_over_speed, 0.0) / (p.fade_speed - p.hand_over_speed)
-
-
-def quick_torque(x: Any, p: Any, wanted: float) -> Any:
-    """The command that gives the acting torque the time constant tau_c towards what is wanted."""
-    quick = max(p.lag / p.torque_time, 1.0 - math.exp(-p.period / p.torque_time))  # the latter of a brake without lag
-    return x.torque_ahead + quick * (wanted - x.torque_ahead)
-
-
 def fast_start(x: Any, p: Any, v: float, sigma: float, reference: float) -> Any:
     """The largest torque; less where it would throw a heavy wheel past the peak, and at most twice the holding torque
     once adhesion rises little with slip. It ends where the slip is about to pass the start's, or adhesion rises no
@@ -587,43 +310,11 @@ def fast_start(x: Any, p: Any, v: float, sigma: float, reference: float) -> Any:
     throw = _MOST_THROWN * v / max(p.dead_time, p.period) * p.wheel_inertia / p.radius  # N*m beyond what holds
     most = min(p.torque_max, x.holding_torque + throw)
     if x.slow > 0.0:
-        most = min(most, quick_torque(x, p, SLOW_SHARE * x.holding_torque))
+        rate = (SLOW_SHARE * x.holding_torque - x.torque_ahead) * (p.reaching_rate + p.switching_gain / p.layer)
+        most = min(most, towards(x, p, rate))
     if x.starting > 1.0:
         return min(most, p.again_share * max(x.mean_holding, x.holding_torque))
     return most
-
-
-def inner_loop(x: Any, p: Any, reference: float) -> Any:
-    """The command that brings the predicted slip to the reference with kappa, the acting torque in tau_c."""
-    error = reference * x.speed_ahead - x.sigma_ahead
-    wanted = x.holding_torque + p.wheel_inertia / p.radius * p.kappa * error
-    below = min(max((error / (reference * x.speed_ahead) - 0.25) / 0.75, 0.0), 1.0)
-    if below > 0.0:
-        wanted = max(wanted, x.holding_torque * (1.0 + 0.3 * below))
-    return quick_torque(x, p, wanted)
-
-
-def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
-    """Below the hand-over speed at most a share of what held the slip before, which falls with the square of the speed
-    lost; that share itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is
-    left alone. But before that a slip that has run away is let go, and a wheel that has locked at any time; afterwards
-    less is held."""
-    if v >= p.hand_over_speed:
-        x.mean_holding += p.period / _MEAN_TIME * (x.holding_torque - x.mean_holding)
-        return torque
-    slip = x.filtered_sigma / x.filtered_speed
-    if slip > _LOCKED or (x.handed_over <= 0.0 and slip > _RUN_AWAY):
-        x.handed_over = -1.0
-    elif x.handed_over <= 0.0 and max(slip, x.sigma_ahead / x.speed_ahead) < reference:
-        x.mean_holding *= _LESS if x.handed_over < 0.0 else 1.0
-        x.handed_over = 1.0
-    slow = min((p.hand_over_speed - v) / (p.hand_over_speed - p.last_speed), 1.0)
-    held = (p.hand_over_share - (p.hand_over_share - p.last_share) * slow**2) * x.mean_holding
-    if slip > _LOCKED:
-        return 0.0
-    if x.handed_over > 0.0:
-        return held
-    return min(torque, _LET_GO * held if slip > _RUN_AWAY else held)
 
 
 def doubt(x: Any, p: Any) -> None:
@@ -657,7 +348,7 @@ def readhesion(x: Any, p: Any, v: float, slip: float, reference: float) -> None:
     x.low_time = x.low_time + p.period if slip < 0.69 * reference else 0.0
     x.quick_torque += p.period / QUICK_TIME * (x.adhesion_torque - x.quick_torque)
     if slip < 1.2 * reference:
-        x.mean_torque += p.period / _MEAN_TIME * (x.adhesion_torque - x.mean_torque)
+        x.mean_torque += p.period / MEAN_TIME * (x.adhesion_torque - x.mean_torque)
     else:  # what rises as the slip comes back from past the peak is no news of the rail
         x.mean_torque = x.quick_torque
     rises = x.quick_torque > 1.08 * x.mean_torque and slip < 0.85 * reference

@@ -31,6 +31,7 @@ class SlideProtection(Controller):
     source: ClassVar[str] = "[Park2008] Fig. 3"
     no_loop: ClassVar[str] = "its valve has three positions, and it is not linear"
     follows_reference: ClassVar[bool] = False
+    by_rule: ClassVar[bool] = True
 
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=0.01)
     reference: ReferenceSlip | None = None

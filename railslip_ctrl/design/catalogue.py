@@ -15,11 +15,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
 
 from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.files import controller_kinds
 from railslip_ctrl.controllers.linear import TRACKING_TIME
 from railslip_ctrl.controllers.pi import PI, PILead
 from railslip_ctrl.controllers.scheduled import GainSchedule, Scheduled, ScheduleEntry
-from railslip_ctrl.controllers.seeking import Seeking
-from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.sliding import Sliding
 from railslip_ctrl.controllers.systems import PIController, actuated_plant, wheel_slip_loop
 from railslip_ctrl.core.arguments import checked
@@ -266,12 +265,19 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 # --- by name ----------------------------------------------------------------------------------------------------------
 
 
-NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection", "seeking")
+BY_RULE: Mapping[str, type[Controller]] = MappingProxyType(
+    {name: kind for name, kind in controller_kinds().items() if kind.by_rule}
+)
+"""Kinds that follow from the vehicle alone."""
+
+NAMES = ("pi", "asmc", "pi-lead", "scheduled", *BY_RULE)
 """Names of the controllers that come with the package."""
 
 _LINEAR = ("pi", "pi-lead")
-_BY_RULE: Mapping[str, type[Controller]] = MappingProxyType({"slide-protection": SlideProtection, "seeking": Seeking})
-"""Those that find their own slip, and follow from the vehicle."""
+
+
+def _holds_reference(name: str) -> bool:
+    return name not in BY_RULE or BY_RULE[name].follows_reference
 
 
 def default_column(law: AdhesionLaw) -> Column:
@@ -287,7 +293,7 @@ def held_reference(
 
     InputError, in which `dashes` stand before the names of options, if there are none to hold, or they are not used.
     """
-    if controller in _BY_RULE:
+    if not _holds_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
             if given is not None:
                 told = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
@@ -322,8 +328,7 @@ def controller_named(
       (`designed`).
     - column: {"beam", "bristle"}; of Table 4: gains of "pi" and "asmc", and the reference slip of all.
     - gains: in place of those of "pi" or "pi-lead".
-    - reference: another reference slip; of "slide-protection" and "seeking", which hold none, what their error is
-      taken against.
+    - reference: another reference slip; of a kind that holds none, what its error is taken against.
     - knows_rail, adaptive, period: as in `published_controller`.
 
     InputError: another name, or an option that the controller does not have.
@@ -339,11 +344,11 @@ def controller_named(
         raise InputError(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
-    held = reference if reference is not None or name in _BY_RULE else published_reference(column)
+    held = reference if reference is not None or not _holds_reference(name) else published_reference(column)
     vehicle = vehicle.empty()
-    if name in _BY_RULE:
+    if name in BY_RULE:
         asked = {} if period is None else {"period": period}
-        return _BY_RULE[name].for_vehicle(vehicle, reference=held, name=name, **asked)
+        return BY_RULE[name].for_vehicle(vehicle, reference=held, name=name, **asked)
     if name == "scheduled":
         return recommended_schedule(vehicle, reference=held, period=period)
     if name == "pi-lead":

@@ -93,7 +93,7 @@ def derive_predictive() -> PredictiveDerivation:
         steps=(
             *(plant_step, error_step, _in_the_train_s_motion(holding, train), _ahead()),
             *(*reduction_steps, *law_steps, *motion_steps, pole_step, *gain_steps),
-            *(loop_step, *_inner_loop(holding, law), degree_step),
+            *(loop_step, degree_step),
         ),
         holding_torque=holding,
         reduced_rate=reduced,
@@ -382,26 +382,6 @@ def _layer(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, sp.Expr]:
         identical(sp.cancel(-found[back] / plant.Tb), loop.subs(g, k + K / phi)),
     )
     return made, loop
-
-
-def _inner_loop(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, DerivationStep]:
-    """The seeking controller's inner loop as a linear layer, and the bias of its prediction."""
-    kappa_o, tau_c = sliding_symbol("kappa_o"), sliding_symbol("tau_c")
-    asked = H_hat + _J / _r * kappa_o * e_hat
-    command = T_plus + _T / tau_c * (asked - T_plus)
-    layer = law.control_law.subs(sat, S / phi).subs(K, phi * (g - k)).subs(S, law.surface)
-    gains = {kappa_o: g * kappa / (g + kappa), tau_c: 1 / (g + kappa)}
-    # sigma(t + theta) needs the torque that holds sigma: H of a constant reference, lambda_d = 0
-    bias = theta * lambda_d * a
-    difference = _r / _J * theta * (holding.subs(lambda_d, 0) - holding)
-    return (
-        step(
-            "inner loop of the seeking controller",
-            (sp.Matrix(list(gains)), sp.Matrix(list(gains.values()))),
-            identical(command.subs(gains), layer),
-        ),
-        step("bias of its prediction", (sliding_symbol("bias"), bias), identical(difference, bias)),
-    )
 
 
 def _relative_degrees(law: SurfaceLaw) -> tuple[DerivationStep, tuple[int, int]]:

@@ -1,0 +1,417 @@
+"""The predictive sliding-mode law: it slides behind the actuator, on the slip error a dead time ahead.
+
+The parts, in the order in which a sample runs them: model of the actuator, observer of the adhesion torque, predictor
+over the dead time, law, low-speed hand-over. In their formulas x is the state and p the parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache, reduce
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, stable_and_peak
+from railslip_ctrl.model.linearization import OperatingPoint, linearize
+from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
+
+from .base import LEAST_PERIOD, PERIOD, Controller
+from .linear import TORQUE_LIMIT, adhesion_share
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Rows = NDArray[np.intp]
+
+QUICK_TIME = 0.05  # s
+
+_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: more add at most 5 % to Ms
+_SPARE = 3  # samples of the torque history beyond the dead time
+
+FADED = 0.7
+"""Share of the reference slip that is left at the hand-over."""
+
+_LOST = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
+_QUICKEST = 0.44  # of x: with less, a brake 30 % quicker than believed makes the loop unstable
+_HAND_OVER = 4.2  # that, over the speed below which the slip ratio is not held: 14 km/h for the published vehicle
+_FADE = 27 / 13  # the speed below which the reference fades, over that
+_LEAST_HAND_OVER_KMH = 5
+MEAN_TIME = 0.5  # s, of the mean of the holding torque
+ASSUMED = 0.1  # adhesion coefficient of a rail of which nothing is known yet, at the hand-over
+_LOCKED = 0.9  # slip of a wheel that turns no more, at the hand-over
+# slip that has run away before; share of the torque to be held meanwhile, and afterwards
+_RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
+
+
+class Predictive(Controller):
+    """The predictive sliding-mode law on a reference slip: what it believes of wheel and brake, and its gains; SI.
+
+    With the acting torque T+ ahead of the dead time, the torque H that holds the reference slip, and the slip error
+    e_hat predicted for a dead time ahead, the surface is S = H + (J/r) kappa e_hat - T+, and the command u = T+ + T
+    [-kappa (T+ - H) + k S + K sat(S/phi)], within 0 and `torque_max`; `sliding.predictive` derives it. InputError for
+    speeds or shares that are not in order.
+    """
+
+    kind: ClassVar[str] = "predictive"
+    title: ClassVar[str] = "sliding-mode law that predicts over the dead time"
+    source: ClassVar[str] = "this project"
+    by_rule: ClassVar[bool] = True
+
+    period: float = quantity(
+        "s",
+        "sampling period; at most the 0.05 s of its quickest filter",
+        ge=LEAST_PERIOD,
+        le=QUICK_TIME,
+        default=PERIOD,
+    )
+    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
+    wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia J", gt=0, default=None)
+    viscous_friction: float | None = quantity("N*m*s", "viscous friction B", ge=0, default=None)
+    wheel_load: float | None = quantity("N", "wheel load", gt=0, default=None)
+    dead_time: float | None = quantity("s", "dead time theta of the actuator", ge=0, default=None)
+    lag: float | None = quantity("s", "lag T of the actuator", ge=0, default=None)
+    torque_max: float = quantity("N*m", "largest torque", gt=0)
+
+    kappa: float = quantity("1/s", "rate at which the predicted slip error decays on the surface", gt=0)
+    reaching_rate: float = quantity("1/s", "k, rate at which the surface is reached from far", ge=0)
+    switching_gain: float = quantity("N*m/s", "K, rate at which it is reached at least", gt=0)
+    layer: float = quantity("N*m", "phi, boundary layer of the surface", gt=0)
+    observer_time: float = quantity("s", "time constant of the adhesion-torque observer", gt=0)
+    deceleration_time: float = quantity("s", "time constant of the train's deceleration", gt=0)
+
+    fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=29 * KMH)
+    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=14 * KMH)
+    last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=2 * KMH)
+    hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, le=1, default=0.84)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, le=1, default=0.2)
+
+    class State(Record):
+        """Model of the brake, observer, prediction and hand-over."""
+
+        samples: float = quantity("1", "samples since the start", default=0.0)
+        torque_ahead: float = quantity("N*m", "acting torque ahead of the dead time, modelled", default=0.0)
+        filtered_omega: float = quantity("rad/s", "wheel speed, filtered", default=0.0)
+        filtered_torque: float = quantity("N*m", "acting torque, filtered", default=0.0)
+        filtered_sigma: float = quantity("m/s", "slip velocity, filtered", default=0.0)
+        filtered_speed: float = quantity("m/s", "train speed, filtered", default=0.0)
+        slow_speed: float = quantity("m/s", "train speed behind the filter of the deceleration", default=0.0)
+        adhesion_torque: float = quantity("N*m", "adhesion torque, estimated", default=0.0)
+        deceleration: float = quantity("m/s^2", "deceleration of the train, estimated", default=0.0)
+        holding_torque: float = quantity("N*m", "torque that holds the slip", default=0.0)
+        sigma_ahead: float = quantity("m/s", "slip velocity predicted for a dead time ahead", default=0.0)
+        speed_ahead: float = quantity("m/s", "train speed predicted for a dead time ahead", default=0.0)
+        slip_rate: float = quantity("m/s^2", "rate of the slip velocity", default=0.0)
+        mean_holding: float = quantity("N*m", "mean of the holding torque", default=0.0)
+        handed_over: float = quantity("1", "1: handed over, 0: not, -1: the slip has run away", default=0.0)
+        history: tuple[float, ...] = quantity("N*m", "torque ahead of the last samples, in a ring", default=())
+
+    def start(self, speed: float, period: float) -> Record:
+        return self.State(history=(0.0,) * self._ring(period))
+
+    def _ring(self, period: float) -> int:
+        assert self.dead_time is not None, "filled in by `believing`"
+        return math.ceil(self.dead_time / period) + _SPARE
+
+    @staticmethod
+    def step(state: Any, measurement: Any, parameters: Any) -> Any:
+        """Observe, predict, then hold the reference slip, or the torque after the hand-over."""
+        v, omega, applied = measurement.train_speed, measurement.wheel_speed, measurement.applied_torque
+        if not math.isfinite(applied):
+            return state.torque_ahead
+        if not (math.isfinite(v) and math.isfinite(omega)) or v <= 0.0:
+            return applied
+        if state.samples == 0.0:
+            state.mean_holding = ASSUMED * parameters.wheel_load * parameters.radius
+        reference = parameters.reference_slip * fading(parameters, v)
+        actuator_model(state, parameters, applied)
+        observe(state, parameters, v, omega, reference)
+        predict(state, parameters, v, v - parameters.radius * omega, reference)
+        torque = hand_over(state, parameters, v, sliding_torque(state, parameters, reference), reference)
+        state.samples += 1.0
+        return min(max(torque, 0.0), parameters.torque_max)
+
+    def described(self) -> str:
+        return f"{self.label}, {self._gains_described()}"
+
+    def _gains_described(self) -> str:
+        return (
+            f"kappa {self.kappa:.4g} 1/s, k {self.reaching_rate:.4g} 1/s, K {self.switching_gain:.4g} N*m/s, phi "
+            f"{self.layer:.4g} N*m, observer {self.observer_time:.4g} s, for a dead time of {self.dead_time:g} s and a "
+            f"lag of {self.lag:g} s"
+        )
+
+    def handed_over(self) -> str:
+        first, last = 100 * self.hand_over_share, 100 * self.last_share
+        return f"{first:g} % of its mean torque, {last:g} % at {self.last_speed / KMH:.3g} km/h"
+
+    def speeds_to_judge(self) -> tuple[float, ...]:
+        """Where it hands over, and where the slip that it holds begins to fade: the worst may be one of these."""
+        return self.hand_over_speed, self.fade_speed
+
+    def _kept(self, speed: float) -> float:
+        """The share of the reference slip that is held at a speed, m/s."""
+        return float(np.interp(speed, [self.hand_over_speed, self.fade_speed], [FADED, 1.0]))
+
+    @classmethod
+    def _orders(cls) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Fields that are in order, and how."""
+        return (
+            (" <= ", ("last_share", "hand_over_share")),
+            (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # it divides by their differences
+        )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for order, names in self._orders():
+            values = [getattr(self, name) for name in names]
+            if values != sorted(values if order == " <= " else set(values)):
+                told = ", ".join(f"{value:g}" for value in values)
+                raise InputError(f"{names[0]}: {told} are not in order; give {order.join(names)}")
+        return self
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle, *, period: float | None = None, **given: Any) -> Self:
+        """The gains for a vehicle, by rules in its dead time theta and lag T: kappa = 0.27 x/theta, k = 0.3/theta, K =
+        0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta, deceleration 0.52 theta; hand-over below
+        N r^2 theta/(4.2 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The
+        factors are those of stops on many rails: half or twice each changes the distances by less than the random
+        force does; kappa and phi are for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
+
+        x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
+        peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need
+        be filtered. N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at
+        the hand-over 4.2 times the train's speed. The largest torque is what an empty wheel bears until the dead time
+        is over.
+
+        - vehicle: its wheel, wheel load and actuator count; its mass does not.
+        - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less, with which sampling
+          adds at most 5 % to Ms. A longer one is refused.
+
+        InputError: a brake without dead time, or a period beyond that.
+        """
+        dead_time = vehicle.actuator.dead_time
+        if dead_time <= 0:
+            raise InputError(f"{cls.kind}: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
+        run_away = vehicle.wheel_load * vehicle.wheel.radius**2 * dead_time / vehicle.effective_inertia
+        quick = min(max(_LOST / run_away, _QUICKEST), 1.0)
+        hand_over_kmh = max(round(run_away / _HAND_OVER / KMH), _LEAST_HAND_OVER_KMH)
+        longest = dead_time / _SAMPLES_OF_DEAD_TIME
+        if period is not None and period > longest:
+            raise InputError(
+                f"{cls.kind}: period {period:g} s is not allowed with a dead time of {dead_time:g} s; give a value <= "
+                f"{longest:.4g} (s), a twelfth of that"
+            )
+        switching = 0.23 * vehicle.wheel_load * vehicle.wheel.radius / (dead_time + vehicle.actuator.lag)
+        rules = {
+            "torque_max": TORQUE_LIMIT * adhesion_share(vehicle, vehicle.wheel_load),
+            "kappa": 0.27 * quick / dead_time,
+            "reaching_rate": 0.3 / dead_time,
+            "switching_gain": switching,
+            "layer": 0.75 * quick * dead_time * switching,
+            "observer_time": 0.34 * quick * dead_time,
+            "deceleration_time": 0.52 * dead_time,
+            "hand_over_speed": hand_over_kmh * KMH,
+            "fade_speed": round(_FADE * hand_over_kmh) * KMH,
+            "period": min(PERIOD, longest) if period is None else period,
+        }
+        return cls(**{**rules, **cls._own_rules(dead_time), **given}).believing(vehicle)
+
+    @classmethod
+    def _own_rules(cls, dead_time: float) -> dict[str, float]:
+        """What a kind built on it adds, for a dead time, s."""
+        return {}
+
+    def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
+        """The exact loop within the boundary layer, at a point, broken at the acting torque; its reference is the
+        point's slip.
+
+        The speed is frozen. With g = k + K/phi, E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
+        deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa/g +
+        kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g
+        + kappa theta) Q E]. It runs sampled; this is the loop of a short period.
+
+        - point: of wheel and rail.
+        - actuator: the brake, s; left out, as believed.
+
+        Returns the loop of the believed dead time and the brake's, dimensionless.
+        """
+        assert self.dead_time is not None, "filled in by `believing`"
+        assert self.lag is not None, "as above"
+        brake = Actuator(dead_time=self.dead_time, lag=self.lag) if actuator is None else actuator
+        above, undelayed, delayed = _blocks(point, self)
+        lag = np.array([brake.lag, 1.0])
+        numerator = QuasiPolynomial([[0.0], above], [0.0, brake.dead_time], removed=1)
+        parts = [np.convolve(undelayed, lag), np.convolve(delayed, lag)]
+        denominator = QuasiPolynomial(parts, [0.0, self.dead_time], removed=1)
+        return DelayedLoop(DelayedRatio(numerator, denominator))
+
+    def stable_and_ms(
+        self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
+    ) -> tuple[NDArray[np.bool_], Floats]:
+        """As `Controller.stable_and_ms`, of `loop`."""
+        assert self.dead_time is not None, "filled in by `believing`"
+        blocks = [_blocks(point, self) for point in points]
+        lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
+        stable, ms = np.zeros(lag.size, dtype=bool), np.full(lag.size, np.inf)
+        kinds = np.array([tuple(part.size for part in parts) for parts in blocks])
+        for kind in np.unique(kinds, axis=0):
+            mine = np.flatnonzero((kinds == kind).all(axis=1)[case[0]])
+            above, undelayed, delayed = (np.array([blocks[i][k] for i in case[0][mine].tolist()]) for k in range(3))
+            none, believed = np.zeros(mine.size), np.full(mine.size, self.dead_time)
+            numerator = QuasiPolynomials((none[:, None], above), (none, dead_time[mine]), removed=1)
+            parts = tuple(
+                np.column_stack([lag[mine, None] * part, none]) + np.column_stack([none, part])
+                for part in (undelayed, delayed)
+            )
+            denominator = QuasiPolynomials(parts, (none, believed), removed=1)
+            stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
+        return stable, ms
+
+
+@lru_cache(64)  # the actuators of an envelope follow each other at a point
+def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
+    """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
+    assert law.dead_time is not None, "filled in by `believing`"
+    assert law.lag is not None, "as above"
+    assert law.wheel_inertia is not None, "as above"
+    den, sigma, v_rate = _responses(point)
+    slip, ratio = point.slip, law.wheel_inertia / point.vehicle.wheel.radius
+    quick = 1 / (law.reaching_rate + law.switching_gain / law.layer)
+    own, more = 1 + law.kappa * quick, 1 + law.kappa * quick + law.kappa * law.dead_time
+    s, observer, slow, lag, torque = (
+        np.array([tau, one])
+        for tau, one in (
+            *((1.0, 0.0), (law.observer_time, 1.0), (law.deceleration_time, 1.0)),
+            *((law.lag, 1.0), (quick, own)),
+        )
+    )
+    both = _product(observer, slow, sigma)
+    turning = _product(_sum((1 - slip) * observer, -slow), v_rate)
+    holding = _sum(_product(s, slow, sigma), turning)
+    above = ratio * _product(_sum(more * holding, law.kappa * both), lag, s)
+    undelayed = _sum(_product(observer, torque, s), law.kappa * observer)
+    delayed = -_sum(law.kappa * observer, more * s)
+    return above, _product(undelayed, den, slow), _product(delayed, den, slow)
+
+
+def _product(*polynomials: Floats) -> Floats:
+    return reduce(np.convolve, polynomials)
+
+
+def _sum(*polynomials: Floats) -> Floats:
+    return reduce(lambda one, other: np.asarray(np.polyadd(one, other)), polynomials)
+
+
+def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
+    """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
+    plant, moving = linearize(point), linearize(point, speed_state=True)
+    den = np.asarray(np.poly(plant.A).real, dtype=float)
+    sigma = np.array([[float(name == "sigma") for name in plant.states]])
+    found = [np.asarray(np.poly(plant.A - plant.B @ row).real - den, dtype=float) for row in (sigma, moving.A[:1, 1:])]
+    return den, found[0], found[1]
+
+
+# --- the parts of a sample ----
+
+
+def actuator_model(x: Any, p: Any, applied: float) -> None:
+    """Acting torque ahead of the dead time, from the command that the brake took; into its history."""
+    k, ring = int(x.samples), len(x.history)
+    if k > 0:
+        x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)
+    x.history[k % ring] = x.torque_ahead
+
+
+def torque_ago(x: Any, samples: float) -> Any:
+    """The modelled torque a number of samples ago, N*m; 0 before the first, in between linear."""
+    k, ring, whole = int(x.samples), len(x.history), int(samples)
+    share = samples - whole
+    late = x.history[(k - whole) % ring] if k >= whole else 0.0
+    later = x.history[(k - whole - 1) % ring] if k > whole else 0.0
+    return (1.0 - share) * late + share * later
+
+
+def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
+    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the reference slip."""
+    sigma = v - p.radius * omega
+    if x.samples == 0.0:
+        x.filtered_omega, x.filtered_sigma, x.filtered_speed, x.slow_speed = omega, sigma, v, v
+    blend, slow = 1.0 - math.exp(-p.period / p.observer_time), 1.0 - math.exp(-p.period / p.deceleration_time)
+    acting = torque_ago(x, p.dead_time / p.period)
+    x.filtered_omega += blend * (omega - x.filtered_omega)
+    x.filtered_torque += blend * (acting - x.filtered_torque)
+    x.filtered_sigma += blend * (sigma - x.filtered_sigma)
+    x.filtered_speed += blend * (v - x.filtered_speed)
+    rate = blend / (1.0 - blend) / p.period  # of a filtered value to its derivative
+    x.slip_rate = rate * (sigma - x.filtered_sigma)
+    spin = rate * (omega - x.filtered_omega)
+    x.adhesion_torque = p.wheel_inertia * spin + p.viscous_friction * x.filtered_omega + x.filtered_torque
+    x.slow_speed += slow * (v - x.slow_speed)
+    x.deceleration = slow / (1.0 - slow) / p.period * (x.slow_speed - v)
+    turning = p.wheel_inertia / p.radius * x.deceleration * (1.0 - reference)
+    x.holding_torque = x.adhesion_torque + turning - p.viscous_friction * x.filtered_omega
+
+
+def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
+    """Slip velocity and train speed when a command of now acts, the adhesion torque as it is."""
+    count = p.dead_time / p.period
+    under_way = 0.0
+    for i in range(int(count)):
+        under_way += torque_ago(x, float(i)) * p.period
+    under_way += (count - int(count)) * p.period * torque_ago(x, count)
+    slowing = p.dead_time * x.deceleration
+    x.speed_ahead = v - slowing
+    added = p.radius / p.wheel_inertia * (under_way - p.dead_time * x.holding_torque)
+    x.sigma_ahead = sigma + added - reference * slowing  # H holds the slip ratio: the slip velocity falls with v
+
+
+def fading(p: Any, v: float) -> Any:
+    """The share of the reference slip to be held at a speed."""
+    if v >= p.fade_speed:
+        return 1.0
+    return 0.7 + 0.3 * max(v - p.hand_over_speed, 0.0) / (p.fade_speed - p.hand_over_speed)
+
+
+def towards(x: Any, p: Any, rate: float) -> Any:
+    """The command with which the torque ahead of the dead time changes at a rate, N*m/s."""
+    return x.torque_ahead + max(p.lag, p.period) * rate
+
+
+def sliding_torque(x: Any, p: Any, reference: float) -> Any:
+    """The command of the law: on S the predicted slip error decays with kappa, and S is reached by k S + K sat(S/phi),
+    slower by the gain of the layer within it."""
+    error = reference * x.speed_ahead - x.sigma_ahead
+    held = x.holding_torque
+    surface = held + p.wheel_inertia / p.radius * p.kappa * error - x.torque_ahead
+    reached = p.reaching_rate * surface + p.switching_gain * min(max(surface / p.layer, -1.0), 1.0)
+    return towards(x, p, reached - p.kappa * (x.torque_ahead - held))
+
+
+def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
+    """Below the hand-over speed at most a share of what held the slip before, which falls with the square of the speed
+    lost; that share itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is
+    left alone. But before that a slip that has run away is let go, and a wheel that has locked at any time; afterwards
+    less is held."""
+    if v >= p.hand_over_speed:
+        x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)
+        return torque
+    slip = x.filtered_sigma / x.filtered_speed
+    if slip > _LOCKED or (x.handed_over <= 0.0 and slip > _RUN_AWAY):
+        x.handed_over = -1.0
+    elif x.handed_over <= 0.0 and max(slip, x.sigma_ahead / x.speed_ahead) < reference:
+        x.mean_holding *= _LESS if x.handed_over < 0.0 else 1.0
+        x.handed_over = 1.0
+    slow = min((p.hand_over_speed - v) / (p.hand_over_speed - p.last_speed), 1.0)
+    held = (p.hand_over_share - (p.hand_over_share - p.last_share) * slow**2) * x.mean_holding
+    if slip > _LOCKED:
+        return 0.0
+    if x.handed_over > 0.0:
+        return held
+    return min(torque, _LET_GO * held if slip > _RUN_AWAY else held)
