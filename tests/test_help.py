@@ -56,7 +56,7 @@ def test_a_command_that_the_readme_or_its_help_shows_runs(line, file, railslip):
         write_log(Path("run.csv"), rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH))
     before, words = set(Path.cwd().iterdir()), words_of(line)
     status, out, err = railslip(*words, *SHORTER.get(words[0], ()))
-    assert status == (words[0] == "verify"), err  # the layered law has a condition that fails
+    assert status == (words[0] == "verify"), err  # the predictive law has a condition that fails
     assert "\x1b" not in out + err
     written = {path.name for path in set(Path.cwd().iterdir()) - before}
     named = {after for word, after in pairwise(words) if word in ("--out", "--csv")}

@@ -433,7 +433,7 @@ def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
 def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
     """The paper's slip may lie anywhere beside the peak of a law of one's own."""
     law = file("bare.toml", f'law = "burckhardt"\n{PARAMETERS}')
-    for command in ("linearize", "margins", "tune --ms-max 2", "verify --law layered", "simulate"):
+    for command in ("linearize", "margins", "tune --ms-max 2", "verify --law predictive", "simulate"):
         told = refused(railslip(*command.split(), "--adhesion", law))
         assert re.search(r"--slip: adhesion '(bare.toml|burckhardt)' has no reference slip", told)
     assert "--slip: adhesion 'polach' has no reference slip" in refused(railslip("simulate", "--adhesion", "polach"))
@@ -514,7 +514,7 @@ def test_a_published_law_with_a_number_changed_is_told_as_given():
 @pytest.mark.parametrize("command", ["linearize", "margins", "tune", "report", "simulate", "verify"])
 def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command):
     name = file("fitted.toml", BEAM.replace("[parameters]", 'condition = "wet"\n[parameters]'))
-    more = {"tune": ASKED["tune"][2:], "verify": ("--law", "layered"), "report": ("--out", "never")}.get(command, ())
+    more = {"tune": ASKED["tune"][2:], "verify": ("--law", "predictive"), "report": ("--out", "never")}.get(command, ())
     told = refused(railslip(command, "--adhesion", name, *more))
     assert told.startswith("railslip: error: --adhesion 'beam' of fitted.toml: its parameters are for wet rail")
     assert "; ask for wet rail alone" in told

@@ -171,7 +171,16 @@ SIZES = {
     "(47)-(48)": ("same sign", "140.3 times too large"),
     "(49)": ("k1 in s**2/(kg**2*m**4), k2 in 1",),
     "p. 54, invariant set theorem": ("one equation for two errors", "0.0893 m^2/s^2", "25 s"),
-    "(40) with Table 4": ("K0 = (r/J) K = 0.499", "1.581", "3.2 times", "27.6 m/s of 27.8 m/s", "75.2 m/s", "977 N*m"),
+    "(40) with Table 4": ("K0 = (r/J) K = 0.499", "1.581", "3.2 times", "27.6 m/s of 27.8 m/s", "75.2 m/s", "1402 N*m"),
+    "(42), strict": ("0 < 0 is false",),
+    # (gamma - 0)/beta over the wheel load, and -sigma/beta less at slip 0.132; peaks: the tests of the laws
+    "Fig. 17, bristle maximum": ("0.3274 at slip 0+", "0.2985 at slip 0.132", "2.93 m/s^2 slip 0.129"),
+    "p. 46, slip of the largest adhesion": (
+        "0.119 and 0.059",
+        "0.132 and 0.092",
+        "beam wet 0.0448",
+        "curve wet 0.0957",
+    ),
     "B = 0.25 - 0.01 t": ("zero at 25 s", "-0.345"),
     "Table 3": ("0.0110 and 0.008475", "23.0 % better", "24.5 % from 0.011 and 0.0083"),
     "Table 4, Kp": ("beam: as printed 1.44e+06", "bristle: as printed 2.34e+06", "a factor of 1000"),

@@ -28,7 +28,7 @@ SMALL = {
     "reproduce": "--seeds 2 --out page",
 }
 STATUS = {"verify": 1, "reproduce": 1}
-"""The layered law has a condition that fails; the mean of two seeds is farther from the paper than that of 256."""
+"""The predictive law has a condition that fails; the mean of two seeds is farther from the paper than that of 256."""
 
 
 def words_of(line: str) -> list[str]:

@@ -121,8 +121,8 @@ def command(
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
     stand in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
     - is standard input. The model is for --adhesion fitted/model.toml of linearize, margins, tune, simulate, report,
-    derive and verify --law layered. That of several logs is over v0, and is taken at --initial-speed. Exit status 0, or
-    2 for bad input.
+    derive and verify --law predictive. That of several logs is over v0, and is taken at --initial-speed. Exit status
+    0, or 2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """

@@ -10,7 +10,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.verification import conclusion_text, verification_json, verification_text
 from railslip_ctrl.verification.joint_verification import LARGEST_GAIN, LARGEST_SEED, LEAST_D, Law, verify_with_actuator
-from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
+from railslip_ctrl.verification.rails import PUBLISHED_ADHESION, RailAdhesion
 
 from .options import CaseOptions, case_options, is_file, number_option, whole_number
 from .output import show
@@ -23,33 +23,24 @@ LAWS: tuple[Law, ...] = get_args(Law)
 @preset(
     "--law",
     "|".join(LAWS),
-    "The published law with the robust variants after it, the robust variants alone, or the layered law that "
-    "accounts for the actuator.",
+    "The published law with the robust variants after it, the robust variants alone, or the predictive law, which "
+    "slides behind the actuator.",
     "paper",
 )
 @number_option(
     "--K",
     "N*m",
-    f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.",
-    "Table 4's 70; "
-    "robust: 1.1 times the K of equation (40) with 10 % error of Ta and v'; layered: 1.05 times the least K with "
-    "10 % error of the holding torque",
+    f"Gain on the sign of the surface, 0 to {LARGEST_GAIN:g}: N*m; of the predictive law N*m/s.",
+    "Table 4's 70; robust: 1.1 times the K of equation (40) over its box; predictive: its own rule",
     to="gain",
     ge=0,
 )
 @number_option(
     "--D",
     "N*m/(m/s)",
-    f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.",
+    f"Gain on s, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the predictive law has none.",
     "Table 4's 1.53 N*m/(km/h)",
     to="damping",
-    gt=0,
-)
-@number_option(
-    "--ki-min",
-    "N*m/m",
-    "Least integral gain of the layered law, N*m/m; a larger one corrects a wrong holding torque faster.",
-    "100 times the inertia scale",
     gt=0,
 )
 @preset("--seed", "N", "First seed of samples and simulated runs.", "2008")
@@ -60,7 +51,6 @@ def command(
     law: str,
     gain: float | None,
     damping: float | None,
-    ki_min: float | None,
     seed: str,
     cases: CaseOptions,
     as_json: bool,
@@ -69,13 +59,15 @@ def command(
     1 if one fails or cannot be decided (of the published law several fail, and of the robust variants those with the
     actuator), 2 for bad input.
 
-    The layered law is tuned and verified for any adhesion and vehicle, on the rails named, from 100 km/h; an adhesion
-    file has to give its reference slip, or --slip does. The other laws take --vehicle, but no --adhesion: they contain
-    the bristle model, and their conditions are decided over its published parameters. --inertia-scale must be 0.5 to
-    10.
+    The predictive law is decided over a box of speed, slip and load, for any static adhesion law and vehicle, on the
+    rails named; the bristle model is taken by its static curve. An adhesion file has to give its reference slip, or
+    --slip does. The other laws take --vehicle, but no --adhesion: they contain the bristle model. --inertia-scale must
+    be 0.5 to 10.
 
-    Example: railslip verify --law layered
+    Example: railslip verify --law predictive
     """
+    if law == "layered":
+        raise InputError("--law: 'layered' was replaced by the predictive law; give --law predictive")
     adhesion, vehicle = _adhesion(cases), cases.chosen_vehicle
     full = verify_with_actuator(
         law=law,  # type: ignore[arg-type]  # checked there
@@ -84,7 +76,6 @@ def command(
         D=damping,
         seed=whole_number("--seed", seed, 0, LARGEST_SEED),
         adhesion=adhesion,
-        ki_min=ki_min,
     )
     result = full.verification
     show(

@@ -16,6 +16,9 @@ from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, published_law
+from railslip_ctrl.model.adhesion.bristle import REFERENCE
+from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
+from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     PARK2008,
@@ -111,6 +114,7 @@ _LATEX = (
     (r"\\[ ,;]", " "),
     (r"\\times", "*"),
     (r"\\ge\b", ">="),
+    (r"\\le\b", "<="),
     (r"\\%", "%"),
     (r"\\quad", " "),
     (r"\^\{([^{}]*)\}", r"^\1"),
@@ -335,6 +339,42 @@ def _lyapunov_jump(derivation: Derivation) -> float:
 # --- numbers and units ------------------------------------------------------------------------------------------------
 
 
+def _strict_product(derivation: Derivation) -> Erratum:
+    """(42) at s = 0, where both sides vanish."""
+    s, eta = sliding_symbol("s"), sp.Symbol("eta", positive=True)
+    sides = [side.subs(s, 0) for side in (derivation.reaching_product, -eta * sp.Abs(s))]
+    return told("(42), strict", "symbolic", {"left": sides[0], "right": sides[1]})
+
+
+def _bristle_maximum() -> Erratum:
+    """The bristle model at rest, and along a ramp of the slip, at 100 km/h."""
+    v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
+    law, curve = (published_law(name, Rail.DRY, wheel_load=load) for name in ("bristle", "curve"))
+    sigma, parameters = plant.sigma, dict(zip(type(law).symbols(), law.parameters(), strict=True))
+    rest = (type(law).statement().steady_state * type(law).symbols()[0]).subs(parameters)
+    slope = float(sp.diff(rest.subs(sp.sign(sigma), 1).subs(sp.Abs(sigma), sigma), sigma))
+    slip = REFERENCE.dry
+    least, at = (float(adhesion_coefficient(law, v, x, load)) for x in (1e-9, slip))
+    numbers = {"slope": slope, "first": least, "at": at, "slip": slip, "ramp": SLIP_ACCELERATION}
+    ramps = {R: peak(curve.model_copy(update={"R": R}), v, load).slip for R in (1.0, SLIP_ACCELERATION, 10.0)}
+    return told("Fig. 17, bristle maximum", "computed", {**numbers, "ramps": ramps})
+
+
+def _reference_slips() -> Erratum:
+    """Where adhesion is largest, beside the reference slips, which are assumed to be there."""
+    v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
+    peaks = {
+        f"{name} {rail}": peak(published_law(name, rail, wheel_load=load), v, load).slip
+        for name in ("beam", "curve")
+        for rail in Rail
+    }
+    references = {
+        name: tuple(published_law(name, rail, wheel_load=load).reference_slip(rail) for rail in Rail)
+        for name in ("beam", "bristle")
+    }
+    return told("p. 46, slip of the largest adhesion", "computed", {"peaks": peaks, "references": references})
+
+
 def _reaching_gain(derivation: Derivation) -> Erratum:
     D, K = PUBLISHED_LAW.D, PUBLISHED_LAW.K
     resistance = PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] * KMH) ** 2 / PARK2008.mass
@@ -454,6 +494,7 @@ def errata(derivation: Derivation) -> tuple[Erratum, ...]:
         *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
         compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),
         *law_errata(derivation),
+        *(_strict_product(derivation), _bristle_maximum(), _reference_slips()),
         *(_reaching_gain(derivation), _viscous(), _table3(), _table4_kp(), _table4_ki(), _table4_asmc()),
         *(_energy(), _duration()),
     )

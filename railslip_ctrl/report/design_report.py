@@ -51,7 +51,6 @@ from .text import envelope_words, law_facts, vehicle_facts, worst_cells, worst_r
 RECOMMENDED = "recommended.toml"
 """The file with the recommended design."""
 
-_HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "held in all runs"}
 _AXES = {
     "speed_kmh": "speed, km/h",
     "slip / reference": "slip factor",
@@ -660,15 +659,13 @@ def _sliding(report: DesignReport) -> Section:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
     conditions = found.conditions
     met = sum(bool(one.holds) for one in conditions)
-    use = "may take the PI's place where the rail's holding torque is known"
-    if met < len(conditions):
-        use = "is not to be used instead"
     text = (
-        f"A sliding-mode law with a lead {use}: it meets {met} of the {len(conditions)} conditions of its use, on the "
-        "published bristle model. railslip verify --law layered has the evidence."
+        f"The predictive sliding-mode law meets {met} of the {len(conditions)} conditions that are asked over a box of "
+        "speed, slip and load, on the static curve of the published bristle model. railslip verify --law predictive "
+        "has the box and the evidence."
     )
     rows = [
-        (typeset(one.name), "not decided" if one.holds is None else _HELD[one.how or ""] if one.holds else "not met")
+        (typeset(one.name), "not decided" if one.holds is None else one.how or "" if one.holds else "not met")
         for one in conditions
     ]
     return Section(
@@ -741,7 +738,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         ],
         "sliding": {
             "reason": report.sliding.reason,
-            "layered": [
+            "predictive": [
                 exported(one, "name", "holds", "how")
                 for one in (() if report.sliding.found is None else report.sliding.found.conditions)
             ],

@@ -150,7 +150,7 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """The conditions of the layered sliding-mode law; None with the reason."""
+    """The conditions of the predictive sliding-mode law; None with the reason."""
 
     found: Verification | None
     reason: str = ""
@@ -305,7 +305,7 @@ Progress = Callable[[str], None]
 LOAD_STEP = 100.0
 """N*m at the wheel, of the load response."""
 
-_CACHED = "conditions-layered"
+_CACHED = "conditions-predictive"
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
@@ -330,8 +330,8 @@ def design_report(
     - envelope: what the design must hold; `nominal`: judge its operating points alone.
     - given: controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as
       that says.
-    - sliding: decide the conditions of the layered sliding-mode law too, in another process where there are two cores;
-      `fresh`: again, which an earlier report of the same vehicle may have kept.
+    - sliding: decide the conditions of the predictive sliding-mode law too, in another process where there are two
+      cores; `fresh`: again, which an earlier report of the same vehicle may have kept.
     - progress: told what is done, a line at a time.
     - meanwhile: given the report without what is still computed in the other process (gains around the design, stops
       with tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
@@ -368,7 +368,7 @@ def design_report(
         for name, controller in (given or {}).items():
             if name not in rivals:
                 run_beside(name, controller)
-        progress("conditions of the layered sliding-mode law")
+        progress("conditions of the predictive sliding-mode law")
         shown = tuple(rivals[name] for name in given or {})
         return replace(report, rivals=shown, sliding=conditions(), seconds=time.perf_counter() - started)
 
@@ -395,11 +395,11 @@ def _called(content: bytes) -> Any:
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
-    """The conditions of the layered law, or why they cannot be decided for this vehicle."""
+    """The conditions of the predictive law, or why they cannot be decided for this vehicle."""
     from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
 
     def decide() -> Verification:
-        found = verify_with_actuator(law="layered", vehicle=vehicle).verification
+        found = verify_with_actuator(law="predictive", vehicle=vehicle).verification
         return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
 
     try:

@@ -15,12 +15,10 @@ from rich.text import Text
 
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.verification import layered, layered_conditions
 from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS, SLIP_AMPLITUDE
 from railslip_ctrl.verification.joint_verification import FullVerification
 from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
-from railslip_ctrl.verification.reaching import ADHESION_NOISE
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 from .document import Facts, Paragraph, Table, heading, render
@@ -29,18 +27,14 @@ from .export import exported
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",
     "robust": "robust variants",
-    "layered": "layered law with a lead on the actuator's lag",
+    "predictive": "predictive sliding-mode law",
 }
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
-_ACTUATORS = {"layered": "lag and dead time throughout"}
+_ACTUATORS = {"predictive": "lag and dead time throughout"}
 _CONSTANTS = {
     **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
     "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
-    **{"HOLD_ERROR": layered.HOLD_ERROR, "CUT_OUT_SHARE": layered_conditions.CUT_OUT_SHARE},
-    **{"LARGEST_CUT_OUT_KMH": layered_conditions.LARGEST_CUT_OUT_KMH, "OFFSET": layered.OFFSET},
-    **{"DISTURBANCE": layered.DISTURBANCE, "ADHESION_NOISE": ADHESION_NOISE},
-    "PUBLISHED_ADHESION": layered.PUBLISHED_ADHESION,
 }
 
 
@@ -51,22 +45,19 @@ def statement(condition: Condition) -> str:
 
 def evidence(condition: Condition) -> str:
     """The identity, or the numbers and the set they belong to; or why the condition was not decided."""
-    missing = condition.numbers.get("missing")
-    return _texts()["missing"][missing] if missing else _told(_named(condition)["evidence"], condition.numbers)
+    return _told(_named(condition)["evidence"], condition.numbers)
 
 
 def conclusion_text(full: FullVerification) -> str:
     """What an engineer may conclude for the brake with its actuator."""
-    failing = [one.name for one in full.verification.failing if "uncertainties" not in one.name]
-    verdicts = {"failing": failing, "undecided": [one.name for one in full.verification.undecided]}
-    return findings_text(full.findings, **verdicts)
+    return "" if full.findings is None else findings_text(full.findings)
 
 
-def findings_text(findings: Any, **more: Any) -> str:
-    """The conclusion from findings; those of the layered law need the names of the `failing` and the `undecided`."""
+def findings_text(findings: Any) -> str:
+    """The conclusion from findings."""
     text = _texts()["conclusion"][type(findings).__name__]
     fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
-    return _told(text, {"points": POINTS, **fields, **more})
+    return _told(text, {"points": POINTS, **fields})
 
 
 def _texts() -> dict[str, Any]:
@@ -74,8 +65,7 @@ def _texts() -> dict[str, Any]:
 
 
 def _named(condition: Condition) -> dict[str, str]:
-    known = _texts()
-    found: dict[str, str] = known.get(condition.name) or known[condition.name.removeprefix("published ")]
+    found: dict[str, str] = _texts()[condition.name.split(",")[0] if condition.name not in _texts() else condition.name]
     return found
 
 
@@ -88,6 +78,7 @@ def _told(text: str, numbers: Mapping[str, Any]) -> str:
 def verification_json(verification: Verification) -> dict[str, Any]:
     """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None.
 
+    Of a law decided over a box, the `box`, and in `tolerances` the largest value of each quantity, the others as in it.
     `down_to_kmh` and `tolerated_errors` (shares either way, None without bound) as of `Condition`.
     """
     return {
@@ -101,6 +92,12 @@ def verification_json(verification: Verification) -> dict[str, Any]:
             for one in verification.conditions
         ],
         "all_hold": verification.all_hold,
+        **({"box": dict(verification.box)} if verification.box else {}),
+        **(
+            {"tolerances": [exported(one, "name", "value", "unit", "limited_by") for one in verification.tolerances]}
+            if verification.box
+            else {}
+        ),
     }
 
 
@@ -116,6 +113,8 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
         down_to = "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
         rows.append((one.name, _HOLDS[one.holds][0], down_to, one.how or "-"))
     parts.append(Table(("Condition", "Holds", "Down to", "How"), rows, left=4))
+    if verification.box:
+        parts += [Text(""), *_box(verification)]
     for one in verification.conditions:
         how = f" ({one.how})" if one.how else ""
         parts += [heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"), Paragraph(statement(one))]
@@ -128,12 +127,36 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
     return render(parts)
 
 
+def _box(verification: Verification) -> list[RenderableType]:
+    """The box, and the largest value of each quantity."""
+    box = verification.box
+    speeds, masses = ("{:g} to {:g}".format(*box[name]) for name in ("speed_kmh", "mass_kg"))
+    words = (
+        f"Box: {box['adhesion']}, {' and '.join(box['rails'])} rail, v {speeds} km/h, slip within "
+        f"{100 * box['slip']:g} % of the reference, {masses} kg with the wheel load in proportion, |S| <= "
+        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; the vehicle as the law "
+        "believes it where nothing else is said."
+    )
+    if not verification.tolerances:
+        return [Paragraph(words)]
+    rows = [
+        (
+            one.name.replace("_", " "),
+            f"{100 * one.value:.3g} %" if one.unit == "%" else f"{one.value:.3g} {one.unit}",
+            one.limited_by or "not limited in the range tried",
+        )
+        for one in verification.tolerances
+    ]
+    columns = ("Largest tolerance, the others as in the box", "either way", "condition not proved beyond")
+    return [Paragraph(words), Text(""), Table(columns, rows, left=3)]
+
+
 def _facts(verification: Verification) -> list[tuple[str, str]]:
     reading = {1.0: " (SI)", 3.6: " (as published)"}.get(verification.inertia_scale, "")
-    without = verification.law == "layered" and verification.K == 0.0
+    unit = "N m/s" if verification.law == "predictive" else "N m"
     return [
         ("Law", _LAWS[verification.law]),
-        ("K", "none, as there is no law" if without else f"{verification.K:.5g} N m"),
+        ("K", f"{verification.K:.5g} {unit}"),
         *([] if verification.D is None else [("D", f"{verification.D:.5g} N m/(m/s)")]),
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),

@@ -25,7 +25,6 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Vehicle
 
-from .layered import SPEEDS_KMH, RailAdhesion
 from .limit_cycles import (
     LINEAR_CHANGE,
     LimitCycle,
@@ -39,9 +38,10 @@ from .limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
+from .rails import SPEEDS_KMH, RailAdhesion
 from .relay_loop import TABLE4_SLIDING, SlidingExistence, SurfaceLoop
 from .robust import LAYER_WIDTH, effective_torque
-from .verdict import Condition
+from .verdict import RULE, Condition, checked_at
 
 _RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
 _STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
@@ -441,10 +441,12 @@ def _conditions(effects: tuple[ActuatorEffect, ...]) -> tuple[Condition, ...]:
     acting = {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence}
     ran = {"runs": runs, "K": gains.K, "k": gains.k}
     return (
-        Condition("sliding exists behind the actuator", slides, "symbolic", acting, claimed=True),
-        Condition("the relay's own cycle spares the wheel", spares, "sampled", about),
+        Condition("sliding exists behind the actuator", slides, RULE, acting, claimed=True),
+        Condition("the relay's own cycle spares the wheel", spares, checked_at(len(effects)), about),
         Condition("the law behind the actuator spares the wheel", law_spares, "simulated", ran, claimed=True),
-        Condition("the adaptive loop is stable behind the actuator", stable, "sampled", about, claimed=True),
+        Condition(
+            "the adaptive loop is stable behind the actuator", stable, checked_at(len(effects)), about, claimed=True
+        ),
     )
 
 
@@ -469,8 +471,8 @@ def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tupl
     asked = effective_torque(vehicle)
     numbers = {"K": K, "layer": LAYER_WIDTH, "stable": stable, "carried": carried, "asked": asked}
     conditions = (
-        Condition("the layer is stable behind the actuator", all(stable.values()), "sampled", numbers),
-        Condition("the relay slides behind the actuator", existence.exists, "symbolic", {"existence": existence}),
+        Condition("the layer is stable behind the actuator", all(stable.values()), checked_at(len(stable)), numbers),
+        Condition("the relay slides behind the actuator", existence.exists, RULE, {"existence": existence}),
     )
     all_hold = all(one.holds for one in conditions)
     return conditions, VariantsBehind(min(carried.values()), asked, all_hold)

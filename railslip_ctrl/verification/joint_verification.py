@@ -1,7 +1,7 @@
 """`verify`: which claims of [Park2008] (33)-(49) hold, which a robust law keeps, and what lag and dead time do.
 
 The conditions of `published_law` and `robust` are about the loop without the actuator: what fails there fails before
-lag and dead time, which `actuator_effects` and `layered_conditions` put in.
+lag and dead time, which `actuator_effects` puts in; `predictive` is the law that accounts for them.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
 from .actuator_effects import PublishedBehind, VariantsBehind, published_behind_actuator, variants_behind_actuator
-from .layered import PUBLISHED_ADHESION, RailAdhesion
-from .layered_conditions import LayeredFindings, verify_layered
+from .predictive import verify_predictive
 from .published_law import lyapunov_conditions, reaching_conditions
+from .rails import PUBLISHED_ADHESION, RailAdhesion
 from .robust import design_gain, robust_conditions
 from .verdict import Verification
 
@@ -28,15 +28,18 @@ LEAST_D = 0.1  # N m/(m/s): below it D0 is less than 1e-3 1/s and nothing is rea
 INERTIA_SCALES = (0.5, 10.0)  #: between them a stop takes seconds to minutes
 LARGEST_SEED = 2**31
 
-Law = Literal["paper", "robust", "layered"]
+Law = Literal["paper", "robust", "predictive"]
 
 
 @dataclass(frozen=True)
 class FullVerification:
-    """All conditions, and what an engineer may conclude from: `report.verification.conclusion_text`."""
+    """All conditions, and what an engineer may conclude from: `report.verification.conclusion_text`.
+
+    findings: None for the predictive law, whose conditions are its own.
+    """
 
     verification: Verification
-    findings: PublishedBehind | VariantsBehind | LayeredFindings
+    findings: PublishedBehind | VariantsBehind | None
 
 
 @checked
@@ -72,35 +75,23 @@ def verify_with_actuator(
     D: float | None = None,
     seed: int = 2008,
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
-    ki_min: float | None = None,
 ) -> FullVerification:
-    """Decide every condition of a law, the actuator's included, from 100 km/h on.
+    """Decide every condition of a law, the actuator's included.
 
     law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
-    "layered", the design that accounts for the actuator (`layered`), tuned for the vehicle, whose `inertia_scale` is
-    the reading. K (0 to 1e4 N m), D (0.1 to 1e4 N m/(m/s)): gains of the law; left out, Table 4's, bristle column; K of
-    the robust law 1.1 times what (40) asks over the published run, Ta and v' estimated to 10 %; of the layered law,
-    which has no D, 1.05 times what its bound and a holding torque known to 10 % ask. seed: first of sampled and
-    simulated conditions, 0 to 2^31. adhesion: law, rails and reference slip of the layered law; the others are verified
-    for the published bristle model on both rails alone. ki_min: least integral gain of the layered law, N*m/m, > 0;
-    left out, 100 times the inertia scale.
+    "predictive", the law that slides behind the actuator, decided over a box of speed, slip and load. K (0 to 1e4; N*m,
+    of the predictive law N*m/s), D (0.1 to 1e4 N*m/(m/s)): gains; left out, Table 4's, bristle column; K of the robust
+    law 1.1 times what (40) asks over its box; the predictive law's own, which has no D. seed: first of sampled and
+    simulated conditions, 0 to 2^31. adhesion: static law, rails and reference slip of the predictive law, which takes
+    the bristle model by its static curve; the others are verified for the published bristle model on both rails alone.
 
-    InputError for a value outside its range, or an argument that the law does not have; DomainError, KinkError for a
-    reference slip at which the adhesion law does not hold, or cannot be linearised.
+    InputError for a value outside its range, or an argument that the law does not have.
     """
-    if law == "layered":
+    if law == "predictive":
         if D is not None:
-            raise InputError(f"D: {D:g} is not allowed; the layered law has no D, leave it out")
-        if K == 0.0:
-            raise InputError(
-                f"K: 0 is not allowed; the layered law takes a value > 0 up to {LARGEST_GAIN:g} (N*m), or leave it out"
-            )
+            raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
         _check_ranges(vehicle, K, None, seed)
-        if ki_min is not None:
-            number("ki_min", ki_min, "N*m/m", gt=0)
-        return FullVerification(*verify_layered(vehicle, adhesion, K=K, seed=seed, ki_min=ki_min))
-    if ki_min is not None:
-        raise InputError(f"ki_min: {ki_min:g} is not allowed; the law {law!r} is not tuned, leave it out")
+        return FullVerification(verify_predictive(vehicle, adhesion, K=K, seed=seed), None)
     _check_bristle(law, adhesion)
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
     damping = PUBLISHED_LAW.D if D is None else D
@@ -133,6 +124,6 @@ def _check_bristle(law: Law, adhesion: RailAdhesion) -> None:
             value = f"{value:g}" if isinstance(value, float) else value
             raise InputError(
                 f"{name}: {value} does not go with the law {law!r}, whose conditions are decided over sets, runs and "
-                "limit cycles of the published bristle model; leave it out, or take the law 'layered', which is "
-                "verified for any"
+                "limit cycles of the published bristle model; leave it out, or take the law 'predictive', which is "
+                "verified for any static law"
             )

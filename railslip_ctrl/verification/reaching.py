@@ -6,11 +6,13 @@ Td is a fraction q of the acting torque, which is the law's own: Tb = Ueq + D s 
 
 so that (40) asks K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|: D |s| helps in full, and c/(1 - c) of |Ueq|, in it
 (J/r) rho e, is added. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are part of d.
-That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a and b alone, and monotone in q, hence
+The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
+That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j alone, and monotone in q, hence
 largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
 in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
 
-`search` looks for a counterexample independently of that: the torque is the law's, Td its fraction, s' the plant's.
+`search` looks for a counterexample independently of that: the torque is the law's, s' the plant's with theta_tilde' phi
+in it, which the bound leaves to the adaptation.
 """
 
 from __future__ import annotations
@@ -61,10 +63,12 @@ Range = tuple[float, float]
 class ReachingSet:
     """The box over which (40) is asked; ranges are (lowest, highest).
 
-    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction < 1; resistance: Fr, N; adhesion_torque: Ta,
-    N*m; speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the
-    inertia scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta -
-    1 and v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction < 1; brake_gain: error of the brake's gain, a
+    share either way < 1; inertia_error: the law's J over the wheel's, less 1; torque_limits: of the command, N*m;
+    resistance: Fr, N; adhesion_torque: Ta, N*m; speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip)
+    v/r; mass: true mass, kg, without the inertia scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s;
+    torque_error, rate_error: Ta_hat/Ta - 1 and v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the
+    largest mass, linear in between.
     """
 
     random_torque: float
@@ -78,7 +82,16 @@ class ReachingSet:
     theta_hat2: Range = (0.0, 0.0)
     torque_error: Range = (0.0, 0.0)
     rate_error: Range = (0.0, 0.0)
+    inertia_error: Range = (0.0, 0.0)
+    brake_gain: float = 0.0
+    torque_limits: Range = (-math.inf, math.inf)
     heavier: float = 1.0
+
+    @property
+    def share(self) -> Range:
+        """What acts over what the law commands, (1 + Td/Tb) times the brake's gain, less 1."""
+        c, g = self.torque_fraction, self.brake_gain
+        return (1.0 - c) * (1.0 - g) - 1.0, (1.0 + c) * (1.0 + g) - 1.0
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
@@ -104,7 +117,7 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     """The published run on dry rail: 100 to 5 km/h, from free rolling to twice the reference slip, empty to loaded.
 
     The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
-    the random force are the loaded wheel load's where the vehicle is loaded. The estimates are right.
+    the random force follow the wheel load, see `load_ratio`. The estimates are right.
     """
     speed = INITIAL_SPEED_KMH * KMH
     return replace(
@@ -113,8 +126,15 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
         speed=(LOWEST_SPEED_KMH * KMH, speed),
         slip=(0.0, 2.0 * reference_slip()),
         mass=(vehicle.mass, vehicle.mass_loaded),
-        heavier=vehicle.wheel_load_loaded / vehicle.wheel_load,
+        heavier=load_ratio(vehicle),
     )
+
+
+def load_ratio(vehicle: Vehicle) -> float:
+    """Wheel load loaded over empty; that of the masses where the vehicle gives one wheel load for both."""
+    if vehicle.wheel_load_loaded != vehicle.wheel_load:
+        return vehicle.wheel_load_loaded / vehicle.wheel_load
+    return vehicle.mass_loaded / vehicle.mass
 
 
 def reference_slip(rail: Rail = Rail.DRY) -> float:
@@ -195,15 +215,16 @@ _HATS = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
 _Mn, _Mp, _Bn, _rho = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "rho"))
 
 _ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 1, v'_hat/v' - 1
+_INERTIA_ERROR = sp.Symbol("j", real=True)  # J of the law over the wheel's, less 1
 
-BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS)
+BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS, _INERTIA_ERROR)
 """What the bound is affine in, one at a time."""
 
 _PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
-    """s' under (45) less theta_tilde' phi_hat, phi_hat = (Ta_hat, omega), m/s^2, with Td = (share - 1) Tb.
+    """s' under (45) less theta_tilde' phi_hat, phi_hat = (Ta_hat, omega), m/s^2; share times the law's torque acts.
 
     That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
     """
@@ -211,7 +232,9 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
     seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
     hats = dict(zip((sliding_symbol("Ta_hat"), sliding_symbol("v_rate_hat")), estimates, strict=True))
     # share - 1 first: the torque that Td is a fraction of has the estimates in it
-    disturbed = made.error_dynamics.subs(plant.Td, (share - 1) * made.adaptive_law_control.subs(seen))
+    commanded = sp.expand(made.adaptive_law_control.subs(seen))
+    acting = share * commanded.subs(plant.J, plant.J * (1 + _INERTIA_ERROR)) - commanded
+    disturbed = made.error_dynamics.subs(plant.Td, acting)
     tilde = [sliding_symbol(f"theta{i}_tilde") for i in (1, 2)]
     taken = sum(one * phi.subs(seen) for one, phi in zip(tilde, made.phi, strict=True))
     rate = disturbed + made.estimation_disturbance.subs(hats) - taken
@@ -249,9 +272,9 @@ def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW
 
 def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
     """What (40) asks of K, N*m, at every corner, in an order that does not depend on the numbers."""
-    random, c = (-box.random_torque, box.random_torque), box.torque_fraction
+    random = (-box.random_torque, box.random_torque)
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
-    errors, sides = (box.torque_error, box.rate_error), ((-1.0, 1.0), (-c, c))
+    errors, sides = (box.torque_error, box.rate_error, box.inertia_error), ((-1.0, 1.0), box.share)
     loads = ((box.mass[0], 1.0), (box.mass[1], box.heavier))
     corners = [
         (1.0 / (vehicle.inertia_scale * mass), factor * Tr, Fr, factor * Ta, *others)
@@ -300,8 +323,9 @@ def tolerated_error(
 # --- a counterexample, searched ---------------------------------------------------------------------------------------
 
 
-SEARCHED = ("v", "slip", "Ta", "M", "Tr", "Td/Tb", "theta_hat1", "theta_hat2", "a", "b", "side")
-"""Coordinates: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1, and sgn s by its sign."""
+SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")
+"""Coordinates: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1,
+J of the law over the wheel's less 1, and sgn s by its sign."""
 
 _RANDOM_POINTS, _STARTS = 20_000, 2
 
@@ -316,49 +340,53 @@ class WorstPoint:
 
 
 def surface_rate(
-    vehicle: Vehicle, gains: LawGains, state: Sequence[Any], acting: Sequence[Any], s: Any, hats: Sequence[Any]
+    vehicle: Vehicle,
+    gains: LawGains,
+    state: Sequence[Any],
+    acting: Sequence[Any],
+    s: Any,
+    hats: Sequence[Any],
+    *,
+    limits: Range = (-math.inf, math.inf),
 ) -> Any:
     """s', m/s^2, from the plant's rates on dry rail under (45); arrays of one shape.
 
-    state: v (m/s), slip, z (m), its Ta (N*m), mass (kg); acting: Tr (N*m), Td/Tb; s: m/s, switching by its sign bit;
-    hats: theta_hat1, theta_hat2, and Ta_hat/Ta - 1, v'_hat/v' - 1. s is free of e: any s belongs to some integral of
-    it. The law's nominal parameters are the vehicle's.
+    state: v (m/s), slip, z (m), its Ta (N*m), mass (kg); acting: Tr (N*m), acting over commanded torque less 1; s: m/s,
+    switching by its sign bit; hats: theta_hat1, theta_hat2, Ta_hat/Ta - 1, v'_hat/v' - 1, and the law's J over the
+    wheel's less 1; limits: of the command, N*m. s is free of e: any s belongs to some integral of it. The law's other
+    nominal parameters are the vehicle's.
     """
     functions, parameters = bristle_plant(vehicle)
-    (v, slip, z, Ta, mass), (Tr, fraction), (theta1, theta2, a, b) = state, acting, hats
+    (v, slip, z, Ta, mass), (Tr, fraction), (theta1, theta2, a, b, j) = state, acting, hats
     slip_d, r = reference_slip(), vehicle.wheel.radius
     sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
     p = (vehicle.inertia_scale * mass, *parameters[1:])
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
     control = derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
-    measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
+    measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, (1.0 + j) * J, r)
     Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
+    Tb = np.clip(Tb, *limits)
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
     return slip_d * rates[0] - rates[1] + gains.rho * e
 
 
-def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0) -> Floats:
-    """s' sgn s, m/s^2, at points of `SEARCHED` (11, n) with |s| = surface, m/s, less theta_tilde' phi_hat sgn s.
-
-    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
-    """
-    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, side = points
+def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, **limits: Range) -> Floats:
+    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s; `limits` as of `surface_rate`."""
+    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, p = bristle_plant(vehicle)
     sign, r = np.where(side >= 0, 1.0, -1.0), vehicle.wheel.radius
     # the force is proportional to the adhesion state
     z = Ta / (r * functions.force(v, slip * v, np.ones_like(v), 0.0, 0.0, 0.0, p))
-    state, hats = (v, slip, z, Ta, mass), (theta1, theta2, a, b)
-    rate = surface_rate(vehicle, gains, state, (Tr, fraction), sign * surface, hats)
-    theta1_tilde = (1.0 / (vehicle.inertia_scale * mass) - 1.0 / vehicle.effective_mass) / r - theta1
-    taken = theta1_tilde * ((1.0 + a) * Ta) - theta2 * ((v - slip * v) / r)
-    return np.asarray(sign * (rate - taken), dtype=float)
+    state, hats = (v, slip, z, Ta, mass), (theta1, theta2, a, b, j)
+    rate = surface_rate(vehicle, gains, state, (Tr, fraction), sign * surface, hats, **limits)
+    return np.asarray(sign * rate, dtype=float)
 
 
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) -> WorstPoint:
-    """Largest `approach` over the corners of the box and random points in it, then uphill from the best (L-BFGS-B).
+    """Largest s s'/|s| at s -> 0 over the corners of the box and random points in it, then uphill (L-BFGS-B).
 
-    The resistance is the vehicle's own at the speed.
+    The resistance is the vehicle's own at the speed; the command is held within the box's limits.
     """
     from scipy.optimize import minimize
 
@@ -370,7 +398,7 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) ->
         nonlocal evaluated
         columns = shares.reshape(len(SEARCHED), -1)
         evaluated += columns.shape[1]
-        return approach(points_of(box, columns), vehicle, gains)
+        return approach(points_of(box, columns), vehicle, gains, limits=box.torque_limits)
 
     tried = np.hstack((corners, inside))
     starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
@@ -380,10 +408,10 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) ->
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (11, n); Ta and Tr grow with the mass."""
-    random, fraction = (-box.random_torque, box.random_torque), (-box.torque_fraction, box.torque_fraction)
-    known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error)
-    sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, fraction, *known, (-1.0, 1.0))
+    """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (12, n); Ta and Tr grow with the mass."""
+    random = (-box.random_torque, box.random_torque)
+    known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)
+    sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, box.share, *known, (-1.0, 1.0))
     low, high = np.array(sides).T[:, :, None]
     points = np.asarray(low + (high - low) * shares, dtype=float)
     points[[2, 4]] *= 1.0 + (box.heavier - 1.0) * shares[3]

@@ -4,27 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, Literal
+from typing import Any
 
 from railslip_ctrl.core.records import dataclass
 
-How = Literal["symbolic", "sampled", "simulated"]
-"""Proved with SymPy or in closed form; evaluated over a stated set; read off simulated runs."""
+RULE = "relative degree"
+"""How, of sliding that a delay or a relative degree above 1 from the relay to s rules out."""
+
+CORNERS = "checked at the corners"
+"""How, of a bound affine in each quantity alone (proved with SymPy), evaluated in floats at the corners of a box."""
+
+
+def checked_at(points: int) -> str:
+    """How, of a condition that was evaluated in floats at points."""
+    return f"checked at {points} points"
 
 
 @dataclass(frozen=True)
 class Condition:
     """A condition by its name, unique in a verification; its words are in `report.verification`.
 
-    holds, how: None where it was not decided, as what it is about does not exist. numbers: what decided it, or under
-    "missing" what does not exist. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from 100 km/h down
-    to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may have wrong, by
-    name, and by which share either way; inf without bound.
+    holds, how: None where it was not decided. how: "symbolic", proved with SymPy or in closed form; "proved over
+    the box", by interval arithmetic; "counterexample", a point of it; `RULE`; `CORNERS`; `checked_at`; "simulated",
+    read off runs. numbers: what decided it. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from 100
+    km/h down to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may have
+    wrong, by name, and by which share either way; inf without bound.
     """
 
     name: str
     holds: bool | None
-    how: How | None
+    how: str | None
     numbers: Mapping[str, Any] = field(default_factory=dict)
     claimed: bool = False
     down_to_kmh: float | None = None
@@ -32,11 +41,22 @@ class Condition:
 
 
 @dataclass(frozen=True)
+class Tolerance:
+    """The largest value of one quantity, the others as in the box, up to which every condition named still holds."""
+
+    name: str
+    value: float
+    limited_by: str
+    unit: str
+
+
+@dataclass(frozen=True)
 class Verification:
     """The conditions of a law, in order, and what they were decided for.
 
-    `law` is "paper" (with the robust variants' conditions), "robust" or "layered"; K (N*m) and D (N*m/(m/s); None for
-    the layered law) are that law's; `seed` is where random numbers start.
+    `law` is "paper" (with the robust variants' conditions), "robust" or "predictive"; K (N*m; N*m/s for the
+    predictive law) and D (N*m/(m/s); None for it) are that law's; `seed` is where random numbers start. box,
+    tolerances: of a law that is decided over a box.
     """
 
     law: str
@@ -45,6 +65,8 @@ class Verification:
     D: float | None
     seed: int
     conditions: tuple[Condition, ...]
+    box: Mapping[str, Any] = field(default_factory=dict)
+    tolerances: tuple[Tolerance, ...] = ()
 
     @property
     def all_hold(self) -> bool:

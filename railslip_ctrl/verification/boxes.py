@@ -1,0 +1,246 @@
+"""Interval arithmetic: SymPy expressions and adhesion laws on balls, and the largest value of a function over a box.
+
+Balls are python-flint's `arb`: a midpoint and a radius, rounded outward, so that the ball of a result holds every
+value that the arguments' balls allow. `largest` divides a box until the enclosure of the largest value is narrow.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from itertools import count, pairwise
+from typing import Any
+
+import sympy as sp
+from flint import acb, arb
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.adhesion.curve import Curve
+
+Box = Mapping[str, tuple[float, float]]
+"""Ranges, (lowest, highest), by the name of the quantity."""
+
+
+def ball(low: float, high: float) -> arb:
+    """The smallest ball that holds a range."""
+    return arb(low).union(arb(high))
+
+
+def upper(value: arb) -> float:
+    """An upper end of a ball as a double, rounded up; inf for a ball that is not finite."""
+    if value.is_exact() and arb(float(value)) == value:
+        return float(value)
+    return math.nextafter(float(value.upper()), math.inf) if value.is_finite() else math.inf
+
+
+# --- SymPy expressions on balls ---------------------------------------------------------------------------------------
+
+
+def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
+    """An increasing function of a ball by its two ends: narrower than by midpoint and radius."""
+    return lambda x: function(x.lower()).union(function(x.upper()))
+
+
+def _pieces(*parts: arb) -> arb:
+    """The hull of the pieces that may apply: value and slack in turn, then the last value.
+
+    A piece may apply where its slack can be >= 0; where the slack is certainly > 0 no later piece does.
+    """
+    possible = []
+    for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
+        if slack < 0:
+            continue
+        possible.append(value)
+        if slack > 0:
+            break
+    else:
+        possible.append(parts[-1])
+    hull = possible[0]
+    for one in possible[1:]:
+        hull = hull.union(one)
+    return hull
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "exp": _monotone(lambda x: x.exp()),
+    "tanh": _monotone(lambda x: x.tanh()),
+    "atan": _monotone(lambda x: x.atan()),
+    "log": lambda x: x.log(),
+    "sqrt": lambda x: x.sqrt(),
+    "Abs": abs,
+    "pieces": _pieces,
+    "ratio": lambda p, q: arb(p) / q,
+}
+
+
+def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **functions: Any) -> Callable[..., Any]:
+    """A function from balls to the list of enclosures of some expressions in `arguments`.
+
+    functions: enclosures of the SymPy functions that an expression has of its own, by name. InputError for a function
+    without enclosure.
+    """
+    known = {**_FUNCTIONS, "pi": arb.pi(), **functions}
+    exact = [_exact(expression) for expression in expressions]
+    for function in {type(one) for each in exact for one in each.atoms(sp.Function)}:
+        if function.__name__ not in known:
+            raise InputError(f"adhesion: {function.__name__} has no interval enclosure; take a law without it")
+    made: Callable[..., Any] = sp.lambdify(list(arguments), exact, modules=[known], cse=True)
+    return made
+
+
+def _exact(expression: sp.Expr) -> sp.Expr:
+    """The expression with pieces as a function of their slacks, and fractions that Python would round as quotients."""
+    pieces, ratio = sp.Function("pieces"), sp.Function("ratio")
+
+    def split(one: sp.Piecewise) -> sp.Expr:
+        parts: list[sp.Expr] = []
+        for value, condition in one.args[:-1]:
+            if not isinstance(condition, (sp.Le, sp.Lt, sp.Ge, sp.Gt)):
+                raise InputError(f"adhesion: the condition {condition} has no interval enclosure; take <= or >=")
+            parts += [value, condition.gts - condition.lts]
+        return pieces(*parts, one.args[-1][0])
+
+    whole = expression.replace(lambda x: isinstance(x, sp.Piecewise), split)
+    return whole.replace(lambda x: x.is_Rational and not x.is_Integer, lambda x: ratio(x.p, x.q))
+
+
+# --- adhesion laws on balls -------------------------------------------------------------------------------------------
+
+
+Enclosure = Callable[[arb, arb, arb], list[arb]]
+"""From v (m/s), slip and N (N) to F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
+
+_CURVE_STEP = (
+    1.0 / 4096.0
+)  # of slip, between nodes: a curve's slope near its peak is then within 1 % of the pole's range
+
+
+def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
+    """Force of a static law in braking, slip > 0, and its derivatives, on balls.
+
+    InputError: a law with a state, or with a function that has no enclosure.
+    """
+    if law.has_state:
+        raise InputError(
+            f"adhesion: {law.name} has a state, and verdicts over boxes are for static laws; take its static curve "
+            "('curve') or another static law"
+        )
+    v, slip, N = sp.Symbol("v", positive=True), sp.Symbol("slip", positive=True), sp.Symbol("N", positive=True)
+    statement = law.statement()
+    force = statement.force.subs({symbol("sigma"): slip * v, symbol("v"): v, symbol("N"): N})
+    own = {"BristleCurve": _curve_on_balls(law)} if isinstance(law, Curve) else {}
+    symbols = law.symbols()
+    made = on_balls([v, slip, N, *symbols], [force, sp.diff(force, slip), sp.diff(force, v)], **own)
+    values = [arb(one) for one in law.parameters()]
+    return lambda v, slip, N: [one if isinstance(one, arb) else arb(one) for one in made(v, slip, N, *values)]
+
+
+def _curve_on_balls(law: Curve) -> Callable[..., arb]:
+    """F of `Curve` on a ball of slip ratios >= 0.
+
+    F' has the sign of G - F with G = (gamma - s)/beta, which falls: F rises to where it meets G and falls from there.
+    So the ends of a range bound F unless the peak is in it, and then G at the lower end does.
+    """
+
+    alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
+
+    def level(slip: arb) -> arb:
+        return (gamma - slip * v0) / beta
+
+    def hull(first: arb, at_first: arb, last: arb, at_last: arb) -> arb:
+        if at_last < level(last):  # it still rises there
+            most = at_last.upper()
+        else:
+            most = at_first.upper() if at_first > level(first) else level(first).upper()
+        return at_first.min(at_last).lower().union(most)
+
+    def at(slip: arb) -> arb:
+        index = int((slip / _CURVE_STEP).floor().unique_fmpz())
+        start, force = arb(index * _CURVE_STEP), _curve_node(law, index)
+        around = hull(start, force, arb((index + 1) * _CURVE_STEP), _curve_node(law, index + 1))
+        s = start.union(slip) * v0
+        slope = v0 * alpha * (1 - beta * around / (gamma - s)) * s / R
+        return force + slope * (slip - start)
+
+    def force(slip: arb, *_: arb) -> arb:
+        first, last = slip.lower(), slip.upper()
+        if not (first >= 0 and last < arb(law.domain_limit(1.0)[0] - 2.0 * _CURVE_STEP)):
+            return arb("nan")
+        return hull(first, at(first), last, at(last))
+
+    return force
+
+
+@cache
+def _curve_node(law: Curve, index: int) -> arb:
+    """F at slip index * step, by validated integration of variation of constants, see `curve.curve_force`."""
+    alpha, beta, gamma, R = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R))
+    c, s = alpha * beta / R, arb(index * _CURVE_STEP) * arb(law.v0)
+
+    def integrand(t: acb, analytic: bool) -> acb:
+        back = s - t
+        return t * (-c * (gamma * (1 + back / (gamma - s)).log(analytic) - back)).exp()
+
+    if index == 0:
+        return arb(0)
+    return (alpha / R * acb.integral(integrand, 0, s)).real
+
+
+# --- the largest value over a box -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Largest:
+    """The largest value of a function over a box lies between `attained`, at `point`, and `bound`.
+
+    `bound` is rounded outward; `attained` is the lower end of the enclosure at the point. parts: boxes examined.
+    """
+
+    attained: float
+    bound: float
+    point: Mapping[str, float]
+    parts: int
+
+
+def largest(
+    function: Callable[[Mapping[str, arb]], arb], box: Box, *, relative: float, absolute: float = 0.0, most: int = 2000
+) -> Largest:
+    """Enclose the largest value of a function over a box by branch and bound.
+
+    The part with the largest upper bound is halved along the quantity that the enclosure there depends on most, until
+    bound and attained value differ by no more than `relative` times the latter or `absolute`, or `most` parts were
+    examined.
+    """
+    order, attained, at = count(), -math.inf, dict.fromkeys(box, math.nan)
+
+    def examined(part: dict[str, tuple[float, float]]) -> tuple[float, int, dict[str, tuple[float, float]]]:
+        nonlocal attained, at
+        middle = {name: 0.5 * (low + high) for name, (low, high) in part.items()}
+        value = function({name: arb(x) for name, x in middle.items()})
+        if value.is_finite() and float(value.lower()) > attained:
+            attained, at = math.nextafter(float(value.lower()), -math.inf), middle
+        return -upper(function({name: ball(*ends) for name, ends in part.items()})), next(order), part
+
+    parts = [examined(dict(box))]
+    while True:
+        bound = -parts[0][0]
+        narrow = bound - attained <= max(relative * abs(attained), absolute)
+        if narrow or next(order) > most or all(low == high for low, high in parts[0][2].values()):
+            return Largest(attained, bound, at, next(order))
+        _, _, part = heapq.heappop(parts)
+        name = _widest(function, part)
+        low, high = part[name]
+        for half in pairwise((low, 0.5 * (low + high), high)):
+            heapq.heappush(parts, examined({**part, name: half}))
+
+
+def _widest(function: Callable[[Mapping[str, arb]], arb], part: dict[str, tuple[float, float]]) -> str:
+    """The quantity whose fixing at its middle lowers the upper bound most."""
+    whole = {name: ball(*ends) for name, ends in part.items()}
+    wide = [name for name, (low, high) in part.items() if low < high]
+    return min(wide, key=lambda name: upper(function({**whole, name: arb(0.5 * sum(part[name]))})))

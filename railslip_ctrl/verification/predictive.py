@@ -1,0 +1,491 @@
+"""The predictive sliding-mode law behind its actuator: conditions proved over boxes, and the largest tolerances.
+
+With T+ the acting torque ahead of the dead time, H the torque that holds the reference slip and H_hat its estimate,
+
+    S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi)
+
+(`sliding.predictive`). H is split into a part of bounded rate, |H'| <= R, and a bounded part |n| that may jump: the
+random force, and the errors of the believed dead time, lag and inertia. Filters of unit gain then give
+
+    |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R,    tau the larger of the observer's time constants.
+
+S - (1 + kappa theta) n_hat falls while K > d = kappa (tau R + 2 n) + (1 + kappa theta) R. So S reaches the tube
+phi + 2 (1 + kappa theta) n; without n that is the layer itself. The torque is off H by at most
+
+    dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
+
+P the largest size of the slip pole and R0 the rate of H at rest: they are finite together while P (theta + tau) < 1.
+P, R0 and the range of H are enclosed over the box of speed, slip, load and rail (`boxes.largest`); the rest is
+arithmetic on balls. The law is taken in continuous time, its reference constant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from functools import cache
+from typing import Any, NamedTuple, Self
+
+import sympy as sp
+from flint import arb
+
+from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
+
+from .boxes import Box, Enclosure, Largest, adhesion_on_balls, largest, on_balls, upper
+from .rails import RailAdhesion
+from .reaching import ADHESION_NOISE, Range, load_ratio
+from .verdict import Condition, Tolerance, Verification
+
+PROVED, COUNTEREXAMPLE = "proved over the box", "counterexample"
+REACHING_AT_ONCE = "reaching at once"
+
+_INFINITE = arb.pos_inf()
+_LEAST_SLIP = 1e-4  # of the box: the laws are enclosed in braking, slip > 0
+_LEAST_LAG = 1e-3  # s: a brake without lag follows any rate
+_LOWEST_KMH = 10.0  #: the lowest speed that is looked for
+
+
+@dataclass(frozen=True)
+class PredictiveGains:
+    """The law's gains and what it believes of wheel and brake.
+
+    kappa, k: 1/s; K: N*m/s; phi: N*m; observer_time, deceleration_time, dead_time, lag: s; radius: m; wheel_inertia:
+    kg*m^2; viscous_friction: N*m*s; torque_max: N*m.
+    """
+
+    kappa: float
+    k: float
+    K: float
+    phi: float
+    observer_time: float
+    deceleration_time: float
+    dead_time: float
+    lag: float
+    radius: float
+    wheel_inertia: float
+    viscous_friction: float
+    torque_max: float
+
+    @classmethod
+    def for_vehicle(cls, vehicle: Vehicle, **given: float) -> Self:
+        """The gains of the prototype, with the seeking controller's filters and torque limit; `given` replaces some."""
+        inner = Seeking.for_vehicle(vehicle)
+        rules = {
+            **{"kappa": 1.8, "k": 2.0, "K": 4500.0, "phi": 400.0, "torque_max": inner.torque_max},
+            **{"observer_time": inner.observer_time, "deceleration_time": inner.deceleration_time},
+            **{"dead_time": vehicle.actuator.dead_time, "lag": vehicle.actuator.lag, "radius": vehicle.wheel.radius},
+            "wheel_inertia": vehicle.effective_inertia,
+            "viscous_friction": vehicle.effective_viscous_friction,
+        }
+        return cls(**{**rules, **given})
+
+
+@dataclass(frozen=True)
+class PredictiveBox:
+    """The box of the conditions; the last seven are what the law does not know, 0 for exact.
+
+    speed_kmh: range, km/h. slip: half of the range of slip ratios, a share of the reference. surface: largest |S|, N*m;
+    error: largest |e_hat|, m/s. brake_gain, dead_time, lag, radius, train_speed, inertia: errors, shares either way.
+    random_force: bound in standard deviations of the published force, which grows with the wheel load. The mass is
+    empty to loaded, and the wheel load follows it.
+    """
+
+    speed_kmh: tuple[float, float] = (60.0, INITIAL_SPEED_KMH)
+    slip: float = 0.05
+    surface: float = 600.0
+    error: float = 0.5
+    brake_gain: float = 0.0
+    dead_time: float = 0.0
+    lag: float = 0.0
+    radius: float = 0.0
+    train_speed: float = 0.0
+    inertia: float = 0.0
+    random_force: float = 0.0
+
+
+#: errors that are asked of the law together, beside the random force, which has conditions of its own
+ASKED = {"brake_gain": 0.15, "dead_time": 0.1, "lag": 0.1, "radius": 0.01, "train_speed": 0.01, "inertia": 0.05}
+RANDOM_FORCE = 3.0  #: bound of the random force, standard deviations
+
+
+# --- the holding torque, from the plant -------------------------------------------------------------------------------
+
+_F, _F_slip, _F_v = sp.symbols("F F_slip F_v", real=True)
+_reference = sp.Symbol("lambda_d", positive=True)
+_off = sp.Symbol("off", real=True)  # torque less the holding torque, N*m
+_KNOWN = (plant.v, plant.slip, plant.M, plant.J, plant.B, plant.r, plant.Fr0, plant.Fr1, plant.Fr2, _reference)
+
+
+@cache
+def holding_torque() -> tuple[sp.Expr, ...]:
+    """H (N*m), minus the part of its rate by the torque that is off (1/s), its rates with none off, and -v' (m/s^2).
+
+    H is the torque Tb with e' = 0, e = lambda_d v - sigma. Its two parts, that of the wheel's torques and that of the
+    train's deceleration, are filtered on their own: of the rates the sizes are added.
+    """
+    motion = plant.motion()
+    known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
+    v_rate, sigma_rate = motion.v_rate.subs(known), motion.sigma_rate.subs(known)
+    hold = sp.expand(sp.solve(_reference * v_rate - sigma_rate, plant.Tb)[0])
+    decelerating = sp.expand(-plant.J / plant.r * (1 - _reference) * v_rate)
+    slip_rate = (sigma_rate.subs(plant.Tb, hold + _off) - plant.slip * v_rate) / plant.v
+
+    def rate(part: sp.Expr) -> sp.Expr:
+        along = sp.diff(part, _F) * (_F_slip * slip_rate + _F_v * v_rate)
+        return sp.expand(along + sp.diff(part, plant.v) * v_rate + sp.diff(part, plant.slip) * slip_rate)
+
+    rates = [rate(part) for part in (hold - decelerating, decelerating)]
+    pole = sum(sp.Abs(sp.factor(sp.diff(one, _off))) for one in rates)
+    drift = sum(sp.Abs(sp.factor(one.subs(_off, 0))) for one in rates)
+    return hold, pole, drift, -v_rate
+
+
+_POLE_WIDTH = 0.02  # relative, of its enclosure: d grows with it, and is a sum of bounds
+_DRIFT_WIDTH = 1e-3  # 1/s, of the drift's over the wheel load: 1 % of K
+
+
+class Extremes(NamedTuple):
+    """Enclosures over speed, slip and load: -H and H (N*m), P (1/s), R0 (N*m/s), the deceleration (m/s^2)."""
+
+    lowest: Largest
+    highest: Largest
+    pole: Largest
+    drift: Largest
+    deceleration: Largest
+
+
+@dataclass(frozen=True)
+class RailCase:
+    """A rail that the conditions are decided on: the law at the empty wheel load, and the reference slip."""
+
+    rail: Rail
+    law: AdhesionLaw
+    scaled: bool
+    reference: float
+
+    @classmethod
+    def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
+        """scaled: a published law keeps mu(slip) under every wheel load, by its parameters."""
+        laws = [adhesion.on(rail, one) for one in (vehicle, vehicle.loaded())]
+        scaled = laws[0].parameters() != laws[1].parameters() or isinstance(adhesion.law, str)
+        return cls(rail, laws[0], scaled, adhesion.reference(rail, vehicle))
+
+
+@cache
+def _force(law: AdhesionLaw) -> Enclosure:
+    return adhesion_on_balls(law)
+
+
+@cache
+def _expressions() -> Callable[..., Any]:
+    return on_balls([*_KNOWN, _F, _F_slip, _F_v], holding_torque())
+
+
+def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
+    """`holding_torque` on balls at `speed` (m/s), `slip` and `load`: 0 empty to 1 loaded."""
+    v, slip, load = point["speed"], point["slip"], point["load"]
+    M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
+    share = 1 + load * (arb(load_ratio(vehicle)) - 1)
+    N = arb(vehicle.wheel_load)
+    forces = _force(case.law)(v, slip, N if case.scaled else N * share)
+    if case.scaled:
+        forces = [one * share for one in forces]
+    resistance = (vehicle.resistance.constant, vehicle.resistance.linear, vehicle.resistance.quadratic)
+    wheel = (vehicle.effective_inertia, vehicle.effective_viscous_friction, vehicle.wheel.radius)
+    known = [arb(one) for one in (*wheel, *resistance, case.reference)]
+    found: list[arb] = _expressions()(v, slip, M, *known, *forces)
+    return found
+
+
+@cache
+def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], slip: tuple[float, float]) -> Extremes:
+    """Enclose them; vehicles, laws and boxes are compared by value."""
+    box: Box = {"speed": (speed_kmh[0] * KMH, speed_kmh[1] * KMH), "slip": slip, "load": (0.0, 1.0)}
+
+    def enclosed(index: int, sign: float = 1.0, *, relative: float = 0.01, absolute: float = 0.0) -> Largest:
+        def value(point: Mapping[str, arb]) -> arb:
+            return sign * evaluated(case, vehicle, point)[index]
+
+        return largest(value, box, relative=relative, absolute=absolute)
+
+    pole, drift = enclosed(1, relative=_POLE_WIDTH), enclosed(2, absolute=_DRIFT_WIDTH * vehicle.wheel_load)
+    return Extremes(enclosed(0, -1.0), enclosed(0), pole, drift, enclosed(3))
+
+
+# --- what the law needs over a box ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What the law needs over a box on a rail; bounds, rounded outward.
+
+    loop: P (theta + tau), the small gain; d: N*m/s, which K has to exceed; at_once: with the jumping part in H_hat'
+    too, N*m/s; tube: N*m, half-width about S = 0; hold: least and largest H, N*m; carried: the largest K whose torque
+    stays within the limits on S = 0, downwards and upwards, N*m/s; left: rate of S towards 0 with the valve at its end,
+    downwards and upwards, N*m/s; off: dT, N*m; rate: R, N*m/s; jump: n, N*m. Infinite where the loop can be >= 1, or
+    not finite. found: the extremes over speed, slip and load.
+    """
+
+    loop: float
+    hold: Range
+    carried: Range
+    found: Extremes
+    left: Range = (-math.inf, -math.inf)
+    d: float = math.inf
+    at_once: float = math.inf
+    tube: float = math.inf
+    off: float = math.inf
+    rate: float = math.inf
+    jump: float = math.inf
+
+
+def demand(
+    gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
+) -> Demand:
+    """Bound what the law needs; see the head of this module.
+
+    attained: from the values that the extremes have at points of the box, in place of their bounds, rounded inward.
+    """
+    kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
+    ratio = arb(gains.wheel_inertia) / gains.radius
+    tau, seen = arb(max(gains.observer_time, gains.deceleration_time)), arb(box.radius) + box.train_speed
+    # radius and train speed shift the slip seen by at most their errors
+    shift, half = upper(seen / (1 - seen)), box.slip * case.reference
+    slip = max(case.reference - half - shift, _LEAST_SLIP), case.reference + half + shift
+    found = extremes(case, vehicle, box.speed_kmh, slip)
+    low, high, pole, drift, fall = (arb(one.attained if attained else one.bound) for one in found)
+
+    def most(value: arb) -> float:
+        return -upper(-value) if attained else upper(value)
+
+    def least(value: arb) -> float:
+        return -most(-value)
+
+    heavy = arb(vehicle.wheel_load) * load_ratio(vehicle)
+    lever = arb(vehicle.wheel.radius) + ratio * (1 - arb(case.reference)) / vehicle.effective_mass
+    force = arb(box.random_force) * ADHESION_NOISE * heavy * lever
+    gain, late = arb(box.brake_gain), arb(box.dead_time) * theta + arb(box.lag) * lag
+    ahead = arb(box.surface) + ratio * kappa * box.error  # T+ less H_hat, at most
+    steepest = kappa * ahead + arb(gains.k) * box.surface + gains.K  # of T+
+    fixed, steady = force + late * (1 + gain) * steepest, drift + gain * steepest
+    lowest, highest = -low / (1 + gain), high / (1 - gain)
+    hold, carried = (lowest, highest), (lowest / lag, (gains.torque_max - highest) / lag)
+    loop = pole * (theta + tau) + 2 * arb(box.inertia)
+    known = Demand(most(loop), (least(lowest), most(highest)), (least(carried[0]), least(carried[1])), found)
+    if not loop < 1:
+        return known
+    off = (ahead + (theta + tau) * steady + 2 * fixed) / (1 - loop)
+    rate, jump, more = steady + pole * off, fixed + box.inertia * off, 1 + kappa * theta
+    # the deceleration's share of H, and of e_hat', seen wrong; and J/r of the prediction
+    wrong = 2 * seen * ratio * fall + (arb(box.radius) + box.inertia) * off
+    d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
+
+    def left(level: arb) -> float:
+        """Least rate of S with the valve at its end; `level`: from there to H_hat, N*m, T+ on the other side of it."""
+        ends = (gains.phi - ratio * kappa * box.error, ahead)
+        return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
+
+    return replace(
+        known,
+        left=(left(hold[0] - jump), left(gains.torque_max - hold[1] - jump)),
+        d=most(d),
+        at_once=most(d + more * 2 * jump / min(gains.observer_time, gains.deceleration_time)),
+        tube=most(gains.phi + 2 * more * jump),
+        off=most(off),
+        rate=most(rate),
+        jump=most(jump),
+    )
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A set |S| <= surface (N*m), |e_hat| <= error (m/s) that the law does not leave; |e| <= slip_error (m/s) in it.
+
+    Infinite where no such set was found. inside: the slip stays in the box, at its lowest speed too.
+    """
+
+    surface: float = math.inf
+    error: float = math.inf
+    slip_error: float = math.inf
+    inside: bool = False
+
+
+_ROUNDS = 40  # of the iteration, which converges by a factor of 2 a round where there is room to spare
+_INFLATED = 1.01  # a set that the map takes into itself is looked for a little beyond the fixed point
+
+
+def kept(gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
+    """A set within the layer that the law does not leave.
+
+    There S' takes |S| below d/(k + K/phi) and the tube's part. The iteration only finds the set; that the map takes it
+    into itself is checked on balls.
+    """
+    ratio, theta = arb(gains.radius) / gains.wheel_inertia, arb(gains.dead_time)
+    tau = arb(max(gains.observer_time, gains.deceleration_time))
+
+    def mapped(surface: float, error: float) -> tuple[float, float, float]:
+        one = demand(gains, vehicle, case, replace(box, surface=surface, error=error))
+        if one.d == math.inf:
+            return (math.inf,) * 3
+        jump = arb(one.jump)
+        S = one.d / (arb(gains.k) + arb(gains.K) / gains.phi) + 2 * (1 + gains.kappa * theta) * jump
+        late = (theta + tau) * one.rate + 2 * jump
+        e = ratio * ((S + late + gains.kappa * theta * jump) / gains.kappa + theta * jump)
+        return upper(S), upper(e), upper(e + ratio * theta * late)
+
+    surface, error = 0.0, 0.0
+    for _ in range(_ROUNDS):
+        before, (surface, error, _) = surface, mapped(surface, error)
+        if not surface < gains.phi:
+            return Kept()
+        if surface - before < (_INFLATED - 1.0) / 10.0 * surface:
+            break
+    surface, error = _INFLATED * surface, _INFLATED * error
+    after = mapped(surface, error)
+    if not (after[0] <= surface <= gains.phi and after[1] <= error):
+        return Kept()
+    room = box.slip * case.reference * box.speed_kmh[0] * KMH
+    return Kept(surface, error, after[2], after[2] < room)
+
+
+# --- conditions -------------------------------------------------------------------------------------------------------
+
+
+class Case(NamedTuple):
+    """The law, the vehicle, and the rails that its conditions are decided on."""
+
+    gains: PredictiveGains
+    vehicle: Vehicle
+    rails: tuple[RailCase, ...]
+
+
+HOLDS: Mapping[str, Callable[[PredictiveGains, Demand], bool]] = {
+    "small gain": lambda gains, one: one.loop < 1.0,
+    "reaching": lambda gains, one: one.d < gains.K,
+    "reaching within the torque limits": lambda gains, one: one.d < min(one.left),
+    "authority": lambda gains, one: min(one.carried) >= gains.K,
+    "reaching at once": lambda gains, one: one.at_once < gains.K,
+}
+"""Conditions over a box, by what the law needs."""
+
+STAYS = "the slip stays in the box"
+
+
+def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
+    """Whether a condition of `HOLDS`, or `STAYS`, holds over a box on every rail; and the numbers.
+
+    False: with the values that the extremes attain it fails on some rail, H - H_hat and H_hat' being anything within
+    their bounds. None: neither was shown; where the small gain fails there is no bound to fail.
+    """
+    found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
+    numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
+    if name == STAYS:
+        sets = {one.rail: kept(case.gains, case.vehicle, one, box) for one in case.rails}
+        return all(one.inside for one in sets.values()) or None, {**numbers, "sets": sets}
+    holds = HOLDS[name]
+    if all(holds(case.gains, one) for one in found.values()):
+        return True, numbers
+    least = {one.rail: demand(case.gains, case.vehicle, one, box, attained=True) for one in case.rails}
+    bounded = name in ("small gain", "authority") or all(one.d < math.inf for one in least.values())
+    fails = [rail for rail, one in least.items() if bounded and not holds(case.gains, one)]
+    return (False if fails else None), {**numbers, "found": least if fails else found, "fails": fails}
+
+
+def conditions(case: Case) -> tuple[Condition, ...]:
+    """The conditions for an exact vehicle, for one known as well as `ASKED`, and under the random force."""
+    exact = PredictiveBox()
+    boxes = {
+        **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
+        **dict.fromkeys(("small gain, tolerances", "reaching, tolerances"), box_with(**ASKED)),
+        **{
+            f"{name}, random force": replace(exact, random_force=RANDOM_FORCE)
+            for name in ("reaching", REACHING_AT_ONCE)
+        },
+    }
+    made = []
+    for name, box in boxes.items():
+        holds, numbers = decided(name.split(",")[0], case, box)
+        how = None if holds is None else PROVED if holds else COUNTEREXAMPLE
+        made.append(Condition(name, holds, how, numbers))
+    return tuple(made)
+
+
+# --- tolerances -------------------------------------------------------------------------------------------------------
+
+
+_STEPS = 7  # of a bisection: the largest tolerance to 1 % of the range it is looked for in
+
+
+class _Quantity(NamedTuple):
+    """A quantity whose largest tolerance is looked for: field of `PredictiveBox`, up to what, and its unit."""
+
+    field: str
+    most: float
+    unit: str
+
+
+QUANTITIES = (
+    *(_Quantity(name, 0.5, "%") for name in ("brake_gain", "dead_time", "lag", "inertia")),
+    *(_Quantity(name, 0.05, "%") for name in ("radius", "train_speed")),
+    *(_Quantity("random_force", RANDOM_FORCE, "sigma"), _Quantity("slip", 0.5, "%"), _Quantity("surface", 4e3, "N*m")),
+    _Quantity("lowest_speed", _LOWEST_KMH, "km/h"),
+)
+
+
+def box_with(**changes: Any) -> PredictiveBox:
+    """`PredictiveBox()` with some fields changed; `lowest_speed`, km/h, is the lower end of its speeds."""
+    exact = PredictiveBox()
+    if "lowest_speed" in changes:
+        changes["speed_kmh"] = (changes.pop("lowest_speed"), exact.speed_kmh[1])
+    return replace(exact, **changes)
+
+
+def tolerances(case: Case) -> tuple[Tolerance, ...]:
+    """The largest value of each of `QUANTITIES` with which what holds for an exact vehicle still does, by bisection.
+
+    The others are those of `PredictiveBox()`. limited_by: the condition that fails beyond, empty where the whole range
+    was proved. Empty where nothing holds.
+    """
+    exact = PredictiveBox()
+    held = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
+
+    def broken(name: str, value: float) -> str:
+        box = box_with(**{name: value})
+        return next((one for one in held if not decided(one, case, box)[0]), "")
+
+    def bisected(name: str, good: float, bad: float) -> tuple[float, str]:
+        limit = broken(name, bad)
+        if not limit:
+            return bad, ""
+        for _ in range(_STEPS):
+            middle = 0.5 * (good + bad)
+            found = broken(name, middle)
+            good, bad, limit = (good, middle, found) if found else (middle, bad, limit)
+        return good, limit
+
+    starts = {**vars(exact), "lowest_speed": exact.speed_kmh[0]}
+    return tuple(Tolerance(name, *bisected(name, starts[name], most), unit) for name, most, unit in QUANTITIES if held)
+
+
+def verify_predictive(
+    vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
+) -> Verification:
+    """Decide the law's conditions for a static adhesion law; the bristle model is taken by its static curve.
+
+    K: N*m/s; left out, the gains' own. InputError for another law with a state, or without enclosure.
+    """
+    static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
+    gains = PredictiveGains.for_vehicle(vehicle, **({} if K is None else {"K": K}))
+    case = Case(gains, vehicle, tuple(RailCase.of(static, rail, vehicle) for rail in static.rails))
+    found, box = conditions(case), PredictiveBox()
+    shown = {one.name: getattr(box, one.name) for one in fields(box)}
+    shown |= {"mass_kg": (vehicle.mass, vehicle.mass_loaded), "rails": static.rails, "adhesion": static.text}
+    return Verification(
+        "predictive", vehicle.inertia_scale, gains.K, None, seed, found, box=shown, tolerances=tolerances(case)
+    )

@@ -1,0 +1,102 @@
+"""The adhesion law, rails and reference slips that a verification is for."""
+
+from __future__ import annotations
+
+from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
+
+SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)  #: where the stability of a stop is checked
+
+
+@dataclass(frozen=True)
+class RailAdhesion:
+    """An adhesion law, the rails it is taken on, and the reference slip.
+
+    `law`: a published law by name, whose parameters follow rail, wheel load, initial speed (30 to 140 km/h) and, in the
+    stiffness of a dynamic law, the inertia scale, as a change of units demands; or a law with parameters of its own,
+    taken as they are, on wet rail by `AdhesionLaw.wet`. `slip`: reference slip ratio on every rail, 0 to 1; left out,
+    the law's own. InputError for a value outside its range, no rail, or dry rail asked of parameters for wet rail.
+    """
+
+    law: AdhesionLaw | str = "bristle"
+    rails: tuple[Rail, ...] = tuple(Rail)
+    slip: float | None = None
+    initial_speed_kmh: float = INITIAL_SPEED_KMH
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not self.rails:
+            raise InputError("rail: none is given; give dry, wet or both")
+        object.__setattr__(self, "rails", tuple(rail for rail in Rail if rail in self.rails))
+        if self.slip is not None:
+            number("slip", self.slip, gt=0, lt=1)
+        if isinstance(self.law, str):
+            object.__setattr__(self, "law", law_class(self.law).name)
+        else:
+            for rail in self.rails:
+                self.law.on(rail)  # refuses dry rail for a wet rail's parameters
+
+    def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
+        """The law on a rail under a vehicle's wheel."""
+        if isinstance(self.law, AdhesionLaw):
+            return self.law.on(rail)
+        law = published_law(self.law, rail, self.initial_speed_kmh, vehicle.wheel_load)
+        stiffness = getattr(law, "alpha", None)
+        if law.has_state and stiffness is not None:
+            return law.model_copy(update={"alpha": vehicle.inertia_scale * stiffness})
+        return law
+
+    def reference(self, rail: Rail, vehicle: Vehicle) -> float:
+        """Slip ratio held on a rail; InputError where there is none."""
+        slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
+        if slip is None:
+            remedy = "`slip` X" if isinstance(self.law, str) else "[reference_slip] in its file, or `slip` X"
+            raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
+        return slip
+
+    def point(self, rail: Rail, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> OperatingPoint:
+        """The reference slip on a rail."""
+        slip = self.reference(rail, vehicle)
+        return operating_point(self.on(rail, vehicle), vehicle, speed_kmh * KMH, slip, rail=rail)
+
+    def plants(self, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> dict[Rail, LinearPlant]:
+        """The linear plants at the reference slip on each rail, speed frozen."""
+        return {rail: linearize(self.point(rail, vehicle, speed_kmh=speed_kmh)) for rail in self.rails}
+
+    @property
+    def name(self) -> str:
+        """The law's name."""
+        return self.law if isinstance(self.law, str) else self.law.name
+
+    @property
+    def text(self) -> str:
+        """The law in words."""
+        if isinstance(self.law, AdhesionLaw):
+            return f"{self.name} law as given"
+        return f"{self.name} model" if self.name == "bristle" else f"published {self.name} law"
+
+    @property
+    def rails_text(self) -> str:
+        """The rails in words: "dry and wet"."""
+        return " and ".join(self.rails)
+
+    def tells_rails_apart(self, vehicle: Vehicle) -> bool:
+        """Whether there are two rails, and the law or its reference slip differs between them."""
+        kinds = {(self.on(rail, vehicle).parameters(), self.reference(rail, vehicle)) for rail in self.rails}
+        return len(kinds) > 1
+
+
+PUBLISHED_ADHESION = RailAdhesion()  #: the published bristle model at its reference slips, on both rails
+
+
+def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
+    """The vehicle empty and loaded, by these words; where both are one, that one by its mass."""
+    loaded = vehicle.loaded()
+    if (loaded.mass, loaded.wheel_load) == (vehicle.mass, vehicle.wheel_load):
+        return {f"{vehicle.mass:g} kg": vehicle}
+    return {"empty": vehicle, "loaded": loaded}
