@@ -98,6 +98,7 @@ ROOMS = {
     "verification/fixed_step": "verification sliding_verification",
     "verification/joint_verification": "sliding_verification verification",
     "verification/boxes": "predictive_verification",
+    "verification/no_lock": "predictive_verification",
     "verification/predictive": "predictive_verification",
     "verification/limit_cycles": "sliding_verification",
     "verification/relay_loop": "sliding_verification",

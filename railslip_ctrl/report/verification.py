@@ -15,7 +15,7 @@ from rich.text import Text
 
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS, SLIP_AMPLITUDE
+from railslip_ctrl.verification.actuator_effects import SLIP_AMPLITUDE
 from railslip_ctrl.verification.joint_verification import FullVerification
 from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
@@ -33,7 +33,7 @@ _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"predictive": "lag and dead time throughout"}
 _CONSTANTS = {
-    **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
+    **{"inf": math.inf, "KMH": KMH, "LINEAR_CHANGE": LINEAR_CHANGE},
     "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
 }
 
@@ -57,7 +57,7 @@ def findings_text(findings: Any) -> str:
     """The conclusion from findings."""
     text = _texts()["conclusion"][type(findings).__name__]
     fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
-    return _told(text, {"points": POINTS, **fields})
+    return _told(text, fields)
 
 
 def _texts() -> dict[str, Any]:

@@ -5,8 +5,7 @@ w = k (Ta^2 + 12.96 omega^2) in SI (published k, units of `relay_loop`). With an
 s'' + (r/J) D s' + w s = 0: an oscillator that only D damps. With the actuator the integral path costs phase the loop
 does not have. The relay enters as a gain N: 0 for excursions far above its height, larger for smaller ones.
 
-A largest K/layer found with k = 0 and a largest k found without relay are not advice: used together they may be
-unstable. `joint_advice` bounds the relay gain over all points at once, takes half of it, and bounds k with that half.
+A largest K/layer found with k = 0 and a largest k found without relay are no advice: both together may be unstable.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -38,7 +36,7 @@ from .limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from .rails import SPEEDS_KMH, RailAdhesion
+from .rails import RailAdhesion
 from .relay_loop import TABLE4_SLIDING, SlidingExistence, SurfaceLoop
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
@@ -155,89 +153,6 @@ def survivors(loop: SurfaceLoop) -> Survivors:
         layer=gains.K / gain if gain > 0 else math.inf,
         excursion=survivable_excursion(loop),
     )
-
-
-# --- gains that were checked together ---------------------------------------------------------------------------------
-
-
-MARGIN = 0.5  #: share of a joint limit that is advised
-FIT_MS = 2.0  #: largest sensitivity peak with which a loop is called fit for service, as of the design checks
-_LARGEST_K = 1.0  # 1/s^2: a period of 6 s, that of the loop itself
-_LEAST_D = 0.1  # N*m/(m/s): nothing beside (J/r) rho
-_JOINT_TOLERANCE = 1e-3  # relative, of the bisections: far below the margin taken
-
-
-@dataclass(frozen=True)
-class JointAdvice:
-    """Gains decided together over `points` operating points.
-
-    unstable: points that are unstable without relay and adaptation; with any, the gains below are 0. relay_limit,
-    k_limit: largest K/layer, N*m/(m/s), that all points bear with k = 0, and k, as printed, beside `relay_gain`;
-    relay_gain, k: those advised. ms, ms_with_k, ms_without: largest sensitivity peak over the points with `relay_gain`,
-    with `k` too, and with neither; inf where unstable. worst: the point of `ms`. D_limit: largest D, N*m/(m/s), with
-    which no point is unstable; 0 where there is none, NaN where none is unstable.
-    """
-
-    points: int
-    unstable: tuple[str, ...]
-    relay_limit: float
-    relay_gain: float
-    k_limit: float
-    k: float
-    ms: float
-    ms_with_k: float
-    ms_without: float
-    worst: str
-    D_limit: float
-
-    @property
-    def fit(self) -> bool:
-        """Whether the loop so advised has the margins of one fit for service."""
-        return self.ms <= FIT_MS
-
-
-def joint_advice(loops: Mapping[str, SurfaceLoop]) -> JointAdvice:
-    """Decide K/layer and k together for loops of one law, by the names of their points."""
-    unstable = tuple(name for name, loop in loops.items() if not loop.is_stable())
-    every = list(loops.values())
-    if unstable:
-        limit = _joint_limit(every, lambda loop, D: loop.with_gains(D=D).is_stable(), _LEAST_D, every[0].gains.D)
-        return JointAdvice(len(every), unstable, 0.0, 0.0, 0.0, 0.0, *3 * (math.inf,), unstable[0], limit)
-    relay_limit = min(largest_relay_gain(loop) for loop in every)
-    # without a bound no layer is needed for stability: the relay's place is then taken by D alone
-    gain = MARGIN * relay_limit if relay_limit < math.inf else 0.0
-    power = max(loop.regressor_power for loop in every)
-    k_limit = _joint_limit(
-        every,
-        lambda loop, k: loop.is_stable(relay_gain=gain, adaptation=k),
-        _FIRST / power,
-        _LARGEST_K / min(loop.regressor_power for loop in every),
-    )
-    peaks = {name: _peak(loop, gain, 0.0) for name, loop in loops.items()}
-    worst = max(peaks, key=lambda name: peaks[name])
-    k = MARGIN * k_limit
-    with_k, without = (max(_peak(loop, *gains) for loop in every) for gains in ((gain, k), (0.0, 0.0)))
-    return JointAdvice(len(every), (), relay_limit, gain, k_limit, k, peaks[worst], with_k, without, worst, math.nan)
-
-
-def _joint_limit(
-    loops: list[SurfaceLoop], stable: Callable[[SurfaceLoop, float], bool], low: float, high: float
-) -> float:
-    """Largest value up to `high` that every loop bears, bisected; 0 where one does not bear `low`."""
-    limit = high
-    for loop in loops:
-        if stable(loop, limit):
-            continue
-        if not stable(loop, low):
-            return 0.0
-        limit = _bisected(partial(stable, loop), low, limit, _JOINT_TOLERANCE)
-    return limit
-
-
-def _peak(loop: SurfaceLoop, relay_gain: float, k: float) -> float:
-    """Ms; inf where the loop is unstable."""
-    linear = loop.linear_loop(relay_gain=relay_gain, adaptation=k)
-    return linear.margins().ms if linear.is_stable() else math.inf
 
 
 # --- the effect at one operating point --------------------------------------------------------------------------------
@@ -378,7 +293,6 @@ class PublishedBehind:
     """
 
     effects: tuple[ActuatorEffect, ...]
-    advice: JointAdvice
     as_published: Mapping[str, float]
 
     @property
@@ -396,7 +310,7 @@ class PublishedBehind:
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], PublishedBehind]:
     """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
-    At the published reference slip of the bristle model at 100 km/h; the advice over the whole stop.
+    At the published reference slip of the bristle model at 100 km/h.
     """
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     ratios = {}
@@ -405,24 +319,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
             scale: dict[str, Any] = {"inertia_scale": AS_PUBLISHED_INERTIA_SCALE, "vehicle": vehicle}
             loop = published_loop(rail, adhesion=adhesion, **scale).with_gains(D=D)
             ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
-    found = PublishedBehind(effects, joint_advice(stop_loops(K, D, vehicle)), ratios)
+    found = PublishedBehind(effects, ratios)
     return _conditions(effects), found
-
-
-POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
-"""Of a stop, over which advice is decided, in words."""
-
-
-def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
-    """The law's loops over a stop, by name: speeds, rails, empty and loaded."""
-    return {
-        f"{rail}, {speed_kmh:g} km/h, {'loaded' if loaded else 'empty'}": _loop(
-            rail, K, D, vehicle.loaded() if loaded else vehicle, speed_kmh=speed_kmh
-        )
-        for loaded in (False, True)
-        for speed_kmh in SPEEDS_KMH
-        for rail in Rail
-    }
 
 
 def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> SurfaceLoop:

@@ -162,6 +162,8 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
     def at(slip: arb) -> arb:
         index = int((slip / _CURVE_STEP).floor().unique_fmpz())
         start, force = arb(index * _CURVE_STEP), _curve_node(law, index)
+        if slip == start:
+            return force
         around = hull(start, force, arb((index + 1) * _CURVE_STEP), _curve_node(law, index + 1))
         s = start.union(slip) * v0
         slope = v0 * alpha * (1 - beta * around / (gamma - s)) * s / R

@@ -27,6 +27,7 @@ from dataclasses import fields, replace
 from functools import cache
 from typing import Any, NamedTuple, Self
 
+import numpy as np
 import sympy as sp
 from flint import arb
 
@@ -35,9 +36,11 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
 from .boxes import Box, Enclosure, Largest, adhesion_on_balls, largest, on_balls, upper
+from .no_lock import no_lock
 from .rails import RailAdhesion
 from .reaching import ADHESION_NOISE, Range, load_ratio
 from .verdict import Condition, Tolerance, Verification
@@ -171,10 +174,10 @@ class RailCase:
 
     @classmethod
     def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
-        """scaled: a published law keeps mu(slip) under every wheel load, by its parameters."""
-        laws = [adhesion.on(rail, one) for one in (vehicle, vehicle.loaded())]
-        scaled = laws[0].parameters() != laws[1].parameters() or isinstance(adhesion.law, str)
-        return cls(rail, laws[0], scaled, adhesion.reference(rail, vehicle))
+        """The law on a rail; a law whose parameters go with the wheel load keeps mu(slip) by them, and is scaled."""
+        heavy = vehicle.model_copy(update={"wheel_load": load_ratio(vehicle) * vehicle.wheel_load})
+        laws = [adhesion.on(rail, one) for one in (vehicle, heavy)]
+        return cls(rail, laws[0], laws[0].parameters() != laws[1].parameters(), adhesion.reference(rail, vehicle))
 
 
 @cache
@@ -363,6 +366,7 @@ class Case(NamedTuple):
     gains: PredictiveGains
     vehicle: Vehicle
     rails: tuple[RailCase, ...]
+    adhesion: RailAdhesion
 
 
 HOLDS: Mapping[str, Callable[[PredictiveGains, Demand], bool]] = {
@@ -397,6 +401,22 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
     return (False if fails else None), {**numbers, "found": least if fails else found, "fails": fails}
 
 
+def released(case: Case) -> Condition:
+    """Whether a wheel that is released from the reference, under the torque that holds it, certainly does not lock."""
+    speeds, rows = PredictiveBox().speed_kmh, []
+    heavy = {"wheel_load": load_ratio(case.vehicle) * case.vehicle.wheel_load, "mass": case.vehicle.mass_loaded}
+    for laden in (case.vehicle, case.vehicle.model_copy(update=heavy)):
+        for one in case.rails:
+            law = case.adhesion.on(one.rail, laden)
+            hold = [operating_point(law, laden, v * KMH, one.reference, rail=one.rail).brake_torque for v in speeds]
+            found = no_lock(law, laden, np.array(speeds), np.array([one.reference]), torque_max=3.0 * max(hold))
+            least = zip(speeds, hold, found.torque[:, 0].tolist(), strict=True)
+            rows += [(f"{one.rail}, {laden.mass:g} kg, {v:g} km/h", *torques) for v, *torques in least]
+    holds = all(certified > hold for _, hold, certified in rows)
+    how = f"certified at {len(rows)} points" if holds else None
+    return Condition("no lock after a release", holds or None, how, {"rows": rows})
+
+
 def conditions(case: Case) -> tuple[Condition, ...]:
     """The conditions for an exact vehicle, for one known as well as `ASKED`, and under the random force."""
     exact = PredictiveBox()
@@ -408,12 +428,12 @@ def conditions(case: Case) -> tuple[Condition, ...]:
             for name in ("reaching", REACHING_AT_ONCE)
         },
     }
-    made = []
+    made = [released(case)]
     for name, box in boxes.items():
         holds, numbers = decided(name.split(",")[0], case, box)
         how = None if holds is None else PROVED if holds else COUNTEREXAMPLE
         made.append(Condition(name, holds, how, numbers))
-    return tuple(made)
+    return (*made[1:], made[0])
 
 
 # --- tolerances -------------------------------------------------------------------------------------------------------
@@ -482,7 +502,7 @@ def verify_predictive(
     """
     static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
     gains = PredictiveGains.for_vehicle(vehicle, **({} if K is None else {"K": K}))
-    case = Case(gains, vehicle, tuple(RailCase.of(static, rail, vehicle) for rail in static.rails))
+    case = Case(gains, vehicle, tuple(RailCase.of(static, rail, vehicle) for rail in static.rails), static)
     found, box = conditions(case), PredictiveBox()
     shown = {one.name: getattr(box, one.name) for one in fields(box)}
     shown |= {"mass_kg": (vehicle.mass, vehicle.mass_loaded), "rails": static.rails, "adhesion": static.text}

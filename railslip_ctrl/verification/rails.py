@@ -10,8 +10,6 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
-SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)  #: where the stability of a stop is checked
-
 
 @dataclass(frozen=True)
 class RailAdhesion:
@@ -85,18 +83,5 @@ class RailAdhesion:
         """The rails in words: "dry and wet"."""
         return " and ".join(self.rails)
 
-    def tells_rails_apart(self, vehicle: Vehicle) -> bool:
-        """Whether there are two rails, and the law or its reference slip differs between them."""
-        kinds = {(self.on(rail, vehicle).parameters(), self.reference(rail, vehicle)) for rail in self.rails}
-        return len(kinds) > 1
-
 
 PUBLISHED_ADHESION = RailAdhesion()  #: the published bristle model at its reference slips, on both rails
-
-
-def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
-    """The vehicle empty and loaded, by these words; where both are one, that one by its mass."""
-    loaded = vehicle.loaded()
-    if (loaded.mass, loaded.wheel_load) == (vehicle.mass, vehicle.wheel_load):
-        return {f"{vehicle.mass:g} kg": vehicle}
-    return {"empty": vehicle, "loaded": loaded}
