@@ -82,7 +82,7 @@ def test_report_has_every_condition_with_its_numbers(paper):
 def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
     strong = verify(law="robust", K=4500.0)
     assert [one.name for one in strong.failing] == ["robust gain, torque limits", "robust gain, rail mistaken"]
-    assert "no K helps" in evidence(strong["robust gain, torque limits"])
+    assert "A larger K does not help" in evidence(strong["robust gain, torque limits"])
     assert [one.name for one in verify(law="robust", K=9000.0).failing] == ["robust gain, torque limits"]
     # enough for exact estimates, not for an adhesion torque that is wrong by a tenth
     weak = verify(law="robust", K=3300.0)
