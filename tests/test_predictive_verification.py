@@ -9,6 +9,7 @@ import pytest
 from flint import arb
 
 from railslip_ctrl import PARK2008, Rail
+from railslip_ctrl.controllers.predictive import Predictive
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
@@ -16,7 +17,7 @@ from railslip_ctrl.verification import boxes, predictive
 from railslip_ctrl.verification.no_lock import no_lock
 from railslip_ctrl.verification.rails import RailAdhesion
 
-GAINS = predictive.PredictiveGains.for_vehicle(PARK2008)
+GAINS = Predictive.for_vehicle(PARK2008)
 BOX = predictive.PredictiveBox()
 LAWS = ("curve", "beam", "polach", "burckhardt")
 
@@ -105,7 +106,11 @@ def simulated_surface(gains, holding, S, duration, step=1e-4):
         H, S = holding(n * step), H_hat + ratio * gains.kappa * e_hat - T
         sizes.append(S)
         H_rate = (H - H_hat) / gains.observer_time
-        T += step * (-gains.kappa * (T - H_hat) + gains.k * S + gains.K * min(max(S / gains.phi, -1.0), 1.0))
+        T += step * (
+            -gains.kappa * (T - H_hat)
+            + gains.reaching_rate * S
+            + gains.switching_gain * min(max(S / gains.layer, -1.0), 1.0)
+        )
         e_hat -= step * (T - H - gains.dead_time * H_rate) / ratio
         H_hat += step * H_rate
     return np.array(sizes)
@@ -116,12 +121,12 @@ def test_reaching_is_kept_in_simulation_and_broken_by_a_jump_of_the_random_force
     case = predictive.RailCase.of(RailAdhesion("curve"), Rail.WET, PARK2008)
     found = predictive.demand(GAINS, PARK2008, case, BOX)
     ramp = simulated_surface(GAINS, lambda t: 2500.0 + found.rate * t, -600.0, 0.3)
-    outside = np.abs(ramp) > GAINS.phi
+    outside = np.abs(ramp) > GAINS.layer
     assert np.all(np.diff(np.abs(ramp))[outside[:-1]] < 0)
     n = predictive.demand(GAINS, PARK2008, case, replace(BOX, random_force=3.0)).jump
     jump = simulated_surface(GAINS, lambda t: 2500.0 + (2 * n if t > 0.2 else 0.0), 0.0, 1.0)
     more = 1 + GAINS.kappa * GAINS.dead_time
-    assert GAINS.phi < np.max(np.abs(jump)) < GAINS.phi + 2 * more * n  # out of the layer, within the tube
+    assert GAINS.layer < np.max(np.abs(jump)) < GAINS.layer + 2 * more * n  # out of the layer, within the tube
 
 
 def test_verdicts_and_tolerances_of_the_command(railslip):

@@ -78,12 +78,15 @@ def verify_with_actuator(
 ) -> FullVerification:
     """Decide every condition of a law, the actuator's included.
 
-    law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
-    "predictive", the law that slides behind the actuator, decided over a box of speed, slip and load. K (0 to 1e4; N*m,
-    of the predictive law N*m/s), D (0.1 to 1e4 N*m/(m/s)): gains; left out, Table 4's, bristle column; K of the robust
-    law 1.1 times what (40) asks over its box; the predictive law's own, which has no D. seed: first of sampled and
-    simulated conditions, 0 to 2^31. adhesion: static law, rails and reference slip of the predictive law, which takes
-    the bristle model by its static curve; the others are verified for the published bristle model on both rails alone.
+    - law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
+      "predictive", the law that slides behind the actuator, decided over a box of speed, slip and load.
+    - vehicle: which brakes.
+    - K: gain, 0 to 1e4; N*m, of the predictive law N*m/s; left out, Table 4's, bristle column, of the robust law 1.1
+      times what (40) asks over its box, of the predictive law by its own rule.
+    - D: gain on s, 0.1 to 1e4, N*m/(m/s); left out, Table 4's; the predictive law has none.
+    - seed: first of sampled and simulated conditions, 0 to 2^31.
+    - adhesion: static law, rails and reference slip of the predictive law, which takes the bristle model by its static
+      curve; the others are verified for the published bristle model on both rails alone.
 
     InputError for a value outside its range, or an argument that the law does not have.
     """

@@ -24,14 +24,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import sympy as sp
 from flint import arb
 
-from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.predictive import Predictive
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
@@ -52,41 +52,6 @@ _INFINITE = arb.pos_inf()
 _LEAST_SLIP = 1e-4  # of the box: the laws are enclosed in braking, slip > 0
 _LEAST_LAG = 1e-3  # s: a brake without lag follows any rate
 _LOWEST_KMH = 10.0  #: the lowest speed that is looked for
-
-
-@dataclass(frozen=True)
-class PredictiveGains:
-    """The law's gains and what it believes of wheel and brake.
-
-    kappa, k: 1/s; K: N*m/s; phi: N*m; observer_time, deceleration_time, dead_time, lag: s; radius: m; wheel_inertia:
-    kg*m^2; viscous_friction: N*m*s; torque_max: N*m.
-    """
-
-    kappa: float
-    k: float
-    K: float
-    phi: float
-    observer_time: float
-    deceleration_time: float
-    dead_time: float
-    lag: float
-    radius: float
-    wheel_inertia: float
-    viscous_friction: float
-    torque_max: float
-
-    @classmethod
-    def for_vehicle(cls, vehicle: Vehicle, **given: float) -> Self:
-        """The gains of the prototype, with the seeking controller's filters and torque limit; `given` replaces some."""
-        inner = Seeking.for_vehicle(vehicle)
-        rules = {
-            **{"kappa": 1.8, "k": 2.0, "K": 4500.0, "phi": 400.0, "torque_max": inner.torque_max},
-            **{"observer_time": inner.observer_time, "deceleration_time": inner.deceleration_time},
-            **{"dead_time": vehicle.actuator.dead_time, "lag": vehicle.actuator.lag, "radius": vehicle.wheel.radius},
-            "wheel_inertia": vehicle.effective_inertia,
-            "viscous_friction": vehicle.effective_viscous_friction,
-        }
-        return cls(**{**rules, **given})
 
 
 @dataclass(frozen=True)
@@ -248,13 +213,15 @@ class Demand:
     jump: float = math.inf
 
 
+@lru_cache(512)  # several conditions are decided by it
 def demand(
-    gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
+    gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
     """Bound what the law needs; see the head of this module.
 
     attained: from the values that the extremes have at points of the box, in place of their bounds, rounded inward.
     """
+    assert gains.lag is not None, "filled in by `believing`"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
     ratio = arb(gains.wheel_inertia) / gains.radius
     tau, seen = arb(max(gains.observer_time, gains.deceleration_time)), arb(box.radius) + box.train_speed
@@ -275,7 +242,7 @@ def demand(
     force = arb(box.random_force) * ADHESION_NOISE * heavy * lever
     gain, late = arb(box.brake_gain), arb(box.dead_time) * theta + arb(box.lag) * lag
     ahead = arb(box.surface) + ratio * kappa * box.error  # T+ less H_hat, at most
-    steepest = kappa * ahead + arb(gains.k) * box.surface + gains.K  # of T+
+    steepest = kappa * ahead + arb(gains.reaching_rate) * box.surface + gains.switching_gain  # of T+
     fixed, steady = force + late * (1 + gain) * steepest, drift + gain * steepest
     lowest, highest = -low / (1 + gain), high / (1 - gain)
     hold, carried = (lowest, highest), (lowest / lag, (gains.torque_max - highest) / lag)
@@ -291,7 +258,7 @@ def demand(
 
     def left(level: arb) -> float:
         """Least rate of S with the valve at its end; `level`: from there to H_hat, N*m, T+ on the other side of it."""
-        ends = (gains.phi - ratio * kappa * box.error, ahead)
+        ends = (gains.layer - ratio * kappa * box.error, ahead)
         return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
 
     return replace(
@@ -299,7 +266,7 @@ def demand(
         left=(left(hold[0] - jump), left(gains.torque_max - hold[1] - jump)),
         d=most(d),
         at_once=most(d + more * 2 * jump / min(gains.observer_time, gains.deceleration_time)),
-        tube=most(gains.phi + 2 * more * jump),
+        tube=most(gains.layer + 2 * more * jump),
         off=most(off),
         rate=most(rate),
         jump=most(jump),
@@ -323,7 +290,7 @@ _ROUNDS = 40  # of the iteration, which converges by a factor of 2 a round where
 _INFLATED = 1.01  # a set that the map takes into itself is looked for a little beyond the fixed point
 
 
-def kept(gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
+def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
     """A set within the layer that the law does not leave.
 
     There S' takes |S| below d/(k + K/phi) and the tube's part. The iteration only finds the set; that the map takes it
@@ -337,7 +304,10 @@ def kept(gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: Predicti
         if one.d == math.inf:
             return (math.inf,) * 3
         jump = arb(one.jump)
-        S = one.d / (arb(gains.k) + arb(gains.K) / gains.phi) + 2 * (1 + gains.kappa * theta) * jump
+        S = (
+            one.d / (arb(gains.reaching_rate) + arb(gains.switching_gain) / gains.layer)
+            + 2 * (1 + gains.kappa * theta) * jump
+        )
         late = (theta + tau) * one.rate + 2 * jump
         e = ratio * ((S + late + gains.kappa * theta * jump) / gains.kappa + theta * jump)
         return upper(S), upper(e), upper(e + ratio * theta * late)
@@ -345,13 +315,13 @@ def kept(gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: Predicti
     surface, error = 0.0, 0.0
     for _ in range(_ROUNDS):
         before, (surface, error, _) = surface, mapped(surface, error)
-        if not surface < gains.phi:
+        if not surface < gains.layer:
             return Kept()
         if surface - before < (_INFLATED - 1.0) / 10.0 * surface:
             break
     surface, error = _INFLATED * surface, _INFLATED * error
     after = mapped(surface, error)
-    if not (after[0] <= surface <= gains.phi and after[1] <= error):
+    if not (after[0] <= surface <= gains.layer and after[1] <= error):
         return Kept()
     room = box.slip * case.reference * box.speed_kmh[0] * KMH
     return Kept(surface, error, after[2], after[2] < room)
@@ -363,18 +333,18 @@ def kept(gains: PredictiveGains, vehicle: Vehicle, case: RailCase, box: Predicti
 class Case(NamedTuple):
     """The law, the vehicle, and the rails that its conditions are decided on."""
 
-    gains: PredictiveGains
+    gains: Predictive
     vehicle: Vehicle
     rails: tuple[RailCase, ...]
     adhesion: RailAdhesion
 
 
-HOLDS: Mapping[str, Callable[[PredictiveGains, Demand], bool]] = {
+HOLDS: Mapping[str, Callable[[Predictive, Demand], bool]] = {
     "small gain": lambda gains, one: one.loop < 1.0,
-    "reaching": lambda gains, one: one.d < gains.K,
+    "reaching": lambda gains, one: one.d < gains.switching_gain,
     "reaching within the torque limits": lambda gains, one: one.d < min(one.left),
-    "authority": lambda gains, one: min(one.carried) >= gains.K,
-    "reaching at once": lambda gains, one: one.at_once < gains.K,
+    "authority": lambda gains, one: min(one.carried) >= gains.switching_gain,
+    "reaching at once": lambda gains, one: one.at_once < gains.switching_gain,
 }
 """Conditions over a box, by what the law needs."""
 
@@ -501,11 +471,18 @@ def verify_predictive(
     K: N*m/s; left out, the gains' own. InputError for another law with a state, or without enclosure.
     """
     static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
-    gains = PredictiveGains.for_vehicle(vehicle, **({} if K is None else {"K": K}))
+    gains = Predictive.for_vehicle(vehicle, **({} if K is None else {"switching_gain": K}))
     case = Case(gains, vehicle, tuple(RailCase.of(static, rail, vehicle) for rail in static.rails), static)
     found, box = conditions(case), PredictiveBox()
     shown = {one.name: getattr(box, one.name) for one in fields(box)}
     shown |= {"mass_kg": (vehicle.mass, vehicle.mass_loaded), "rails": static.rails, "adhesion": static.text}
     return Verification(
-        "predictive", vehicle.inertia_scale, gains.K, None, seed, found, box=shown, tolerances=tolerances(case)
+        "predictive",
+        vehicle.inertia_scale,
+        gains.switching_gain,
+        None,
+        seed,
+        found,
+        box=shown,
+        tolerances=tolerances(case),
     )
