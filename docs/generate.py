@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 
 import railslip_ctrl
+from railslip_ctrl.controllers.files import controller_kinds
 from railslip_ctrl.core.notation import NOTATION, SOURCES, Notation
 from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.paper.errata import Erratum, errata
@@ -54,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     _write("equations/errata.md", errata_text(rows))
     _write("equations/nomenclature.md", nomenclature_text())
     _write("equations/laws.md", laws_text())
+    _write("equations/controllers.md", controllers_text())
     _write("equations/sources.md", sources_text())
     _write("equations/commands.md", commands_text())
     write_api()
@@ -175,6 +177,26 @@ def laws_text() -> str:
             extra = info.json_schema_extra
             unit = str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else ""
             parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see its docstring')} |")
+        parts.append("")
+    return "\n".join(parts)
+
+
+def controllers_text() -> str:
+    """The controller kinds with their parameters."""
+    parts = []
+    for name, kind in controller_kinds().items():
+        parts += [
+            f"### `{name}`: {kind.title}",
+            "",
+            _prose(kind.source) + ".",
+            "",
+            "| key | unit | meaning |",
+            "|---|---|---|",
+        ]
+        for key, info in kind.model_fields.items():
+            if key not in ("name", "reference"):
+                meaning = _prose(info.description or "see its docstring")
+                parts.append(f"| `{key}` | {_unit(kind.units().get(key, ''))} | {meaning} |")
         parts.append("")
     return "\n".join(parts)
 

@@ -77,8 +77,8 @@ class Sliding(Controller):
     torque_min: float | None = quantity("N*m", "least torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
     anti_windup: bool = Field(False, description="whether the integral in s stops while the torque is limited")
-    knows_rail: bool = True
-    adhesion: AdhesionLaw | None = None
+    knows_rail: bool = Field(True, description="whether its adhesion model turns wet with the rail")
+    adhesion: AdhesionLaw | None = Field(None, description="adhesion law that it assumes; that of the run if left out")
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
