@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "f11482a58a310242b98895f04029a7615eb0fbdcad9324dcfdf38751e4b1b5d4"
+SOURCES_SHA256 = "fce9eb98cb49d86dd618c3eb39fe215817956dd2a10a21d6702e385db9ecdaf5"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

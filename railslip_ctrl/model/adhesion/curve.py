@@ -81,10 +81,10 @@ def _curve_function() -> Any:
     return BristleCurve
 
 
-# The integrand decays by exp(-_DEPTH) over the range integrated, below rounding of the result; on such a range
-# Gauss-Legendre with this many nodes is exact to rounding (error of exp: (_DEPTH/2)^2n/(2n)! ~ 1e-25).
-_DEPTH = 42.0
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(56)
+# The integrand decays by exp(-_DEPTH) over the range integrated: to less than the rounding of the result. On such a
+# range this many nodes of Gauss-Legendre leave less than rounding too, also with parameters far from the published ones.
+_DEPTH = 37.0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _BACK = 1.0 - _NODES  # how far a node lies before the end of the range, in halves of it
 _NEWTON_STEPS = 8
 _BLOCK = 256  # slip ratios at once, so that memory stays in the cache; a whole table at once takes four times as long
