@@ -17,7 +17,6 @@ from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification.actuator_effects import SLIP_AMPLITUDE
 from railslip_ctrl.verification.joint_verification import FullVerification
-from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.verdict import Condition, Verification
 
@@ -32,10 +31,7 @@ _LAWS = {
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"predictive": "lag and dead time throughout"}
-_CONSTANTS = {
-    **{"inf": math.inf, "KMH": KMH, "LINEAR_CHANGE": LINEAR_CHANGE},
-    "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
-}
+_CONSTANTS = {"inf": math.inf, "KMH": KMH, "SLIP_AMPLITUDE": SLIP_AMPLITUDE}
 
 
 def statement(condition: Condition) -> str:
