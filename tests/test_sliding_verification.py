@@ -236,7 +236,7 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     assert set(gain) == {"name", "statement", "holds", "how", "evidence", "down_to_kmh", "tolerated_errors"}
     assert (gain["down_to_kmh"], gain["tolerated_errors"]["Ta_hat"] > 0.1) == (5.0, True)
     status, out, _ = railslip("verify", "--law", "robust")
-    assert (status, "Verdict: 4 of 15 conditions do not hold." in out) == (1, True)
+    assert (status, "Verdict: 4 of 14 conditions do not hold." in out) == (1, True)
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), findings = effects.variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds

@@ -72,11 +72,12 @@ def _rows(
     actuator: Actuator = _NONE,
     disturbed: bool = False,
     frozen: bool = False,
+    largest_slip: float = math.inf,
 ) -> tuple[Floats, float]:
     """Signals (columns, steps, runs), NaN after the end of a stop, and the step, s.
 
     The first vehicle, and the last one from step `changed` on; start: v, sigma, z, torque; forces: random force, N, and
-    noise of the slip velocity, m/s, (runs, steps). DomainError where the wheel locks or the law's domain ends.
+    noise of the slip velocity, m/s, (runs, steps). DomainError where the domain of the adhesion law or of slip ends.
     """
     force, noise = forces
     delay = math.ceil(actuator.dead_time / STEP - 1e-9)
@@ -84,7 +85,7 @@ def _rows(
     limit = law.domain_limit(start[0])[0] * start[0]  # does not move with v
     rows = np.full((*force.shape, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).Settings(
-        *(step, delay, float(actuator.lag), reference, frozen, END_SPEED, limit),
+        *(step, delay, float(actuator.lag), reference, frozen, END_SPEED, limit, largest_slip),
         *(reaching.TORQUE_FRACTION * disturbed, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
@@ -106,7 +107,8 @@ def _rows(
         v, sigma = rows[lost, last, : layout.SURFACE]
         raise DomainError(
             f"slip velocity: {sigma:.4g} m/s at {last * step:.3f} s and {v / KMH:.4g} km/h is outside "
-            f"+-{min(limit, v):.4g} m/s, where the wheel locks or the adhesion {law.name!r} ends; give smaller gains"
+            f"+-{min(limit, largest_slip * v):.4g} m/s, where the wheel locks or the adhesion {law.name!r} ends; give "
+            "smaller gains"
         )
     return rows.transpose(2, 1, 0), step
 
@@ -153,7 +155,7 @@ def simulate_ideal(
     Td = 0.05 Tb exp(-4t) sin(10 pi t) and the vehicle's resistance; `slip_noise`: standard deviation of the measured
     slip velocity, m/s, white over the steps; `seeds`: of both, a run each.
     `change`: a time, s, from which on the vehicle is another; V then counts theta_hat against that one's theta.
-    DomainError where a wheel locks or diverges beyond the slip the bristle model holds for.
+    DomainError where a run diverges beyond the slip the bristle model holds for.
     """
     law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
     slip, steps = reaching.reference_slip(), round(duration / STEP)
@@ -234,6 +236,7 @@ def simulate_behind(
         hold -= rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius
     still = np.zeros((1, math.ceil(duration / STEP)))
     known: dict[str, Any] = {"reference": point.slip, "nominal": point.vehicle, "actuator": actuator, "frozen": frozen}
+    known["largest_slip"] = 1.0
     start = (state[0], state[1] + offset, state[2], float(hold))
     rows, step = _rows(point.law, (point.vehicle,), gains, start, (still, still), **known)
     speed, sigma, s, _, _, torque = rows[:, np.isfinite(rows[layout.SPEED, :, 0]), 0]

@@ -37,6 +37,7 @@ class Settings(NamedTuple):
     frozen: bool
     end_speed: float
     slip_limit: float
+    largest_slip: float
     fraction: float
     decay: float
     frequency: float
@@ -69,7 +70,7 @@ def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
 @entry
 def run(rows, start, force, noise, plants, change, given, law, table):
     """Fill rows (runs, steps, `COLUMNS`), given as NaN, to the end of each stop; the number of the run whose last row
-    has a slip velocity outside the law's domain or a wheel that locked, -1 if none has.
+    has a slip velocity outside the law's domain, or a slip beyond the largest one; -1 if none has.
 
     start: v, sigma, z and the torque that acted before; theta_hat starts at 0. force, N, and noise, m/s: (runs, steps).
     plants: the parameters before and from step `change` on. law: numbers of the generated `Parameters`.
@@ -85,7 +86,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
                 break
             row = rows[k, i]
             row[SPEED], row[SIGMA] = v, sigma
-            if not abs(sigma) < min(given.slip_limit, v):
+            if not abs(sigma) < min(given.slip_limit, given.largest_slip * v):
                 return k
             p = plants[0] if i < change else plants[1]
             Tr = p[RADIUS] * force[k, i]

@@ -18,7 +18,7 @@ in it, which the bound leaves to the adaptation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -339,54 +339,36 @@ class WorstPoint:
     evaluations: int
 
 
-def surface_rate(
-    vehicle: Vehicle,
-    gains: LawGains,
-    state: Sequence[Any],
-    acting: Sequence[Any],
-    s: Any,
-    hats: Sequence[Any],
-    *,
-    limits: Range = (-math.inf, math.inf),
-) -> Any:
-    """s', m/s^2, from the plant's rates on dry rail under (45); arrays of one shape.
+def approach(
+    points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, *, limits: Range = (-math.inf, math.inf)
+) -> Floats:
+    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, the command within limits, N*m.
 
-    state: v (m/s), slip, z (m), its Ta (N*m), mass (kg); acting: Tr (N*m), acting over commanded torque less 1; s: m/s,
-    switching by its sign bit; hats: theta_hat1, theta_hat2, Ta_hat/Ta - 1, v'_hat/v' - 1, and the law's J over the
-    wheel's less 1; limits: of the command, N*m. s is free of e: any s belongs to some integral of it. The law's other
-    nominal parameters are the vehicle's.
+    s' is that of the plant's rates on dry rail under (45). s is free of e: any s belongs to some integral of it. The
+    law's other nominal parameters are the vehicle's.
     """
+    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
-    (v, slip, z, Ta, mass), (Tr, fraction), (theta1, theta2, a, b, j) = state, acting, hats
-    slip_d, r = reference_slip(), vehicle.wheel.radius
+    slip_d, r, sign = reference_slip(), vehicle.wheel.radius, np.where(side >= 0, 1.0, -1.0)
     sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
     p = (vehicle.inertia_scale * mass, *parameters[1:])
+    # the force is proportional to the adhesion state
+    z = Ta / (r * functions.force(v, sigma, np.ones_like(v), 0.0, 0.0, 0.0, p))
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
     control = derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
-    measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, (1.0 + j) * J, r)
-    Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
-    Tb = np.clip(Tb, *limits)
+    measured = (sign * surface, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2)
+    known = (gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B)
+    Tb = np.clip(control(*measured, (1.0 + j) * J, r, *known, sign), *limits)
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
-    return slip_d * rates[0] - rates[1] + gains.rho * e
+    return np.asarray(sign * (slip_d * rates[0] - rates[1] + gains.rho * e), dtype=float)
 
 
-def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, **limits: Range) -> Floats:
-    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s; `limits` as of `surface_rate`."""
-    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
-    functions, p = bristle_plant(vehicle)
-    sign, r = np.where(side >= 0, 1.0, -1.0), vehicle.wheel.radius
-    # the force is proportional to the adhesion state
-    z = Ta / (r * functions.force(v, slip * v, np.ones_like(v), 0.0, 0.0, 0.0, p))
-    state, hats = (v, slip, z, Ta, mass), (theta1, theta2, a, b, j)
-    rate = surface_rate(vehicle, gains, state, (Tr, fraction), sign * surface, hats, **limits)
-    return np.asarray(sign * rate, dtype=float)
-
-
-def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) -> WorstPoint:
+def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
     """Largest s s'/|s| at s -> 0 over the corners of the box and random points in it, then uphill (L-BFGS-B).
 
-    The resistance is the vehicle's own at the speed; the command is held within the box's limits.
+    The resistance is the vehicle's own at the speed; the command is held within the box's limits. `known_mass`:
+    theta_hat1 is theta1 at each point, in place of the box's.
     """
     from scipy.optimize import minimize
 
@@ -394,17 +376,23 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) ->
     inside = np.random.default_rng(seed).random((len(SEARCHED), _RANDOM_POINTS))
     evaluated = 0
 
+    def points_at(shares: Floats) -> Floats:
+        points = points_of(box, shares)
+        if known_mass:
+            points[6] = (1.0 / points[3] - 1.0 / vehicle.mass) / vehicle.inertia_scale / vehicle.wheel.radius
+        return points
+
     def value(shares: Floats) -> Floats:
         nonlocal evaluated
         columns = shares.reshape(len(SEARCHED), -1)
         evaluated += columns.shape[1]
-        return approach(points_of(box, columns), vehicle, gains, limits=box.torque_limits)
+        return approach(points_at(columns), vehicle, gains, limits=box.torque_limits)
 
     tried = np.hstack((corners, inside))
     starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
     found = [minimize(lambda x: -float(value(x)[0]), x, bounds=[(0.0, 1.0)] * len(SEARCHED)) for x in starts]
     best = min(found, key=lambda one: float(one.fun))
-    return WorstPoint(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
+    return WorstPoint(-float(best.fun), tuple(points_at(best.x[:, None])[:, 0].tolist()), evaluated)
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
