@@ -203,7 +203,7 @@ def _bounds(name: str, run: LyapunovRun) -> tuple[str, ...]:
         name,
         str(run.run.outcome),
         f"{run.run.braking_time:.1f}",
-        ", ".join(f"{bound.s:.2f}" for bound in run.ultimate),
-        ", ".join(f"{bound.slip_error:.3f}" for bound in run.ultimate),
+        ", ".join(f"{s:.2f}" for s, _ in run.ultimate),
+        ", ".join(f"{slip_error:.3f}" for _, slip_error in run.ultimate),
         f"{100 * run.run.locked_fraction:.1f}",
     )
