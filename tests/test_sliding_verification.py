@@ -10,11 +10,11 @@ import pytest
 
 from railslip_ctrl import PARK2008, Actuator, Rail
 from railslip_ctrl.core.errors import DomainError
-from railslip_ctrl.report.verification import evidence, findings_text
+from railslip_ctrl.report.verification import conclusion_text, evidence
 from railslip_ctrl.sliding.law import NOT_HOLDING, PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import actuator_effects as effects
 from railslip_ctrl.verification.actuator_effects import published_loop, relay_cycle, without_actuator
-from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+from railslip_ctrl.verification.joint_verification import verify_with_actuator
 from railslip_ctrl.verification.relay_loop import stable_up_to
 from railslip_ctrl.verification.verdict import Verification
 
@@ -186,7 +186,7 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     limits = [(one.K, one.layer, one.rho, one.D, one.k) for one in (dry.survivors, wet.survivors)]
     assert limits[0] == pytest.approx((9.617, 4.486, 2.192, 21.11, 1.032e-8), rel=1e-3)
     assert limits[1] == pytest.approx((53.43, 0.7320, 4.469, 101.1, 1.060e-7), rel=1e-3)
-    told = findings_text(findings)
+    told = conclusion_text(findings)
     for left in (dry.survivors, wet.survivors):
         assert f"K <= {left.K:.1f} N*m" in told
         assert f"{left.layer:.3f} m/s at K = 70 N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g}" in told
@@ -210,25 +210,25 @@ def test_other_gains_and_the_other_reading_are_decided(scale, K, D, holds):
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
     conditions, findings = effects.published_behind_actuator(K, D, vehicle)
     assert [(one.name, one.holds) for one in conditions] == list(zip(ACTUATOR_CONDITIONS, holds, strict=True))
-    told = findings_text(findings)
+    told = conclusion_text(findings)
     assert ("no layer and no k makes it stable" in told) == (D > 21.2)  # what dry rail bears
     assert ("does not carry the 19.4 N*m" in told) == (K == 0.0)
 
 
 def test_the_command_prints_what_fails_of_the_published_law(railslip, monkeypatch, published):
     conditions, findings = published
-    full = FullVerification(Verification("paper", 1.0, 70.0, 5.5, 2008, tuple(conditions.values())), findings)
+    full = Verification("paper", 1.0, 70.0, 5.5, 2008, tuple(conditions.values()), findings=findings)
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     status, out, _ = railslip("verify")
-    assert (status, " ".join(findings_text(findings).split()) in " ".join(out.split())) == (1, True)
+    assert (status, " ".join(conclusion_text(findings).split()) in " ".join(out.split())) == (1, True)
 
 
 @pytest.mark.long
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
     full = verify_with_actuator(law="robust")
     failing = ["robust gain, torque limits", "robust gain, rail mistaken", *BEHIND]
-    assert [one.name for one in full.verification.failing] == failing
-    assert "dry: UNSTABLE, stable up to K = 3.121 N m" in evidence(full.verification[BEHIND[0]])
+    assert [one.name for one in full.failing] == failing
+    assert "dry: UNSTABLE, stable up to K = 3.121 N m" in evidence(full[BEHIND[0]])
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     content = json.loads(railslip("verify", "--law", "robust", "--json")[1])
     assert (set(content), content["all_hold"]) == ({"conditions", "all_hold"}, False)
@@ -240,4 +240,4 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), findings = effects.variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
-    assert all(number in findings_text(findings) for number in ("3.121 N m", "4038 N m"))
+    assert all(number in conclusion_text(findings) for number in ("3.121 N m", "4038 N m"))

@@ -399,7 +399,7 @@ def _verified(vehicle: Vehicle) -> Sliding:
     from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
 
     def decide() -> Verification:
-        found = verify_with_actuator(law="predictive", vehicle=vehicle).verification
+        found = verify_with_actuator(law="predictive", vehicle=vehicle)
         return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
 
     try:

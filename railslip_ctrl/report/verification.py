@@ -16,7 +16,6 @@ from rich.text import Text
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification.actuator_effects import SLIP_AMPLITUDE
-from railslip_ctrl.verification.joint_verification import FullVerification
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.verdict import Condition, Verification
 
@@ -44,13 +43,10 @@ def evidence(condition: Condition) -> str:
     return _told(_named(condition)["evidence"], condition.numbers)
 
 
-def conclusion_text(full: FullVerification) -> str:
-    """What an engineer may conclude for the brake with its actuator."""
-    return "" if full.findings is None else findings_text(full.findings)
-
-
-def findings_text(findings: Any) -> str:
-    """The conclusion from findings."""
+def conclusion_text(findings: Any) -> str:
+    """What an engineer may conclude for the brake with its actuator, from the findings of a verification."""
+    if findings is None:
+        return ""
     text = _texts()["conclusion"][type(findings).__name__]
     fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
     return _told(text, fields)
@@ -97,7 +93,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     }
 
 
-def verification_text(verification: Verification, conclusion: str = "", about: Sequence[tuple[str, str]] = ()) -> str:
+def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
     """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude.
 
     `about`: what else the head says of vehicle and adhesion, names and values.
@@ -118,7 +114,7 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
         parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
         parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
-    if conclusion:
+    if conclusion := conclusion_text(verification.findings):
         parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), Paragraph(conclusion)]
     return render(parts)
 

@@ -10,15 +10,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import numpy as np
 import sympy as sp
 
-from railslip_ctrl.core.arguments import Complexes
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.vehicle import Actuator
 
 from .derivation import UNCERTAIN, accelerations, derive_surface
 from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
@@ -399,47 +395,3 @@ def _relative_degrees(law: SurfaceLaw) -> tuple[DerivationStep, tuple[int, int]]
         identical(sp.diff(behind_the_lag, Tc), -_r / (_J * _T)),
     )
     return made, degrees
-
-
-@dataclass(frozen=True)
-class Layer:
-    """Numbers of the controller that the loop of its layer depends on.
-
-    - kappa, gain: rate of the surface and rate inside the layer, g = k + K/phi, 1/s, > 0.
-    - dead_time, lag: of the brake as modelled, s, >= 0.
-    - observer_time, deceleration_time: of the filters Q and Qa, s, >= 0.
-    - wheel_inertia: J as modelled, kg*m^2, > 0.
-    """
-
-    kappa: float
-    gain: float
-    dead_time: float
-    lag: float
-    observer_time: float
-    deceleration_time: float
-    wheel_inertia: float
-
-
-def layer_loop(s: Complexes, point: OperatingPoint, layer: Layer, brake: Actuator | None = None) -> Complexes:
-    """Evaluate the derived loop transfer function of the layer at an operating point, the train speed frozen.
-
-    - s: Laplace variable, 1/s, 1-D, not 0.
-    - point: speed, slip, rail and vehicle; its slip is the reference.
-    - brake: dead time and lag of the brake, s; as modelled if left out.
-
-    Returns L, dimensionless, shape of s.
-    """
-    plant_there, moving = linearize(point), linearize(point, speed_state=True)
-    rows = np.array([[float(name == "sigma") for name in plant_there.states], moving.A[0, 1:]])
-    inverse = s[:, None, None] * np.eye(len(plant_there.states)) - plant_there.A
-    to_sigma, to_v_rate = (rows @ np.linalg.solve(inverse, plant_there.B.astype(complex)))[..., 0].T
-    dead_time, lag = (layer.dead_time, layer.lag) if brake is None else (brake.dead_time, brake.lag)
-    values = {
-        **{symbol("s"): s, E: np.exp(-layer.dead_time * s), G: to_sigma, A: to_v_rate},
-        **{Q: 1 / (layer.observer_time * s + 1), Qa: 1 / (layer.deceleration_time * s + 1)},
-        **{sliding_symbol("Ga"): np.exp(-dead_time * s) / (lag * s + 1), _T: layer.lag, theta: layer.dead_time},
-        **{kappa: layer.kappa, g: layer.gain, lambda_d: point.slip},
-        **{_J: layer.wheel_inertia, _r: point.vehicle.wheel.radius},
-    }
-    evaluate = sp.lambdify(list(values), derive_predictive().loop, "numpy")
-    return np.asarray(evaluate(*values.values()), dtype=complex)

@@ -11,11 +11,10 @@ from typing import Literal
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .actuator_effects import PublishedBehind, VariantsBehind, published_behind_actuator, variants_behind_actuator
+from .actuator_effects import published_behind_actuator, variants_behind_actuator
 from .predictive import verify_predictive
 from .published_law import lyapunov_conditions, reaching_conditions
 from .rails import PUBLISHED_ADHESION, RailAdhesion
@@ -29,17 +28,6 @@ INERTIA_SCALES = (0.5, 10.0)  #: between them a stop takes seconds to minutes
 LARGEST_SEED = 2**31
 
 Law = Literal["paper", "robust", "predictive"]
-
-
-@dataclass(frozen=True)
-class FullVerification:
-    """All conditions, and what an engineer may conclude from: `report.verification.conclusion_text`.
-
-    findings: None for the predictive law, whose conditions are its own.
-    """
-
-    verification: Verification
-    findings: PublishedBehind | VariantsBehind | None
 
 
 @checked
@@ -75,7 +63,7 @@ def verify_with_actuator(
     D: float | None = None,
     seed: int = 2008,
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
-) -> FullVerification:
+) -> Verification:
     """Decide every condition of a law, the actuator's included.
 
     - law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
@@ -94,14 +82,12 @@ def verify_with_actuator(
         if D is not None:
             raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
         _check_ranges(vehicle, K, None, seed)
-        return FullVerification(verify_predictive(vehicle, adhesion, K=K, seed=seed), None)
+        return verify_predictive(vehicle, adhesion, K=K, seed=seed)
     _check_bristle(law, adhesion)
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
-    damping = PUBLISHED_LAW.D if D is None else D
-    found, findings = (variants_behind_actuator if law == "robust" else published_behind_actuator)(
-        ideal.K, damping, vehicle
-    )
-    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), findings)
+    behind = variants_behind_actuator if law == "robust" else published_behind_actuator
+    found, findings = behind(ideal.K, PUBLISHED_LAW.D if D is None else D, vehicle)
+    return replace(ideal, conditions=(*ideal.conditions, *found), findings=findings)
 
 
 def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
