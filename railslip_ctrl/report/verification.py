@@ -43,13 +43,9 @@ def evidence(condition: Condition) -> str:
     return _told(_named(condition)["evidence"], condition.numbers)
 
 
-def conclusion_text(findings: Any) -> str:
-    """What an engineer may conclude for the brake with its actuator, from the findings of a verification."""
-    if findings is None:
-        return ""
-    text = _texts()["conclusion"][type(findings).__name__]
-    fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
-    return _told(text, fields)
+def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
+    """What an engineer may conclude for the brake with its actuator, from the findings of a law's verification."""
+    return "" if findings is None else _told(_texts()["conclusion"][law], findings)
 
 
 def _texts() -> dict[str, Any]:
@@ -114,7 +110,7 @@ def verification_text(verification: Verification, about: Sequence[tuple[str, str
         parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
         parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
-    if conclusion := conclusion_text(verification.findings):
+    if conclusion := conclusion_text(verification.law, verification.findings):
         parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), Paragraph(conclusion)]
     return render(parts)
 

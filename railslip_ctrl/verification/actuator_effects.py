@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +20,13 @@ from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.catalogue import is_published
+from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .fixed_step import BehindRun, simulate_behind
+from .fixed_step import FixedRun, simulate_behind
 from .rails import RailAdhesion
-from .relay_loop import SLOWEST, SlidingExistence, SurfaceLoop, bisected, stable_up_to
+from .relay_loop import SLOWEST, SurfaceLoop, bisected, stable_up_to
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
 
@@ -37,14 +39,16 @@ _LEAST_CROSSINGS = 3  # upward crossings of s that make two periods
 
 
 def published_loop(
-    rail: Rail, *, inertia_scale: float = 1.0, adhesion: str = "bristle", vehicle: Vehicle = PARK2008
+    rail: Rail, *, inertia_scale: float | None = None, adhesion: str = "bristle", vehicle: Vehicle = PARK2008
 ) -> SurfaceLoop:
     """The published law's loop on a rail at 100 km/h and the law's reference slip, with Table 4's bristle column.
 
-    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model.
+    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model; left out, the vehicle's.
     """
-    scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
-    return SurfaceLoop(RailAdhesion(adhesion, (rail,)).plants(scaled)[rail], PUBLISHED_LAW, scaled.actuator)
+    if inertia_scale is not None:
+        vehicle = vehicle.model_copy(update={"inertia_scale": inertia_scale})
+    point = RailAdhesion(adhesion, (rail,)).point(rail, vehicle)
+    return SurfaceLoop(linearize(point), PUBLISHED_LAW, vehicle.actuator)
 
 
 def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
@@ -61,7 +65,7 @@ def largest_adaptation(loop: SurfaceLoop) -> float:
 
 
 def survivable_excursion(loop: SurfaceLoop) -> float:
-    """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back, by the describing function.
+    """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back: describing function, [Gelb1968].
 
     inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
     """
@@ -133,9 +137,9 @@ class HeldRun:
         return 0.5 * (self.slip_range[1] - self.slip_range[0])
 
 
-def whole_periods(run: BehindRun) -> tuple[float, slice]:
+def whole_periods(run: FixedRun) -> tuple[float, slice]:
     """Period of s, s, and the part of a run from its first to its last upward crossing of 0; NaN without three."""
-    s, time = run.surface, run.time
+    s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
         return math.nan, slice(None)
@@ -156,7 +160,7 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
     except DomainError as error:
         return HeldRun((math.nan, math.nan), False, str(error))
     late = run.time >= scale * settling
-    run = BehindRun(*(one[late] for one in vars(run).values()))
+    run = FixedRun(*(one[late] for one in vars(run).values()))
     period, part = whole_periods(run) if settling else (math.nan, slice(None))
     slip = run.sigma[part] / run.speed[part]
     low, high = float(slip.min()), float(slip.max())
@@ -185,7 +189,7 @@ class ActuatorEffect:
     """
 
     loop: SurfaceLoop
-    existence: SlidingExistence
+    existence: Mapping[str, Any]
     cycle: HeldRun | None
     runs: Mapping[str, HeldRun]
     unstable_ideal: float
@@ -228,72 +232,52 @@ def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
     )
 
 
-@dataclass(frozen=True)
-class PublishedBehind:
-    """What is concluded of the published law from beside the verdicts; see `report.verification`.
-
-    as_published: largest k that is stable over the printed one in the as-published reading, by adhesion and rail, the
-    relay's help left out; empty where nothing is published of the vehicle.
-    """
-
-    effects: tuple[ActuatorEffect, ...]
-    as_published: Mapping[str, float]
-
-
-def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], PublishedBehind]:
+def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
     """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
-    At the published reference slip of the bristle model at 100 km/h.
+    At the published reference slip of the bristle model at 100 km/h. as_published: largest k that is stable over the
+    printed one in the as-published reading, by adhesion and rail, the relay's help left out; empty where nothing is
+    published of the vehicle.
     """
-    effects = tuple(actuator_effect(loop) for loop in _loops(K, D, vehicle).values())
+    effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
     ratios = {}
-    if is_published(vehicle) and not first.existence.exists:
+    if is_published(vehicle) and not first.existence["exists"]:
         for adhesion, rail in product(("bristle", "curve"), Rail):
             scaled = published_loop(
                 rail, adhesion=adhesion, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, vehicle=vehicle
             ).with_gains(D=D)
             ratios[f"{adhesion} {rail}"] = largest_adaptation(scaled) / scaled.gains.k1
-    acting = {"existence": first.existence, "dead_time": first.existence.dead_time, "lag": first.existence.lag}
+    acting = {**first.existence, "existence": first.existence}
     ran = {"runs": {one.name: one.runs for one in effects}, "K": K, "k": first.loop.gains.k1}
     spares = all(one.holds_the_wheel for one in effects)
     law_spares = all(run.held for one in effects for run in one.runs.values())
     stable = all(one.unstable_actual == 0 for one in effects)
     conditions = (
-        Condition("sliding exists behind the actuator", first.existence.exists, RULE, acting, claimed=True),
+        Condition("sliding exists behind the actuator", first.existence["exists"], RULE, acting, claimed=True),
         Condition("the relay's own cycle spares the wheel", spares, "simulated", about),
         Condition("the law behind the actuator spares the wheel", law_spares, "simulated", ran, claimed=True),
         Condition("the adaptive loop is stable behind the actuator", stable, points, about, claimed=True),
     )
-    return conditions, PublishedBehind(effects, ratios)
-
-
-def _loops(K: float, D: float, vehicle: Vehicle) -> dict[Rail, SurfaceLoop]:
-    scale = vehicle.inertia_scale
-    return {rail: published_loop(rail, inertia_scale=scale, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
+    return conditions, {"effects": effects, "as_published": ratios}
 
 
 # --- the robust variants behind the actuator --------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class VariantsBehind:
-    """Largest K, N*m, whose layer is stable on both rails; what the reaching condition asks; whether all holds."""
+def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
+    """The conditions of layer and relay behind the actuator, and what is concluded from; gains in N*m, N*m/(m/s).
 
-    carried: float
-    asked: float
-    all_hold: bool
-
-
-def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], VariantsBehind]:
-    """The conditions of layer and relay behind the actuator, and what is concluded from; gains in N*m, N*m/(m/s)."""
-    loops = _loops(K, D, vehicle)
+    carried: largest K, N*m, whose layer is stable, by rail, and on both; asked: what the reaching condition asks.
+    """
+    loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}
     carried = {rail: LAYER_WIDTH * loop.largest_relay_gain for rail, loop in loops.items()}
     existence, asked = loops[Rail.DRY].sliding_existence(), effective_torque(vehicle)
     numbers = {"K": K, "layer": LAYER_WIDTH, "stable": stable, "carried": carried, "asked": asked}
     conditions = (
         Condition("the layer is stable behind the actuator", all(stable.values()), checked_at(len(stable)), numbers),
-        Condition("the relay slides behind the actuator", existence.exists, RULE, {"existence": existence}),
+        Condition("the relay slides behind the actuator", existence["exists"], RULE, {"existence": existence}),
     )
-    return conditions, VariantsBehind(min(carried.values()), asked, all(one.holds for one in conditions))
+    all_hold = all(one.holds for one in conditions)
+    return conditions, {"carried": min(carried.values()), "asked": asked, "all_hold": all_hold}

@@ -59,6 +59,19 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
     return module_of(module_text(law, functions_text(control, places), joined, own))
 
 
+@dataclass(frozen=True)
+class FixedRun:
+    """Signals (steps, runs), NaN after the end of a stop: time (s, steps only), speed, sigma, s (m/s, s as measured),
+    acting torque (N*m).
+    """
+
+    time: Floats
+    speed: Floats
+    sigma: Floats
+    s: Floats
+    torque: Floats
+
+
 def _rows(
     law: AdhesionLaw,
     vehicles: Sequence[Vehicle],
@@ -106,9 +119,8 @@ def _rows(
         last = int(np.count_nonzero(np.isfinite(rows[lost, :, layout.SPEED]))) - 1
         v, sigma = rows[lost, last, : layout.SURFACE]
         raise DomainError(
-            f"slip velocity: {sigma:.4g} m/s at {last * step:.3f} s and {v / KMH:.4g} km/h is outside "
-            f"+-{min(limit, largest_slip * v):.4g} m/s, where the wheel locks or the adhesion {law.name!r} ends; give "
-            "smaller gains"
+            f"simulation: the wheel is lost at {last * step:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} "
+            f"m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
         )
     return rows.transpose(2, 1, 0), step
 
@@ -117,21 +129,14 @@ def _rows(
 
 
 @dataclass(frozen=True)
-class IdealRun:
-    """Signals of the runs, arrays (steps, seeds); NaN after the end of a stop.
-
-    time (s, steps only), speed, sigma, s (m/s, s as measured), V (m^2/s^2; NaN without adaptation gains), theta_hat
-    (steps, seeds, 2), disturbance: (J/r) d (N*m), torque (N*m); theta: true values at the end, (2,).
+class IdealRun(FixedRun):
+    """And V (m^2/s^2; NaN without adaptation gains), theta_hat (steps, seeds, 2), disturbance: (J/r) d (N*m); theta:
+    true values at the end, (2,).
     """
 
-    time: Floats
-    speed: Floats
-    sigma: Floats
-    s: Floats
     V: Floats
     theta_hat: Floats
     disturbance: Floats
-    torque: Floats
     theta: Floats
 
 
@@ -190,7 +195,7 @@ def simulate_ideal(
         lyapunov = reaching.derived("s theta1_tilde theta2_tilde k1 k2", "V_matrix")
         V[part] = lyapunov(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
     theta = reaching.true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
-    return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), d, torque, theta)
+    return IdealRun(time, speed, sigma, s, torque, V, np.stack((theta1, theta2), axis=-1), d, theta)
 
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
@@ -208,25 +213,15 @@ def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
 # --- behind the actuator ----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class BehindRun:
-    """Signals of a run behind the actuator, arrays of one shape: s, m/s, m/s, m/s, N*m (acting)."""
-
-    time: Floats
-    speed: Floats
-    sigma: Floats
-    surface: Floats
-    torque: Floats
-
-
 def simulate_behind(
     point: OperatingPoint, gains: LawGains, actuator: Actuator, *, duration: float, offset: float, frozen: bool
-) -> BehindRun:
-    """Run from an operating point, held until t = 0 by its own torque, `duration` s or until 5 km/h, undisturbed.
+) -> FixedRun:
+    """A run from an operating point, held until t = 0 by its own torque, undisturbed; its signals are 1-D.
 
-    The point's slip is the reference, and what the law knows of the vehicle is right. `offset`: initial slip velocity
-    above the point's, m/s; `frozen`: the speed is held, for wheel and law. DomainError where the wheel locks, or leaves
-    the adhesion law's domain on either side: slip below 0 is a released wheel that runs ahead.
+    It lasts `duration` s or until 5 km/h. The point's slip is the reference, and what the law knows of the vehicle is
+    right. `offset`: initial slip velocity above the point's, m/s; `frozen`: the speed is held, for wheel and law.
+    DomainError where the wheel locks, or leaves the adhesion law's domain on either side: slip below 0 is a released
+    wheel that runs ahead.
     """
     state = (point.speed, point.sigma, point.adhesion_state or 0.0)
     hold = point.brake_torque
@@ -240,4 +235,4 @@ def simulate_behind(
     start = (state[0], state[1] + offset, state[2], float(hold))
     rows, step = _rows(point.law, (point.vehicle,), gains, start, (still, still), **known)
     speed, sigma, s, _, _, torque = rows[:, np.isfinite(rows[layout.SPEED, :, 0]), 0]
-    return BehindRun(np.asarray(step * np.arange(speed.size), dtype=float), speed, sigma, s, torque)
+    return FixedRun(np.asarray(step * np.arange(speed.size), dtype=float), speed, sigma, s, torque)

@@ -20,7 +20,7 @@ from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
-from .reaching import theta_function
+from .reaching import derived
 
 TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of abs(s) is taken
 
@@ -130,7 +130,7 @@ def _lyapunov_signals(
             (controller.nominal_viscous_friction, vehicle.wheel.viscous_friction),
         )
     )
-    found = theta_function()(r, J, Mn, signals.mass - Mn, B - Bn)
+    found = derived("r J Mn Mp Bp", "theta")(r, J, Mn, signals.mass - Mn, B - Bn)
     theta = np.column_stack([np.broadcast_to(one, signals.time.shape) for one in found])
     theta_hat = np.column_stack([run.controller_signals[f"theta{i}_hat"] for i in (1, 2)])
     # s' = lambda_d v' - sigma' + rho e from the plant's rates, with what disturbs and without Tr, Td and Fr

@@ -119,11 +119,10 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
     the random force follow the wheel load, see `load_ratio`. The estimates are right.
     """
-    speed = INITIAL_SPEED_KMH * KMH
     return replace(
         reference_set(vehicle, sigmas=sigmas),
-        adhesion_torque=(0.0, rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP)),
-        speed=(LOWEST_SPEED_KMH * KMH, speed),
+        adhesion_torque=(0.0, vanishing_slip_torque(vehicle)),
+        speed=(LOWEST_SPEED_KMH * KMH, INITIAL_SPEED_KMH * KMH),
         slip=(0.0, 2.0 * reference_slip()),
         mass=(vehicle.mass, vehicle.mass_loaded),
         heavier=load_ratio(vehicle),
@@ -157,11 +156,9 @@ def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
-def wet_share(vehicle: Vehicle) -> float:
-    """Ta of the wet rail over that of the dry one, at rest at vanishing slip and 100 km/h."""
-    speed = INITIAL_SPEED_KMH * KMH
-    wet, dry = (rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY))
-    return wet / dry
+def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
+    """The largest Ta at rest, N*m: at vanishing slip and 100 km/h."""
+    return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
 def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
@@ -185,17 +182,12 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
     return made
 
 
-def theta_function() -> Callable[..., Any]:
-    """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
-    return derived("r J Mn Mp Bp", "theta")
-
-
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta of a vehicle against the nominal one."""
+    """theta, (44) corrected, of a vehicle against the nominal one, 1/(kg m) and m/s."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(theta_function()(*known, Mn, *perturbation), dtype=float)
+    return np.asarray(derived("r J Mn Mp Bp", "theta")(*known, Mn, *perturbation), dtype=float)
 
 
 def law_parameters(**values: float) -> Any:
@@ -243,9 +235,9 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 
 @cache
-def required_gain() -> sp.Expr:
-    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`,
-    side.
+def required_gain() -> Callable[..., Any]:
+    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb, as a function of
+    `BOX_VARIABLES` and `_PARAMETERS`.
 
     ArithmeticError where it is not affine in each of them, as with another plant.
     """
@@ -259,7 +251,8 @@ def required_gain() -> sp.Expr:
     # both linear in q: K = -rest/slope is monotone in it
     if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
         raise ArithmeticError("the bound on K is not affine in what it is asked over; the plant has been changed")
-    return -rest / slope
+    made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], -rest / slope, "numpy", cse=True)
+    return made
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
@@ -283,13 +276,7 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
     ]
     parameters = (rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
     nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
-    return _required_function()(*np.array(corners).T, *parameters, *nominal)
-
-
-@cache
-def _required_function() -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], required_gain(), "numpy", cse=True)
-    return made
+    return required_gain()(*np.array(corners).T, *parameters, *nominal)
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:

@@ -75,22 +75,6 @@ def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 @dataclass(frozen=True)
-class SlidingExistence:
-    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]).
-
-    relative_degree: poles minus zeros of W without its dead time (s); high_frequency_gain: lim s^relative_degree W(s)
-    (dead time apart), (m/s) s^-relative_degree/(N*m). It exists with relative degree 1, positive gain and no dead time:
-    only then does a switch turn s' round at once.
-    """
-
-    relative_degree: int
-    high_frequency_gain: float
-    dead_time: float
-    lag: float
-    exists: bool
-
-
-@dataclass(frozen=True)
 class SurfaceLoop:
     """The linear loop around the relay of the law, the speed frozen; InputError for a plant with it as a state.
 
@@ -179,11 +163,17 @@ class SurfaceLoop:
         actuator = np.exp(-s * self.actuator.dead_time) / (self.actuator.lag * s + 1.0)
         return np.asarray(actuator / (inverse_wheel + actuator * self.controller()(s)))
 
-    def sliding_existence(self) -> SlidingExistence:
-        """Whether an ideal sliding mode exists: 1/P + Ga C grows as (J/r) s, and G tends to 1."""
+    def sliding_existence(self) -> dict[str, Any]:
+        """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why.
+
+        relative_degree: poles minus zeros of W without its dead time, as 1/P + Ga C grows as (J/r) s and G tends to 1;
+        high_frequency_gain: lim s^relative_degree W(s), (m/s) s^-relative_degree/(N*m), > 0. It exists with relative
+        degree 1 and no dead time: only then does a switch turn s' round at once.
+        """
         lag, dead_time = self.actuator.lag, self.actuator.dead_time
         degree, gain = (2, self.plant.gain / lag) if lag > 0 else (1, self.plant.gain)
-        return SlidingExistence(degree, gain, dead_time, lag, degree == 1 and dead_time == 0)
+        found = {"relative_degree": degree, "high_frequency_gain": gain, "dead_time": dead_time, "lag": lag}
+        return {**found, "exists": degree == 1 and dead_time == 0}
 
     @cached_property
     def largest_relay_gain(self) -> float:

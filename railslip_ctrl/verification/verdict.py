@@ -68,7 +68,7 @@ class Verification:
     conditions: tuple[Condition, ...]
     box: Mapping[str, Any] = field(default_factory=dict)
     tolerances: tuple[Tolerance, ...] = ()
-    findings: Any = None
+    findings: Mapping[str, Any] | None = None
 
     @property
     def all_hold(self) -> bool:
