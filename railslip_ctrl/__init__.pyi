@@ -98,7 +98,6 @@ from .sliding.derivation import derive as derive
 from .verification import actuator_effects as actuator_effects
 from .verification import fixed_step as fixed_step
 from .verification import joint_verification as joint_verification
-from .verification import limit_cycles as limit_cycles
 from .verification import predictive as predictive
 from .verification import reaching as reaching
 from .verification import relay_loop as relay_loop

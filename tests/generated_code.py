@@ -8,6 +8,8 @@ import pytest
 from sample_laws import sample_law
 
 from railslip_ctrl.controllers.guard import Status
+from railslip_ctrl.sliding.code import generate
+from railslip_ctrl.sliding.law import module_of
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 
 COMPILER = shutil.which("cc")
@@ -19,6 +21,11 @@ RANGES = {
     **{"sigma_d": (0.1, 5.0), "rho": (0.1, 5.0), "D": (0.1, 500.0), "K": (1.0, 3000.0), "k1": (1e-10, 1e-7)},
     **{"k2": (1e-8, 1e-5), "filter_time": (0.01, 0.5), "N": (2e4, 6e4), "period": (1e-3, 0.05)},
 }
+
+
+def python_law(derivation):
+    """The generated Python, ready to call."""
+    return module_of(generate(derivation).python)
 
 
 def parameters(code, generator, adhesion, **given):

@@ -100,7 +100,6 @@ ROOMS = {
     "verification/boxes": "predictive_verification",
     "verification/no_lock": "predictive_verification",
     "verification/predictive": "predictive_verification",
-    "verification/limit_cycles": "sliding_verification",
     "verification/relay_loop": "sliding_verification",
     "simulation/": "scenarios simulation_engine",
     "simulation/campaign/": "campaign",

@@ -39,7 +39,7 @@ ENTRIES = {
     "model.vehicle_files": "load_vehicle",
     "model.linearization": "LinearPlant OperatingPoint",
     "sliding.derivation": "Derivation",
-    "verification.joint_verification": "verify_with_actuator",
+    "verification.joint_verification": "verify",
 }
 """What is public of the modules that do not list their names."""
 

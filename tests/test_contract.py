@@ -80,8 +80,8 @@ def test_exit_status_and_nulls(railslip, file, tmp_path, words, expected, null):
 
 @pytest.mark.parametrize("holds", [True, False])
 def test_the_exit_status_of_what_takes_long_is_that_of_its_record(railslip, monkeypatch, holds):
-    result = {"return_value.verification.all_hold": holds, "table5.return_value.within": holds}
-    monkeypatch.setattr(verify, "verify_with_actuator", MagicMock(**result))
+    result = {"return_value.all_hold": holds, "table5.return_value.within": holds}
+    monkeypatch.setattr(verify, "verify", MagicMock(**result))
     monkeypatch.setattr(reproduce, "tables", MagicMock(MOST_SEEDS=999, **result))
     for module, name in ((verify, "show"), *((reproduce, f"reproduction_{form}") for form in ("json", "text"))):
         monkeypatch.setattr(module, name, MagicMock(return_value={}))

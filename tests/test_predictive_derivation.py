@@ -1,5 +1,6 @@
 """The predictive law: its derivation against the contract, broken plants, a delayed simulation and block arithmetic."""
 
+from collections import namedtuple
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Rail
-from railslip_ctrl.sliding.predictive import Layer, derive_predictive, layer_loop
+from railslip_ctrl.sliding.predictive import derive_predictive
 from railslip_ctrl.sliding.proof import sliding_symbol
 
 R, J = PARK2008.wheel.radius, PARK2008.effective_inertia
@@ -99,6 +100,24 @@ def test_the_identities_hold_along_a_delayed_simulation() -> None:
         assert then["S"] - first["S"] == pytest.approx(y[4], abs=1e-6 * abs(first["S"]))
         assert then["e_hat"] - first["e_hat"] == pytest.approx(y[5], abs=1e-6)
     assert abs(first["S"]) > 400.0 > abs(then["S"])  # from outside the layer into it
+
+
+Layer = namedtuple("Layer", "kappa gain dead_time lag observer_time deceleration_time wheel_inertia")
+
+
+def layer_loop(s, point, layer, brake):
+    """The derived loop of the layer at complex s, with the brake beside its model; the speed frozen."""
+    frozen, moving = linearize(point), linearize(point, speed_state=True)
+    rows = np.array([[float(name == "sigma") for name in frozen.states], moving.A[0, 1:]])
+    inverse = s[:, None, None] * np.eye(len(frozen.states)) - frozen.A
+    to_sigma, to_v_rate = (rows @ np.linalg.solve(inverse, frozen.B.astype(complex)))[..., 0].T
+    delay, ga = np.exp(-layer.dead_time * s), np.exp(-brake.dead_time * s) / (brake.lag * s + 1)
+    filters = {"Q": 1 / (layer.observer_time * s + 1), "Qa": 1 / (layer.deceleration_time * s + 1)}
+    values = {"E": delay, "G": to_sigma, "A": to_v_rate, "Ga": ga, **filters, "theta": layer.dead_time}
+    values |= {"kappa": layer.kappa, "g": layer.gain, "lambda_d": point.slip}
+    known = {sliding_symbol(name): value for name, value in values.items()}
+    known |= {symbol("s"): s, symbol("T"): layer.lag, plant.J: layer.wheel_inertia, plant.r: R}
+    return sp.lambdify(list(known), derive_predictive().loop, "numpy")(*known.values())
 
 
 @pytest.mark.parametrize("law", ["curve", "bristle"])

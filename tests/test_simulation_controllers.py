@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from generated_code import python_law
 from project import changed
 
 from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, catalogue, derive, load_scenario
@@ -27,7 +28,6 @@ from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.report.stops import braked
 from railslip_ctrl.simulation.run import kernel
-from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.law import gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import sympy as sp
-from generated_code import COMPILER, Program, adhesion_of, needs_compiler, parameters
+from generated_code import COMPILER, Program, adhesion_of, needs_compiler, parameters, python_law
 from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
@@ -28,7 +28,7 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.paper.errata import errata
-from railslip_ctrl.sliding.code import generate, python_law
+from railslip_ctrl.sliding.code import generate
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
@@ -388,7 +388,7 @@ def test_the_committed_law_is_what_the_derivation_gives(tmp_path, monkeypatch):
     stale = tmp_path / "sliding_law.py"
     stale.write_text(LAW_FILE.read_text(encoding="utf-8").replace("SHA-256 ", "SHA-256 0"), encoding="utf-8")
     monkeypatch.setattr("railslip_ctrl.sliding.generate.LAW_FILE", stale)
-    monkeypatch.setattr("railslip_ctrl.sliding.generate._derived", lambda: "derived")
+    monkeypatch.setattr("railslip_ctrl.sliding.generate.generate_law", lambda: "derived")
     assert law_source.__wrapped__() == "derived"
 
 

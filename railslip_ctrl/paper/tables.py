@@ -446,7 +446,7 @@ def wet_rail_unknown() -> Fact:
 def adaptation_unstable() -> Fact:
     """The printed k behind the printed actuator."""
     loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
-    ratio = largest_adaptation(loop) / loop.gains.k
+    ratio = largest_adaptation(loop) / loop.gains.k1
     scenario, runs, holds = published_scenario(), {}, ratio < 1.0
     for column in COLUMNS:
         adaptive, plain = (

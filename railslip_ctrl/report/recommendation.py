@@ -396,10 +396,10 @@ def _called(content: bytes) -> Any:
 
 def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the predictive law, or why they cannot be decided for this vehicle."""
-    from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
+    from railslip_ctrl.verification.joint_verification import verify  # SymPy: not in what is only shown
 
     def decide() -> Verification:
-        found = verify_with_actuator(law="predictive", vehicle=vehicle).verification
+        found = verify(law="predictive", vehicle=vehicle)
         return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
 
     try:

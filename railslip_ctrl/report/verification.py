@@ -16,8 +16,6 @@ from rich.text import Text
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification.actuator_effects import SLIP_AMPLITUDE
-from railslip_ctrl.verification.joint_verification import FullVerification
-from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.verdict import Condition, Verification
 
@@ -32,10 +30,7 @@ _LAWS = {
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"predictive": "lag and dead time throughout"}
-_CONSTANTS = {
-    **{"inf": math.inf, "KMH": KMH, "LINEAR_CHANGE": LINEAR_CHANGE},
-    "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
-}
+_CONSTANTS = {"inf": math.inf, "KMH": KMH, "SLIP_AMPLITUDE": SLIP_AMPLITUDE}
 
 
 def statement(condition: Condition) -> str:
@@ -48,16 +43,9 @@ def evidence(condition: Condition) -> str:
     return _told(_named(condition)["evidence"], condition.numbers)
 
 
-def conclusion_text(full: FullVerification) -> str:
-    """What an engineer may conclude for the brake with its actuator."""
-    return "" if full.findings is None else findings_text(full.findings)
-
-
-def findings_text(findings: Any) -> str:
-    """The conclusion from findings."""
-    text = _texts()["conclusion"][type(findings).__name__]
-    fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
-    return _told(text, fields)
+def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
+    """What an engineer may conclude for the brake with its actuator, from the findings of a law's verification."""
+    return "" if findings is None else _told(_texts()["conclusion"][law], findings)
 
 
 def _texts() -> dict[str, Any]:
@@ -101,7 +89,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     }
 
 
-def verification_text(verification: Verification, conclusion: str = "", about: Sequence[tuple[str, str]] = ()) -> str:
+def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
     """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude.
 
     `about`: what else the head says of vehicle and adhesion, names and values.
@@ -122,7 +110,7 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
         parts += [Paragraph(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []
         parts.append(Text(""))
     parts.append(Text(_verdict(verification)))
-    if conclusion:
+    if conclusion := conclusion_text(verification.law, verification.findings):
         parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), Paragraph(conclusion)]
     return render(parts)
 
@@ -207,7 +195,7 @@ def _bounds(name: str, run: LyapunovRun) -> tuple[str, ...]:
         name,
         str(run.run.outcome),
         f"{run.run.braking_time:.1f}",
-        ", ".join(f"{bound.s:.2f}" for bound in run.ultimate),
-        ", ".join(f"{bound.slip_error:.3f}" for bound in run.ultimate),
+        ", ".join(f"{s:.2f}" for s, _ in run.ultimate),
+        ", ".join(f"{slip_error:.3f}" for _, slip_error in run.ultimate),
         f"{100 * run.run.locked_fraction:.1f}",
     )

@@ -12,7 +12,6 @@ import textwrap
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import sympy as sp
@@ -27,7 +26,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import Rail
 
 from .derivation import Derivation
-from .law import CAUTIONS, file_hash, module_of, sources_hash
+from .law import CAUTIONS, file_hash, sources_hash
 from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, PREFIX, Assignment, SampledLaw, sampled_law
 
 WIDTH = 99  #: largest length of a line of generated code
@@ -55,16 +54,6 @@ def generate(derivation: Derivation) -> LawCode:
     """The law of a derivation as Python source."""
     law = sampled_law(derivation)
     return LawCode(law, _source(law))
-
-
-@cache
-def python_law(derivation: Derivation) -> ModuleType:
-    """The generated Python, ready to call: `Parameters`, `State`, `start`, `control`, `law_step`.
-
-    `control` is the continuous law: a pure function of what is measured, the estimates and the parameters, to
-    (torque, s, theta1_hat_rate, theta2_hat_rate). `law_step(state, v, omega[, Ta], p)` gives the torque.
-    """
-    return module_of(generate(derivation).python)
 
 
 def _head(note: tuple[str, ...]) -> list[str]:
@@ -103,10 +92,16 @@ _PRINTER = _Printer({"fully_qualified_modules": True, "user_functions": {name: n
 
 
 def _source(law: SampledLaw) -> str:
+    # from what is measured and kept to what the continuous law is a function of
+    prepare: list[str] = []
+    for name, value in law.prepare:
+        prepare += _statements([(name, value)], law)
+        if name in law.states and value.func is not LIMITED:
+            prepare.append(f"    {name} = bounded({name})")
     lines = {
         "surface": _statements([("s", law.surface)], law),
         "control": [line for one in law.control for line in _statements([one], law)],
-        "prepare": _prepared(law),
+        "prepare": prepare,
         "parameters": [_field(name, law.meaning(name), law.rules[name], name in OPTIONS) for name in law.parameters],
         "state": [_field(name, law.meaning(name), (), True) for name in law.states],
     }
@@ -132,69 +127,41 @@ def _field(name: str, meaning: str, rules: tuple[str, ...], has_default: bool) -
     return f"    {name}: Annotated[float, {told}]{' = 0.0' if has_default else ''}"
 
 
-def _prepared(law: SampledLaw) -> list[str]:
-    """Statements from what is measured and kept to what the continuous law is a function of."""
-    lines = []
-    for name, value in law.prepare:
-        lines += _statements([(name, value)], law)
-        if name in law.states and value.func is not LIMITED:
-            lines.append(f"    {name} = bounded({name})")
-    return lines
-
-
 def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
-    """Lines that assign the targets, common parts first; parameters are read from `p`."""
+    """Lines that assign the targets, common parts first; parameters are read from `p`.
+
+    Divided by and exponentiated with the `_HELPERS`, so that a parameter of 0 does in every language the same.
+    """
     lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
-    for name, value in _common_parts(targets, {one: f"p.{one}" for one in law.parameters}):
+    temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
+    renamed = {**{one: f"p.{one}" for one in law.parameters}, "switching": "switching_"}
+    assigned = [(symbol.name, value) for symbol, value in temporaries]
+    assigned += zip((name for name, _ in targets), values, strict=True)
+    reciprocal, exponential = (sp.Function(name) for name in _HELPERS[:2])
+    for name, value in assigned:
+        known = (symbol for symbol in value.free_symbols if symbol.name in renamed)
+        shown = {symbol: sp.Symbol(renamed[symbol.name], **symbol.assumptions0) for symbol in known}
+        guarded = value.replace(
+            lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and not x.base.is_Number,
+            lambda x: reciprocal(x.base**-x.exp),
+        ).replace(lambda x: isinstance(x, sp.exp), lambda x: exponential(x.args[0]))
         # a case distinction is printed in several lines
-        text = " ".join(_PRINTER.doprint(value).split())
+        text = " ".join(_PRINTER.doprint(guarded.xreplace(shown)).split())
         line = f"    {name} = {text}"
         lines += [line] if len(line) <= WIDTH else [f"    {name} = (", *_short(f"        {text}"), "    )"]
     return lines
 
 
-def _common_parts(targets: list[Assignment], names: dict[str, str]) -> list[Assignment]:
-    """Targets after `cse`, temporaries before them, parameters renamed by `names`; the same for every language.
-
-    Divided by and exponentiated with the `_HELPERS`, so that a parameter of 0 does in every language the same.
-    """
-    temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
-    renamed = {**names, "switching": "switching_"}
-    lines = [(symbol.name, value) for symbol, value in temporaries]
-    lines += zip((name for name, _ in targets), values, strict=True)
-    return [(name, _renamed(_guarded(value), renamed)) for name, value in lines]
-
-
-def _guarded(expression: sp.Expr) -> sp.Expr:
-    """x^-n as reciprocal(x^n) and exp as exponential, but of numbers."""
-    reciprocal, exponential = (sp.Function(name) for name in _HELPERS[:2])
-    guarded = expression.replace(
-        lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and not x.base.is_Number,
-        lambda x: reciprocal(x.base**-x.exp),
-    )
-    return guarded.replace(lambda x: isinstance(x, sp.exp), lambda x: exponential(x.args[0]))
-
-
-def _renamed(expression: sp.Expr, renamed: dict[str, str]) -> sp.Expr:
-    known = (symbol for symbol in expression.free_symbols if symbol.name in renamed)
-    return expression.xreplace({symbol: sp.Symbol(renamed[symbol.name], **symbol.assumptions0) for symbol in known})
-
-
-def _short(line: str, width: int = WIDTH) -> list[str]:
-    """A line of code in lines of `width`, broken at blanks, before an operator; from the second on indented farther."""
-    if len(line) <= width:
+def _short(line: str) -> list[str]:
+    """A line of code in lines of `WIDTH`, broken at blanks, before an operator; from the second on indented farther."""
+    if len(line) <= WIDTH:
         return [line]
+    blank = "\N{NO-BREAK SPACE}"  # an operator stays with what follows it, = with both sides
     spaced = re.sub(r"(?<=[\w)])([*/])(?=[\w(])", r" \1 ", line)
-    together = re.sub(r" = | [-+*/] |const ", _unbreakable, spaced)
+    together = re.sub(r" ([-+*/]) ", rf" \1{blank}", spaced.replace(" = ", f"{blank}={blank}"))
     further = line[: len(line) - len(line.lstrip())] + 4 * " "
-    lines = textwrap.wrap(together, width, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
-    return [one.replace("\N{NO-BREAK SPACE}", " ") for one in lines]
-
-
-def _unbreakable(found: re.Match[str]) -> str:
-    """An operator stays with what follows it; `=` and `const` with both sides."""
-    blank, text = "\N{NO-BREAK SPACE}", found[0]
-    return text.replace(" ", blank) if "=" in text or "const" in text else text[:-1] + blank
+    lines = textwrap.wrap(together, WIDTH, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
+    return [one.replace(blank, " ") for one in lines]
 
 
 # --- an adhesion law's own numbers ------------------------------------------------------------------------------------
@@ -221,28 +188,22 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
     """
     if derivation.adhesion != law.name:
         raise InputError(f"law: {law.name!r} is not the one derived with, {derivation.adhesion!r}; derive with it")
-    rails = (Rail.WET,) if law.rail is Rail.WET else tuple(Rail)
-    return tuple(_on(derivation, law.on(rail)) for rail in rails)
-
-
-def _on(derivation: Derivation, law: AdhesionLaw) -> LawNumbers:
-    values = law.parameters()
-    if law.statement().functions:
-        return LawNumbers(law.rail, tuple(zip(_points(law), values, strict=True)), None)
-    numbers = {symbol: sp.Float(value, _DIGITS) for symbol, value in zip(law.symbols(), values, strict=True)}
-    parameters = tuple(zip(law.parameter_names(), values, strict=True))
-    return LawNumbers(law.rail, parameters, derivation.law_in_adhesion.subs(numbers))
-
-
-def _points(law: AdhesionLaw) -> list[str]:
-    """Names of the values of `parameters`: those of a list are numbered."""
+    # of a list the values are numbered
     fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]
-    return [
+    names = [
         name if len(values) == 1 else f"{name}_{i}"
         for name, value in fields
         for values in ([value] if isinstance(value, float) else value,)
         for i in range(1, len(values) + 1)
     ]
+    found = []
+    for one in (law.on(rail) for rail in ((Rail.WET,) if law.rail is Rail.WET else Rail)):
+        values, torque = one.parameters(), None
+        if not law.statement().functions:
+            numbers = {symbol: sp.Float(value, _DIGITS) for symbol, value in zip(law.symbols(), values, strict=True)}
+            torque = derivation.law_in_adhesion.subs(numbers)
+        found.append(LawNumbers(one.rail, tuple(zip(names, values, strict=True)), torque))
+    return tuple(found)
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:

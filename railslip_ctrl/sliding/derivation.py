@@ -3,14 +3,14 @@
 Symbols are those of `core.notation` and `sliding.proof`; plain SymPy, real, `sympy.sign` for sgn. s' is positive where
 s grows, Tb > 0 brakes, theta_tilde = theta - theta_hat. Nothing of the law is typed in: the plant is `plant.WHEEL`,
 `plant.TRAIN`, `plant.SLIP_VELOCITY`; what is chosen (not derived) is the surface (33), the reaching law asked for and
-V. Every step carries the outcome of a machine check. The records build on each other: `Surface`, `Reaching`,
-`Adaptation`, `Derivation`.
+V. Every step carries the outcome of a machine check. The records build on each other: `Reaching`, `Adaptation`,
+`Derivation`.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import sympy as sp
 
@@ -29,38 +29,31 @@ lambda_d, sigma_d = sliding_symbol("lambda_d"), sliding_symbol("sigma_d")
 _SIGMA_RATE = sliding_symbol("sigma_rate")
 
 
-@dataclass(frozen=True)
-class Surface:
-    """The sliding variable and its rate; fields as of `Derivation`."""
-
-    steps: tuple[DerivationStep, ...]
-    s: sp.Expr
-    error: sp.Expr
-    reference_rate: sp.Expr
-    s_rate: sp.Expr
-    disturbance: sp.Expr
-
-
 UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 """What is dropped where the source says "uncertainties are neglected" (p. 53)."""
 
 
-def derive_surface(reference: Reference) -> Surface:
-    """s and s' for a reference."""
+def derive_surface(reference: Reference) -> dict[str, Any]:
+    """s and s' for a reference; fields of `Reaching`."""
     plant_step, train, wheel = accelerations()
-    slip_step, sigma_rate = _slip_rate(train, wheel)
+    motion, slip_velocity = plant.motion(), plant.SLIP_VELOCITY.rhs
+    # v' is kept apart, so that a measured v' may stand for it
+    sigma_rate = sp.expand(sp.diff(slip_velocity, plant.v) * train + sp.diff(slip_velocity, plant.omega) * wheel)
+    moves = identical(_in_plant_variables(sigma_rate), motion.sigma_rate)
+    slip_step = step("slip acceleration", (_SIGMA_RATE, sigma_rate), moves)
     error, error_rate, definition, surface_step, rate_form = _differentiated(reference)
     rate = sp.expand(rate_form.subs(_SIGMA_RATE, sigma_rate))
-    own = _rate_is_the_plant_s(error, rate, train)
+    slope = sp.diff(error, plant.v) * motion.v_rate + sp.diff(error, plant.sigma) * motion.sigma_rate
+    own = identical(_in_plant_variables(rate.subs({plant.v_rate: train, e: error})), slope + rho * error)
     rate_step = step("rate of s", (sliding_symbol("s_rate"), grouped_rate(rate)), own)
-    return Surface(
-        steps=(plant_step, slip_step, surface_step, rate_step),
-        s=definition,
-        error=error,
-        reference_rate=sp.expand(error_rate + _SIGMA_RATE),
-        s_rate=grouped_rate(rate),
-        disturbance=grouped_rate(sp.expand(rate - rate.subs(UNCERTAIN))),
-    )
+    return {
+        "steps": (plant_step, slip_step, surface_step, rate_step),
+        "s": definition,
+        "error": error,
+        "reference_rate": sp.expand(error_rate + _SIGMA_RATE),
+        "s_rate": grouped_rate(rate),
+        "disturbance": grouped_rate(sp.expand(rate - rate.subs(UNCERTAIN))),
+    }
 
 
 def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
@@ -82,16 +75,6 @@ def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
         identical(power, -losses),
     )
     return made, train, wheel
-
-
-def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
-    """sigma' with v' kept apart, so that a measured v' may stand for it."""
-    definition = plant.SLIP_VELOCITY.rhs
-    rate = sp.expand(sp.diff(definition, plant.v) * train + sp.diff(definition, plant.omega) * wheel)
-    made = step(
-        "slip acceleration", (_SIGMA_RATE, rate), identical(_in_plant_variables(rate), plant.motion().sigma_rate)
-    )
-    return made, rate
 
 
 def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
@@ -127,13 +110,6 @@ def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
     return expression.subs({**stated, plant.omega: wheel_speed})
 
 
-def _rate_is_the_plant_s(error: sp.Expr, rate: sp.Expr, train: sp.Expr) -> bool:
-    motion = plant.motion()
-    slope = sp.diff(error, plant.v) * motion.v_rate + sp.diff(error, plant.sigma) * motion.sigma_rate
-    derived = _in_plant_variables(rate.subs({plant.v_rate: train, e: error}))
-    return identical(derived, slope + rho * error)
-
-
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
     """The terms of s' by what they multiply, as the source writes them."""
     return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
@@ -147,9 +123,15 @@ _S_RATE, _ZERO = sliding_symbol("s_rate"), sp.Integer(0)
 
 
 @dataclass(frozen=True)
-class Reaching(Surface):
-    """And the law for known parameters."""
+class Reaching:
+    """The sliding variable, its rate, and the law for known parameters; fields as of `Derivation`."""
 
+    steps: tuple[DerivationStep, ...]
+    s: sp.Expr
+    error: sp.Expr
+    reference_rate: sp.Expr
+    s_rate: sp.Expr
+    disturbance: sp.Expr
     equivalent_control: sp.Expr
     reaching: sp.Expr
     robust_term: sp.Expr
@@ -158,12 +140,16 @@ class Reaching(Surface):
     reaching_product: sp.Expr
 
 
-def derive_reaching(surface: Surface) -> Reaching:
+def derive_reaching(reference: Reference) -> Reaching:
     """The law from s'."""
-    rate, known, d = surface.s_rate, surface.s_rate.subs(UNCERTAIN), surface.disturbance
+    surface = derive_surface(reference)
+    rate, known, d = surface["s_rate"], surface["s_rate"].subs(UNCERTAIN), surface["disturbance"]
     equivalent = linear_solution(known, plant.Tb)
     reaching = grouped_rate(sp.expand(rate.subs(plant.Tb, equivalent + Ur)))
-    robust = _robust(reaching)
+    # Ur for which s' without disturbances is -D0 s - K0 sgn s, in D = (J/r) D0 and K = (J/r) K0
+    sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
+    in_rates = linear_solution(reaching.subs(UNCERTAIN) + D0 * s + K0 * sign, Ur)
+    robust = sp.expand(in_rates.subs({D0: plant.r / plant.J * D, K0: plant.r / plant.J * K})).subs(sign, sp.sign(s))
     law = grouped(equivalent) + robust
     closed = sp.expand(rate.subs(plant.Tb, equivalent + robust))
     product = sp.expand(s * closed)
@@ -171,7 +157,7 @@ def derive_reaching(surface: Surface) -> Reaching:
     bound = sp.Abs(s) * (size - plant.r / plant.J * (D * sp.Abs(s) + K))
     slack = sp.Abs(s) * size - s * d  # not negative, since x <= |x|
     steps = (
-        *surface.steps,
+        *surface["steps"],
         step("equivalent control", (Ueq, grouped(equivalent)), identical(known.subs(plant.Tb, equivalent), _ZERO)),
         step(
             "reaching dynamics",
@@ -194,7 +180,7 @@ def derive_reaching(surface: Surface) -> Reaching:
         step("reaching condition", (sliding_symbol("s_times_s_rate"), product), identical(bound - product, slack)),
     )
     return Reaching(
-        **vars(surface) | {"steps": steps},
+        **surface | {"steps": steps},
         equivalent_control=grouped(equivalent),
         reaching=reaching,
         robust_term=robust,
@@ -209,14 +195,6 @@ def grouped(control: sp.Expr) -> sp.Expr:
     factor = plant.J / plant.r
     inside = sp.collect(sp.expand(control / factor), (plant.Ta, plant.omega))
     return sp.Mul(factor, inside, evaluate=False)
-
-
-def _robust(reaching: sp.Expr) -> sp.Expr:
-    """Ur for which s' without disturbances is -D0 s - K0 sgn s, in D = (J/r) D0 and K = (J/r) K0."""
-    sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
-    asked = -D0 * s - K0 * sign
-    in_rates = linear_solution(reaching.subs(UNCERTAIN) - asked, Ur)
-    return sp.expand(in_rates.subs({D0: plant.r / plant.J * D, K0: plant.r / plant.J * K})).subs(sign, sp.sign(s))
 
 
 # --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
@@ -259,8 +237,10 @@ class Adaptation(Reaching, Lyapunov):
     adaptation_matrix: tuple[sp.Expr, ...]
 
 
-def derive_adaptation(reaching: Reaching) -> Adaptation:
-    """theta, the law with theta_hat, the error dynamics and the adaptive laws."""
+@cache
+def derive_adaptation(reference: Reference) -> Adaptation:
+    """theta, the law with theta_hat, the error dynamics and the adaptive laws; Ta is an argument."""
+    reaching = derive_reaching(reference)
     known = reaching.s_rate.subs(UNCERTAIN)
     uncertainty = sp.expand(known.subs(TRUE) - known.subs(NOMINAL))
     theta = tuple(sp.factor(sp.diff(uncertainty, variable)) for variable in PHI)
@@ -372,25 +352,21 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
     parts = [sp.diff(power, coefficient) for coefficient in coefficients]
     whole = sum(part * coefficient for part, coefficient in zip(parts, coefficients, strict=True))
     brakes = all(part.is_positive for part in parts) and identical(power, whole)
+    s_laplace, tau, Tc = (symbol(name) for name in ("s", "tau", "Tc"))
+    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
+    # the command after the dead time is exp(-tau s) of the command
+    from_rate = sp.solve(sp.Eq(s_laplace * plant.Tb, rate), plant.Tb)[0].subs(Tc, sp.exp(-tau * s_laplace))
+    poles = sp.solve(sp.denom(sp.together(from_rate)), s_laplace)
     return (
         step("slip ratio", (plant.slip, ratio), rolls == 0, locks == 1, grows),
         step("travelling resistance", (plant.Fr, plant.RESISTANCE.rhs), brakes),
-        _actuator(),
-    )
-
-
-def _actuator() -> DerivationStep:
-    s, tau, Tc = (symbol(name) for name in ("s", "tau", "Tc"))
-    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
-    # the command after the dead time is exp(-tau s) of the command
-    from_rate = sp.solve(sp.Eq(s * plant.Tb, rate), plant.Tb)[0].subs(Tc, sp.exp(-tau * s))
-    poles = sp.solve(sp.denom(sp.together(from_rate)), s)
-    return step(
-        "actuator",
-        (sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]), sp.Matrix([transfer, rate])),
-        vanishes(transfer - from_rate),
-        transfer.subs(s, 0) == 1,
-        len(poles) == 1 and bool(poles[0].is_negative),
+        step(
+            "actuator",
+            (sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]), sp.Matrix([transfer, rate])),
+            vanishes(transfer - from_rate),
+            transfer.subs(s_laplace, 0) == 1,
+            len(poles) == 1 and bool(poles[0].is_negative),
+        ),
     )
 
 
@@ -445,7 +421,7 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 
     Returns equations and steps as SymPy expressions in SI, by name; no arrays. InputError: an unknown reference or law.
     """
-    adaptive = _whatever_the_adhesion(reference)
+    adaptive = derive_adaptation(reference)
     estimates_step, estimation = _estimates(adaptive)
     adhesion_steps, torque, state_rate, closed = _with_adhesion(law, adaptive)
     return Derivation(
@@ -457,12 +433,6 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
         adhesion_state_rate=state_rate,
         law_in_adhesion=closed,
     )
-
-
-@cache
-def _whatever_the_adhesion(reference: Reference) -> Adaptation:
-    """What is derived with Ta as an argument, once for all adhesion laws."""
-    return derive_adaptation(derive_reaching(derive_surface(reference)))
 
 
 def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
@@ -496,26 +466,18 @@ def _with_adhesion(
     closed = plant.close(chosen)
     torque = plant.ADHESION_TORQUE.rhs.subs(plant.Fa, closed.force)
     closed_control = control.subs(plant.Ta, torque)
+    # s' from the rates of `plant.close`, with theta_hat = 0, Mp = Bp = 0, is d - (r/J)(D s + K sgn s)
+    nominal = {**dict.fromkeys(THETA_HAT, 0), Mn: plant.M, Bn: plant.B}
+    wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
+    measured = {plant.omega: wheel_speed, plant.v_rate: closed.rates[0], e: adaptive.error}
+    sigma_rate = closed.rates[1].subs(plant.Tb, closed_control.subs(nominal).subs(measured))
+    rate = sp.diff(adaptive.error, plant.v) * closed.rates[0] + sp.diff(adaptive.error, plant.sigma) * sigma_rate
+    expected = adaptive.disturbance.subs(plant.Fr, plant.RESISTANCE.rhs) - plant.r / plant.J * (D * s + K * sp.sign(s))
     made = step(
         "adhesion law",
         (plant.Ta, torque),
-        _closed_plant_slides(closed, adaptive, closed_control),
+        vanishes(rate + rho * adaptive.error - expected),
         title=chosen.title,
         source=chosen.source,
     )
     return (made,), torque, closed.rates[2] if chosen.has_state else None, closed_control
-
-
-def _closed_plant_slides(closed: plant.ClosedPlant, surface: Surface, control: sp.Expr) -> bool:
-    """s' from the rates of `plant.close`, with theta_hat = 0, Mp = Bp = 0, is d - (r/J)(D s + K sgn s)."""
-    exact = dict.fromkeys((sliding_symbol("theta1_hat"), sliding_symbol("theta2_hat")), 0)
-    nominal = {sliding_symbol("Mn"): plant.M, sliding_symbol("Bn"): plant.B}
-    wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
-    measured = {plant.omega: wheel_speed, plant.v_rate: closed.rates[0], e: surface.error}
-    torque = control.subs(exact).subs(nominal).subs(measured)
-    slope = [sp.diff(surface.error, x) for x in (plant.v, plant.sigma)]
-    rate = slope[0] * closed.rates[0] + slope[1] * closed.rates[1].subs(plant.Tb, torque)
-    rate += sliding_symbol("rho") * surface.error
-    expected = surface.disturbance.subs(plant.Fr, plant.RESISTANCE.rhs)
-    expected -= plant.r / plant.J * (D * s + K * sp.sign(s))
-    return vanishes(rate - expected)

@@ -7,7 +7,6 @@ derived at once.
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from railslip_ctrl.model.adhesion import law_classes
@@ -27,38 +26,30 @@ def law_source() -> str:
         text = LAW_FILE.read_text(encoding="utf-8")
         if f" {sources_hash()}." in text:
             return text.removeprefix(_HEAD)
-    return _derived()
+    return generate_law().removeprefix(_HEAD)
 
 
 @cache
 def generated_law() -> Any:
-    """The law as a module, see `code.python_law`."""
+    """The law as a module, as `code.generate` writes it: `Parameters`, `State`, `start`, `control`, `law_step`."""
     return module_of(law_source())
 
 
 def generate_law() -> str:
     """Text of the committed file."""
-    return _HEAD + _derived()
-
-
-def _derived() -> str:
     from .code import generate
     from .derivation import derive
 
-    return generate(derive()).python
+    return _HEAD + generate(derive()).python
 
 
 def main() -> None:
     """Write the functions of every adhesion law, and the derived sliding-mode law."""
-
-    for name, law in law_classes().items():
-        _write(LAW_FILE.parent / f"{name}.py", generate_plant(law))
-    _write(LAW_FILE, generate_law())
-
-
-def _write(target: Path, text: str) -> None:
-    target.write_text(text, encoding="utf-8")
-    print(target.relative_to(LAW_FILE.parent.parents[1]))
+    texts = {f"{name}.py": generate_plant(law) for name, law in law_classes().items()}
+    for name, text in {**texts, LAW_FILE.name: generate_law()}.items():
+        target = LAW_FILE.parent / name
+        target.write_text(text, encoding="utf-8")
+        print(target.relative_to(PACKAGE))
 
 
 if __name__ == "__main__":

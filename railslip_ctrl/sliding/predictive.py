@@ -10,15 +10,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import numpy as np
 import sympy as sp
 
-from railslip_ctrl.core.arguments import Complexes
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.vehicle import Actuator
 
 from .derivation import UNCERTAIN, accelerations, derive_surface
 from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
@@ -32,18 +28,7 @@ _r, _J, _T = plant.r, plant.J, symbol("T")
 
 
 @dataclass(frozen=True)
-class SurfaceLaw:
-    """Surface and law; fields as of `PredictiveDerivation`."""
-
-    surface: sp.Expr
-    surface_rate: sp.Expr
-    control_law: sp.Expr
-    disturbance: sp.Expr
-    closed_rate: sp.Expr
-
-
-@dataclass(frozen=True)
-class PredictiveDerivation(SurfaceLaw):
+class PredictiveDerivation:
     """The predictive law and its derivation; SymPy expressions in SI, by the names of `proof.PREDICTIVE_NOTATION`.
 
     - steps: in order, each with the outcome of its machine check.
@@ -63,6 +48,11 @@ class PredictiveDerivation(SurfaceLaw):
     steps: tuple[DerivationStep, ...]
     holding_torque: sp.Expr
     reduced_rate: sp.Expr
+    surface: sp.Expr
+    surface_rate: sp.Expr
+    control_law: sp.Expr
+    disturbance: sp.Expr
+    closed_rate: sp.Expr
     sliding_rate: sp.Expr
     authority: tuple[sp.Expr, sp.Expr]
     pole: sp.Expr
@@ -89,7 +79,7 @@ def derive_predictive() -> PredictiveDerivation:
     loop_step, loop = _layer(holding, law)
     degree_step, degrees = _relative_degrees(law)
     return PredictiveDerivation(
-        **vars(law),
+        **law,
         steps=(
             *(plant_step, error_step, _in_the_train_s_motion(holding, train), _ahead()),
             *(*reduction_steps, *law_steps, *motion_steps, pole_step, *gain_steps),
@@ -203,7 +193,7 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
 # --- surface, law and reaching ----------------------------------------------------------------------------------------
 
 
-def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], SurfaceLaw]:
+def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Expr]]:
     """S, S', the command for the rate asked for, and S' under it."""
     surface = H_hat + _J / _r * kappa * e_hat - T_plus
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
@@ -227,37 +217,34 @@ def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], SurfaceLaw]:
         step("predictive law", (u, law), identical(solved, law), identical(known.subs(u, law), asked)),
         step("rate of S under the law", (S_rate, disturbance + asked), identical(closed, disturbance + asked)),
     )
-    return steps, SurfaceLaw(
-        surface=surface,
-        surface_rate=shown_rate,
-        control_law=law,
-        disturbance=disturbance,
-        closed_rate=disturbance + asked,
-    )
+    made = {"surface": surface, "surface_rate": shown_rate, "control_law": law, "disturbance": disturbance}
+    return steps, {**made, "closed_rate": disturbance + asked}
 
 
-def _motion(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
+def _motion(
+    reduced: sp.Expr, law: dict[str, sp.Expr]
+) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
     """Reaching outside the layer, the layer, the motion on S = 0, and the authority of the brake."""
     d, size = sliding_symbol("d"), sp.Dummy("|d|", positive=True)
     product = S * (d - k * S - K * sp.sign(S))
     bound = -(K - size) * sp.Abs(S)
-    on_surface = linear_solution(law.surface, T_plus)
+    on_surface = linear_solution(law["surface"], T_plus)
     sliding = -kappa * e_hat + _r / _J * (H - H_hat + theta * H_hat_rate)
-    least, torque_max = law.control_law.subs({sat: -1, S: 0}), sliding_symbol("torque_max")
+    least, torque_max = law["control_law"].subs({sat: -1, S: 0}), sliding_symbol("torque_max")
     down = T_plus / _T - kappa * (T_plus - H_hat)
     up = (torque_max - T_plus) / _T + kappa * (T_plus - H_hat)
-    released, applied = (law.surface_rate.subs(u, limit) for limit in (0, torque_max))
+    released, applied = (law["surface_rate"].subs(u, limit) for limit in (0, torque_max))
     steps = (
         step(
             "reaching the predictive surface",
             (sliding_symbol("S_times_S_rate"), product),
-            identical(S * law.closed_rate.subs(sat, sp.sign(S)), product.subs(d, law.disturbance)),
+            identical(S * law["closed_rate"].subs(sat, sp.sign(S)), product.subs(d, law["disturbance"])),
             identical(bound - product, sp.Abs(S) * size - S * d + k * S**2),
         ),
         step(
             "boundary layer",
             (sliding_symbol("S_rate"), d - g * S),
-            identical(law.closed_rate.subs(sat, S / phi), law.disturbance - (k + K / phi) * S),
+            identical(law["closed_rate"].subs(sat, S / phi), law["disturbance"] - (k + K / phi) * S),
         ),
         step(
             "motion on the surface",
@@ -268,9 +255,9 @@ def _motion(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep, ..
             "authority",
             (sp.Matrix([sliding_symbol("K_down"), sliding_symbol("K_up")]), sp.Matrix([down, up])),
             identical(linear_solution(least, K), down),
-            identical(linear_solution(law.control_law.subs({sat: 1, S: 0}) - torque_max, K), up),
-            identical(released, law.disturbance + down),
-            identical(applied, law.disturbance - up),
+            identical(linear_solution(law["control_law"].subs({sat: 1, S: 0}) - torque_max, K), up),
+            identical(released, law["disturbance"] + down),
+            identical(applied, law["disturbance"] - up),
         ),
     )
     return steps, sliding, (down, up)
@@ -300,7 +287,7 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
     return made, shown
 
 
-def _small_gain(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
+def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
     """The disturbance behind the observer, and the loop gain from H' back to H', all kernels in L1."""
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
@@ -309,14 +296,14 @@ def _small_gain(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep
     observer = step(
         "observer",
         (sliding_symbol("d"), shown),
-        identical(law.disturbance.subs(H, H_hat + observed), shown),
+        identical(law["disturbance"].subs(H, H_hat + observed), shown),
         vanishes(linear_solution(tau_o * s * H_hat - (H - H_hat), H_hat) - H / (tau_o * s + 1)),
     )
     # Laplace transforms, H the input: T_plus, e_hat, S and e' = -(r/J)(E T_plus - H)
     estimate, more = Q * H, 1 + kappa * lag
     equations = (
         s * e_hat - reduced.subs(H_hat_rate, s * estimate),
-        S - law.surface.subs(H_hat, estimate),
+        S - law["surface"].subs(H_hat, estimate),
         s * S - (more * s * estimate - g * S),
     )
     found = sp.solve(equations, (T_plus, e_hat, S), dict=True)[0]
@@ -345,29 +332,20 @@ def _small_gain(reduced: sp.Expr, law: SurfaceLaw) -> tuple[tuple[DerivationStep
 # --- the layer's loop -------------------------------------------------------------------------------------------------
 
 
-def _observed(holding: sp.Expr) -> sp.Expr:
-    """H_hat in Laplace transforms of small changes, from the acting torque Tb and T_plus.
-
-    The observer filters each term: Ta and omega by Q, the deceleration by Qa. The wheel accelerates by (v' - sigma')/r.
-    """
-    s = symbol("s")
-    spin = (A * plant.Tb - s * G * plant.Tb) / _r
-    observed = linear_solution(plant.WHEEL.subs(UNCERTAIN), plant.Ta).subs(
-        {plant.omega_rate: spin, plant.Tb: E * T_plus}
-    )
-    filtered = {plant.Ta: Q * observed, plant.omega: Q * plant.omega, a: -Qa * A * plant.Tb, lambda_d_rate: 0}
-    return sp.expand(holding.subs(UNCERTAIN).subs(filtered, simultaneous=True))
-
-
-def _layer(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, sp.Expr]:
+def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, sp.Expr]:
     """The loop transfer function of the linear layer, broken at the acting torque."""
     s, Ga, back = symbol("s"), sliding_symbol("Ga"), sp.Dummy("Tb_back", real=True)
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
+    # the observer filters Ta and omega by Q, the deceleration by Qa; the wheel accelerates by (v' - sigma')/r
+    spin = (A * plant.Tb - s * G * plant.Tb) / _r
+    torque = linear_solution(plant.WHEEL.subs(UNCERTAIN), plant.Ta).subs({plant.omega_rate: spin, plant.Tb: E * T_plus})
+    filtered = {plant.Ta: Q * torque, plant.omega: Q * plant.omega, a: -Qa * A * plant.Tb, lambda_d_rate: 0}
+    observed = sp.expand(holding.subs(UNCERTAIN).subs(filtered, simultaneous=True))
     equations = (
-        H_hat - _observed(holding),
+        H_hat - observed,
         e_hat + G * plant.Tb + _r / _J * ((1 - E) / s * T_plus - theta * H_hat),
-        S - law.surface,
-        u - law.control_law.subs(sat, S / phi),
+        S - law["surface"],
+        u - law["control_law"].subs(sat, S / phi),
         s * T_plus - ahead,
         back - Ga * u,
     )
@@ -384,14 +362,14 @@ def _layer(holding: sp.Expr, law: SurfaceLaw) -> tuple[DerivationStep, sp.Expr]:
     return made, loop
 
 
-def _relative_degrees(law: SurfaceLaw) -> tuple[DerivationStep, tuple[int, int]]:
+def _relative_degrees(law: dict[str, sp.Expr]) -> tuple[DerivationStep, tuple[int, int]]:
     """How often the published s and S are differentiated until the command appears."""
     Tc = symbol("Tc")
-    published = derive_surface("proportional").s_rate
+    published = derive_surface("proportional")["s_rate"]
     behind_the_lag = sp.diff(published, plant.Tb) * plant.actuator_lag_rate()
     degrees = (
         next(n for n, rate in enumerate((published, behind_the_lag), 1) if rate.has(Tc)),
-        next(n for n, rate in enumerate((law.surface_rate,), 1) if rate.has(u)),
+        next(n for n, rate in enumerate((law["surface_rate"],), 1) if rate.has(u)),
     )
     made = step(
         "relative degree",
@@ -399,47 +377,3 @@ def _relative_degrees(law: SurfaceLaw) -> tuple[DerivationStep, tuple[int, int]]
         identical(sp.diff(behind_the_lag, Tc), -_r / (_J * _T)),
     )
     return made, degrees
-
-
-@dataclass(frozen=True)
-class Layer:
-    """Numbers of the controller that the loop of its layer depends on.
-
-    - kappa, gain: rate of the surface and rate inside the layer, g = k + K/phi, 1/s, > 0.
-    - dead_time, lag: of the brake as modelled, s, >= 0.
-    - observer_time, deceleration_time: of the filters Q and Qa, s, >= 0.
-    - wheel_inertia: J as modelled, kg*m^2, > 0.
-    """
-
-    kappa: float
-    gain: float
-    dead_time: float
-    lag: float
-    observer_time: float
-    deceleration_time: float
-    wheel_inertia: float
-
-
-def layer_loop(s: Complexes, point: OperatingPoint, layer: Layer, brake: Actuator | None = None) -> Complexes:
-    """Evaluate the derived loop transfer function of the layer at an operating point, the train speed frozen.
-
-    - s: Laplace variable, 1/s, 1-D, not 0.
-    - point: speed, slip, rail and vehicle; its slip is the reference.
-    - brake: dead time and lag of the brake, s; as modelled if left out.
-
-    Returns L, dimensionless, shape of s.
-    """
-    plant_there, moving = linearize(point), linearize(point, speed_state=True)
-    rows = np.array([[float(name == "sigma") for name in plant_there.states], moving.A[0, 1:]])
-    inverse = s[:, None, None] * np.eye(len(plant_there.states)) - plant_there.A
-    to_sigma, to_v_rate = (rows @ np.linalg.solve(inverse, plant_there.B.astype(complex)))[..., 0].T
-    dead_time, lag = (layer.dead_time, layer.lag) if brake is None else (brake.dead_time, brake.lag)
-    values = {
-        **{symbol("s"): s, E: np.exp(-layer.dead_time * s), G: to_sigma, A: to_v_rate},
-        **{Q: 1 / (layer.observer_time * s + 1), Qa: 1 / (layer.deceleration_time * s + 1)},
-        **{sliding_symbol("Ga"): np.exp(-dead_time * s) / (lag * s + 1), _T: layer.lag, theta: layer.dead_time},
-        **{kappa: layer.kappa, g: layer.gain, lambda_d: point.slip},
-        **{_J: layer.wheel_inertia, _r: point.vehicle.wheel.radius},
-    }
-    evaluate = sp.lambdify(list(values), derive_predictive().loop, "numpy")
-    return np.asarray(evaluate(*values.values()), dtype=complex)

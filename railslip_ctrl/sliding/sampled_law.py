@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import field
 from pathlib import Path
 
 import sympy as sp
@@ -70,6 +69,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
 }
 """What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
+_SIGNS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 PREFIX = "adhesion_"  #: before the names of an adhesion law's parameters
 Assignment = tuple[str, sp.Expr]
 
@@ -110,32 +110,54 @@ class SampledLaw:
 
 def sampled_law(derivation: Derivation) -> SampledLaw:
     """The derivation's law with its integrals and filters made discrete."""
-    own = _own_expressions(derivation)
-    s = sliding_symbol("s")
+    error = derivation.error.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
+    s, e, integral = (sliding_symbol(name) for name in ("s", "e", "e_integral"))
+    prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
+    states = ["e_integral"]
+    if plant.v_rate in derivation.adaptive_law_control.free_symbols:
+        low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered' ; it is also v' seen through s/(filter_time s + 1)
+        prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
+        states.append("v_filtered")
+    law = None if derivation.adhesion is None else law_class(derivation.adhesion)
+    note: tuple[str, ...] = ("Ta is an argument: an observer's or a model's estimate.",)
+    own_rules, meanings, measured = dict[str, tuple[str, ...]](), dict[str, str](), ["v", "omega"]
+    if law is not None and derivation.adhesion_torque is not None and not law.statement().functions:
+        states += ["z"] if law.has_state else []
+        prepare += _adhesion(law, derivation.adhesion_torque, derivation.adhesion_state_rate)
+        note = _origin(law)
+        for name, unit in law.units().items():  # meaning and unit of the law's fields, and their bounds
+            meanings[PREFIX + name] = f"{law.model_fields[name].description}, {unit}"
+            bounds = (
+                (sign, getattr(one, key, None)) for one in law.model_fields[name].metadata for key, sign in _SIGNS
+            )
+            own_rules[PREFIX + name] = tuple(f"{sign} {float(bound)!r}" for sign, bound in bounds if bound is not None)
+    else:
+        measured.append("Ta")
+        if law is not None:
+            closed = f"the adhesion law {law.name!r} has no closed form; evaluate it outside."
+            note = (f"Ta is an argument: {closed}",)
     rates = (
         (f"theta{i}_hat_rate", rate.subs(s, _DRIVE) - _LEAK * sliding_symbol(f"theta{i}_hat"))
         for i, rate in enumerate(derivation.adaptation_matrix, 1)
     )
     control = (*_torque(derivation), ("drive", s - _DEAD_ZONE * _BOUNDARY * SWITCHING), *rates)
-    used = set().union(*(e.free_symbols for _, e in (*own.prepare, *control))) | derivation.s.free_symbols
+    used = set().union(*(one.free_symbols for _, one in (*prepare, *control))) | derivation.s.free_symbols
     names = {str(symbol) for symbol in used}
     order = ("J", "r", "Mn", "Bn", "lambda_d", "sigma_d", "rho", "D", "K", "k1", "k2", "filter_time", "N")
-    plain = tuple(name for name in order if name in names)
-    computed = {name for name, _ in own.prepare}
-    adhesion = tuple(sorted(name for name in names - computed if name.startswith(PREFIX)))
-    parameters = (*plain, *adhesion, *_LIMITS, *OPTIONS)
+    adhesion = sorted(name for name in names - {name for name, _ in prepare} if name.startswith(PREFIX))
+    parameters = (*(name for name in order if name in names), *adhesion, *_LIMITS, *OPTIONS)
     arguments = ("e", "e_integral", "omega", "Ta", "v_rate", "theta1_hat", "theta2_hat")
     return SampledLaw(
-        measured=("v", "omega") if own.has_torque else ("v", "omega", "Ta"),
+        measured=tuple(measured),
         parameters=parameters,
-        rules={name: own.rules.get(name, RULES.get(name, ("> 0.0",))) for name in parameters},
-        meanings=own.meanings,
-        states=("s", *own.states, "theta1_hat", "theta2_hat"),
-        prepare=own.prepare,
+        rules={name: own_rules.get(name, RULES.get(name, ("> 0.0",))) for name in parameters},
+        meanings=meanings,
+        states=("s", *states, "theta1_hat", "theta2_hat"),
+        prepare=tuple(prepare),
         surface=derivation.s,
         control=control,
         control_arguments=tuple(name for name in arguments if name != "v_rate" or plant.v_rate in used),
-        note=own.note,
+        note=note,
     )
 
 
@@ -156,38 +178,6 @@ def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
         ("Ur", derivation.robust_term.replace(sp.sign, lambda _: SWITCHING)),
         ("torque", Ueq + Ur),
     )
-
-
-@dataclass(frozen=True)
-class _Own:
-    prepare: tuple[Assignment, ...]
-    states: tuple[str, ...]
-    has_torque: bool
-    note: tuple[str, ...]
-    rules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    meanings: Mapping[str, str] = field(default_factory=dict)
-
-
-def _own_expressions(derivation: Derivation) -> _Own:
-    """Assignments up to what the continuous law takes."""
-    error = derivation.error.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
-    e, integral = sliding_symbol("e"), sliding_symbol("e_integral")
-    prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
-    states = ["e_integral"]
-    if plant.v_rate in derivation.adaptive_law_control.free_symbols:
-        low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered' ; it is also v' seen through s/(filter_time s + 1)
-        prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
-        states.append("v_filtered")
-    law = None if derivation.adhesion is None else law_class(derivation.adhesion)
-    if law is None or law.statement().functions or derivation.adhesion_torque is None:
-        note = "an observer's or a model's estimate."
-        if law is not None:
-            note = f"the adhesion law {law.name!r} has no closed form; evaluate it outside."
-        return _Own(tuple(prepare), tuple(states), False, (f"Ta is an argument: {note}",))
-    if law.has_state:
-        states.append("z")
-    adhesion = _adhesion(law, derivation.adhesion_torque, derivation.adhesion_state_rate)
-    return _Own((*prepare, *adhesion), tuple(states), True, _origin(law), _rules(law), _meanings(law))
 
 
 def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
@@ -236,25 +226,6 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
         f"{path.name}, SHA-256 {file_hash(path)}.",
         *([f"Held, so that a locked wheel cannot make it diverge: {' and '.join(held)}."] if held else []),
     )
-
-
-def _rules(law: type[AdhesionLaw]) -> dict[str, tuple[str, ...]]:
-    """The bounds that the fields of a law have."""
-    signs = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
-    return {
-        PREFIX + name: tuple(
-            f"{sign} {float(bound)!r}"
-            for one in law.model_fields[name].metadata
-            for key, sign in signs
-            if (bound := getattr(one, key, None)) is not None
-        )
-        for name in law.parameter_names()
-    }
-
-
-def _meanings(law: type[AdhesionLaw]) -> dict[str, str]:
-    """Meaning and unit of a law's fields."""
-    return {PREFIX + name: f"{law.model_fields[name].description}, {unit}" for name, unit in law.units().items()}
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:

@@ -115,9 +115,8 @@ def _exact(expression: sp.Expr) -> sp.Expr:
 Enclosure = Callable[[arb, arb, arb], list[arb]]
 """From v (m/s), slip and N (N) to F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
 
-_CURVE_STEP = (
-    1.0 / 4096.0
-)  # of slip, between nodes: a curve's slope near its peak is then within 1 % of the pole's range
+# of slip, between nodes: a curve's slope near its peak is then within 1 % of the pole's range
+_CURVE_STEP = 1.0 / 4096.0
 
 
 def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
@@ -235,14 +234,10 @@ def largest(
         if narrow or next(order) > most or all(low == high for low, high in parts[0][2].values()):
             return Largest(attained, bound, at, next(order))
         _, _, part = heapq.heappop(parts)
-        name = _widest(function, part)
+        whole = {name: ball(*ends) for name, ends in part.items()}
+        middles = {name: 0.5 * (low + high) for name, (low, high) in part.items() if low < high}
+        # the quantity whose fixing at its middle lowers the upper bound most
+        name = min(middles, key=lambda name: upper(function({**whole, name: arb(middles[name])})))
         low, high = part[name]
         for half in pairwise((low, 0.5 * (low + high), high)):
             heapq.heappush(parts, examined({**part, name: half}))
-
-
-def _widest(function: Callable[[Mapping[str, arb]], arb], part: dict[str, tuple[float, float]]) -> str:
-    """The quantity whose fixing at its middle lowers the upper bound most."""
-    whole = {name: ball(*ends) for name, ends in part.items()}
-    wide = [name for name, (low, high) in part.items() if low < high]
-    return min(wide, key=lambda name: upper(function({**whole, name: arb(0.5 * sum(part[name]))})))

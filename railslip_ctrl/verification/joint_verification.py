@@ -11,11 +11,10 @@ from typing import Literal
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .actuator_effects import PublishedBehind, VariantsBehind, published_behind_actuator, variants_behind_actuator
+from .actuator_effects import published_behind_actuator, variants_behind_actuator
 from .predictive import verify_predictive
 from .published_law import lyapunov_conditions, reaching_conditions
 from .rails import PUBLISHED_ADHESION, RailAdhesion
@@ -31,43 +30,8 @@ LARGEST_SEED = 2**31
 Law = Literal["paper", "robust", "predictive"]
 
 
-@dataclass(frozen=True)
-class FullVerification:
-    """All conditions, and what an engineer may conclude from: `report.verification.conclusion_text`.
-
-    findings: None for the predictive law, whose conditions are its own.
-    """
-
-    verification: Verification
-    findings: PublishedBehind | VariantsBehind | None
-
-
 @checked
 def verify(
-    *,
-    law: Literal["paper", "robust"] = "paper",
-    vehicle: Vehicle = PARK2008,
-    K: float | None = None,
-    D: float | None = None,
-    seed: int = 2008,
-) -> Verification:
-    """Decide the conditions of a law without the actuator; arguments as of `verify_with_actuator`."""
-    _check_ranges(vehicle, K, D, seed)
-    own = PUBLISHED_LAW if law == "paper" else replace(PUBLISHED_LAW, K=design_gain(vehicle))
-    own = replace(own, K=own.K if K is None else K, D=own.D if D is None else D)
-    if law == "robust":
-        conditions = robust_conditions(vehicle, K=own.K, D=own.D, seed=seed)
-    else:
-        conditions = (
-            *lyapunov_conditions(vehicle, own, seed=seed),
-            *reaching_conditions(vehicle, own, seed=seed),
-            *robust_conditions(vehicle, K=None, D=PUBLISHED_LAW.D, seed=seed),
-        )
-    return Verification(law, vehicle.inertia_scale, own.K, own.D, seed, conditions)
-
-
-@checked
-def verify_with_actuator(
     *,
     law: Law = "paper",
     vehicle: Vehicle = PARK2008,
@@ -75,8 +39,9 @@ def verify_with_actuator(
     D: float | None = None,
     seed: int = 2008,
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
-) -> FullVerification:
-    """Decide every condition of a law, the actuator's included.
+    actuator: bool = True,
+) -> Verification:
+    """Decide every condition of a law.
 
     - law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
       "predictive", the law that slides behind the actuator, decided over a box of speed, slip and load.
@@ -87,6 +52,7 @@ def verify_with_actuator(
     - seed: first of sampled and simulated conditions, 0 to 2^31.
     - adhesion: static law, rails and reference slip of the predictive law, which takes the bristle model by its static
       curve; the others are verified for the published bristle model on both rails alone.
+    - actuator: whether those behind the actuator are decided too; the predictive law's all are.
 
     InputError for a value outside its range, or an argument that the law does not have.
     """
@@ -94,14 +60,39 @@ def verify_with_actuator(
         if D is not None:
             raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
         _check_ranges(vehicle, K, None, seed)
-        return FullVerification(verify_predictive(vehicle, adhesion, K=K, seed=seed), None)
-    _check_bristle(law, adhesion)
-    ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
-    damping = PUBLISHED_LAW.D if D is None else D
-    found, findings = (variants_behind_actuator if law == "robust" else published_behind_actuator)(
-        ideal.K, damping, vehicle
-    )
-    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), findings)
+        return verify_predictive(vehicle, adhesion, K=K, seed=seed)
+    # another adhesion than the one that sets, runs and limit cycles of the conditions are made with
+    for name, value, expected in (
+        ("adhesion", adhesion.law if isinstance(adhesion.law, str) else f"{adhesion.name} as given", "bristle"),
+        ("rail", adhesion.rails_text, PUBLISHED_ADHESION.rails_text),
+        ("slip", adhesion.slip, None),
+        ("initial speed", adhesion.initial_speed_kmh, PUBLISHED_ADHESION.initial_speed_kmh),
+    ):
+        if value != expected:
+            value = f"{value:g}" if isinstance(value, float) else value
+            raise InputError(
+                f"{name}: {value} does not go with the law {law!r}, whose conditions are decided over sets, runs and "
+                "limit cycles of the published bristle model; leave it out, or take the law 'predictive', which is "
+                "verified for any static law"
+            )
+    _check_ranges(vehicle, K, D, seed)
+    if K is None:
+        K = PUBLISHED_LAW.K if law == "paper" else design_gain(vehicle)
+    own = replace(PUBLISHED_LAW, K=K, D=PUBLISHED_LAW.D if D is None else D)
+    if law == "robust":
+        conditions = robust_conditions(vehicle, K=K, D=own.D, seed=seed)
+    else:
+        conditions = (
+            *lyapunov_conditions(vehicle, own, seed=seed),
+            *reaching_conditions(vehicle, own, seed=seed),
+            *robust_conditions(vehicle, K=None, D=PUBLISHED_LAW.D, seed=seed),
+        )
+    known = (law, vehicle.inertia_scale, K, own.D, seed)
+    if not actuator:
+        return Verification(*known, conditions)
+    behind = variants_behind_actuator if law == "robust" else published_behind_actuator
+    found, findings = behind(K, own.D, vehicle)
+    return Verification(*known, (*conditions, *found), findings=findings)
 
 
 def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
@@ -113,20 +104,3 @@ def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int)
     ):
         if value is not None and not low <= value <= high:
             raise InputError(f"{name}: {value:g} is not allowed; give a value from {low:g} to {high:g}{unit}")
-
-
-def _check_bristle(law: Law, adhesion: RailAdhesion) -> None:
-    """Refuse another adhesion than the one that sets, runs and limit cycles of the law's conditions are made with."""
-    for name, value, own in (
-        ("adhesion", adhesion.law if isinstance(adhesion.law, str) else f"{adhesion.name} as given", "bristle"),
-        ("rail", adhesion.rails_text, PUBLISHED_ADHESION.rails_text),
-        ("slip", adhesion.slip, None),
-        ("initial speed", adhesion.initial_speed_kmh, PUBLISHED_ADHESION.initial_speed_kmh),
-    ):
-        if value != own:
-            value = f"{value:g}" if isinstance(value, float) else value
-            raise InputError(
-                f"{name}: {value} does not go with the law {law!r}, whose conditions are decided over sets, runs and "
-                "limit cycles of the published bristle model; leave it out, or take the law 'predictive', which is "
-                "verified for any static law"
-            )

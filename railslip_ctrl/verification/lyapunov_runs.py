@@ -15,11 +15,12 @@ import numpy as np
 from railslip_ctrl.controllers.sliding import Sliding
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import Actuator, Rail
+from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
-from .reaching import theta_function
+from .reaching import derived
 
 TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of abs(s) is taken
 
@@ -60,24 +61,13 @@ class AlongRun:
 
 
 @dataclass(frozen=True)
-class UltimateBound:
-    """Largest |s|, m/s, and slip error over the last third of a stage from `start` to `end`, s."""
-
-    start: float
-    end: float
-    s: float
-    slip_error: float
-
-
-@dataclass(frozen=True)
 class LyapunovRun:
-    """A run judged; `actuator` tells whether lag and dead time were in it."""
+    """A run judged; ultimate: largest |s|, m/s, and slip error over the last third of each stage between events."""
 
     run: Run
-    actuator: bool
     signals: LyapunovSignals
     conditions: tuple[AlongRun, ...]
-    ultimate: tuple[UltimateBound, ...]
+    ultimate: tuple[tuple[float, float], ...]
 
     def condition(self, name: str) -> AlongRun:
         """One of the conditions by name; KeyError for another."""
@@ -94,97 +84,82 @@ def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True,
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
         scenario = scenario.model_copy(update={"vehicle": ideal})
     run = simulate(scenario, controller, seed=seed)
-    signals = lyapunov_signals(run)
-    return LyapunovRun(run, actuator, signals, _conditions(signals), _ultimate(run))
+    assert isinstance(run.controller, Sliding), "what it believes was filled in"
+    assert run.signals is not None, "the run was recorded"
+    stages, s = _stages(scenario, run.signals), run.controller_signals["s"]
+    signals, ultimate = _lyapunov_signals(run, run.controller, run.signals, stages), []
+    for _, part in stages:
+        time = run.signals.time[part]
+        if time.size >= 2:  # not of an event after the end
+            late = time >= time[-1] - TAIL * (time[-1] - time[0])
+            error = np.abs(run.signals.slip[part] - run.signals.reference[part])
+            ultimate.append((float(np.abs(s[part][late]).max()), float(error[late].max())))
+    return LyapunovRun(run, signals, _conditions(signals), tuple(ultimate))
 
 
-def lyapunov_signals(run: Run) -> LyapunovSignals:
-    """V and what belongs to it along a run of a `Sliding` that was recorded at every sample."""
-    controller, signals = _recorded(run)
-    vehicle, gains = run.scenario.vehicle, controller.gains
-    J, r = vehicle.effective_inertia, vehicle.wheel.radius
-    s = run.controller_signals["s"]
-    s_rate, undisturbed_rate = (_surface_rate(run, disturbed=flag) for flag in (True, False))
+def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, slice]]:
+    """Adhesion law and samples of each stretch between events that change the rail."""
+
+    def first_sample(event: Any) -> int:
+        place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
+        return int(np.searchsorted(axis, place - 1e-9 * max(1.0, place)))
+
+    rail, factor = scenario.rail, scenario.adhesion_factor
+    changes = [(0, scenario.law(rail, factor))]
+    for event in sorted(scenario.events, key=first_sample):
+        if event.rail is not None or event.adhesion_factor is not None:
+            rail, factor = event.rail or rail, factor if event.adhesion_factor is None else event.adhesion_factor
+            changes.append((first_sample(event), scenario.law(rail, factor)))
+    ends = [start for start, _ in changes[1:]] + [signals.time.size]
+    return [(law, slice(start, end)) for (start, law), end in zip(changes, ends, strict=True)]
+
+
+def _lyapunov_signals(
+    run: Run, controller: Sliding, signals: Signals, stages: list[tuple[AdhesionLaw, slice]]
+) -> LyapunovSignals:
+    """V and what belongs to it along a recorded run."""
+    scenario, vehicle, gains = run.scenario, run.scenario.vehicle, controller.gains
+    J, r, scale = vehicle.effective_inertia, vehicle.wheel.radius, vehicle.inertia_scale
+    # the true theta steps with the mass and drifts with B(t)
+    least = -math.inf if scenario.viscous_least is None else scenario.viscous_least
+    B = scale * np.maximum(vehicle.wheel.viscous_friction + scenario.viscous_rate * signals.time, least)
+    Mn, Bn = (
+        scale * (own if given is None else given)
+        for given, own in (
+            (controller.nominal_mass, vehicle.mass),
+            (controller.nominal_viscous_friction, vehicle.wheel.viscous_friction),
+        )
+    )
+    found = derived("r J Mn Mp Bp", "theta")(r, J, Mn, signals.mass - Mn, B - Bn)
+    theta = np.column_stack([np.broadcast_to(one, signals.time.shape) for one in found])
     theta_hat = np.column_stack([run.controller_signals[f"theta{i}_hat"] for i in (1, 2)])
-    theta = _theta(run)
+    # s' = lambda_d v' - sigma' + rho e from the plant's rates, with what disturbs and without Tr, Td and Fr
+    rates = np.empty((2, signals.time.size))
+    for law, part in stages:
+        v, sigma, reference = signals.speed[part], signals.slip_velocity[part], signals.reference[part]
+        state = (v, sigma, signals.adhesion_state[part], signals.torque[part])
+        p: list[Any] = list(plant_parameters(law, vehicle))
+        p[0], p[2] = signals.mass[part], B[part]
+        Td, Tr = signals.disturbance[part], r * signals.random_force[part]
+        for row, resistance, share in ((0, p[4:7], 1.0), (1, [0.0, 0.0, 0.0], 0.0)):
+            known = (*p[:4], *resistance, *p[7:])
+            v_rate, sigma_rate, _ = numeric_plant(type(law)).rates(*state, share * Td, share * Tr, known)
+            rates[row, part] = reference * v_rate - sigma_rate + gains.rho * (reference * v - sigma)
+    s, s_rate = run.controller_signals["s"], rates[0]
+
+    def forward_rate(values: Floats) -> Floats:
+        return np.append(np.diff(values) / np.diff(signals.time), math.nan)
+
     V, V_rate, V_rate_constant = 0.5 * s**2, s * s_rate, s * s_rate
     for i, gain in enumerate((gains.k1, gains.k2)):
         if gain > 0:
             error = theta[:, i] - theta_hat[:, i]
             V = V + error**2 / (2 * gain)
-            V_rate = V_rate + error * _forward_rate(signals.time, error) / gain
-            V_rate_constant = V_rate_constant - error * _forward_rate(signals.time, theta_hat[:, i]) / gain
-    asked, available = (J / r) * np.abs(s_rate - undisturbed_rate), gains.K + gains.D * np.abs(s)
-    found = (signals.time, s, s_rate, V, V_rate, V_rate_constant, asked, available, theta_hat, theta)
-    return LyapunovSignals(*(one[:-2] for one in found))  # the last row is the stop itself, between samples
-
-
-def _recorded(run: Run) -> tuple[Sliding, Signals]:
-    assert isinstance(run.controller, Sliding), "the law must be the sliding-mode law"
-    assert run.signals is not None, "the run must be recorded"
-    return run.controller, run.signals
-
-
-def _surface_rate(run: Run, *, disturbed: bool) -> Floats:
-    """s' = lambda_d v' - sigma' + rho e, m/s^2, from the plant's rates; without Tr, Td and Fr if not `disturbed`."""
-    scenario, (controller, signals) = run.scenario, _recorded(run)
-    rate = np.empty(signals.time.size)
-    for rail, factor, part in _stages(run):
-        law = scenario.law(rail, factor)
-        p: list[Any] = list(plant_parameters(law, scenario.vehicle))
-        p[0], p[2] = signals.mass[part], _viscous(scenario, signals.time[part])
-        if not disturbed:
-            p[4] = p[5] = p[6] = 0.0
-        Tr = scenario.vehicle.wheel.radius * signals.random_force[part] * disturbed
-        Td = signals.disturbance[part] * disturbed
-        v, sigma, reference = signals.speed[part], signals.slip_velocity[part], signals.reference[part]
-        state = (v, sigma, signals.adhesion_state[part], signals.torque[part])
-        rates = numeric_plant(type(law)).rates(*state, Td, Tr, tuple(p))
-        rate[part] = reference * rates[0] - rates[1] + controller.gains.rho * (reference * v - sigma)
-    return rate
-
-
-def _viscous(scenario: Scenario, time: Floats) -> Floats:
-    """B(t), effective, N m s."""
-    own = scenario.vehicle.wheel.viscous_friction + scenario.viscous_rate * time
-    least = -math.inf if scenario.viscous_least is None else scenario.viscous_least
-    return np.asarray(scenario.vehicle.inertia_scale * np.maximum(own, least))
-
-
-def _stages(run: Run) -> list[tuple[Rail, float, slice]]:
-    """Rail, adhesion factor and the samples of each stretch between events that change the rail."""
-    scenario, (_, signals) = run.scenario, _recorded(run)
-    changes: list[tuple[int, Rail, float]] = [(0, scenario.rail, scenario.adhesion_factor)]
-    for event in sorted(scenario.events, key=lambda event: _first_sample(event, signals)):
-        if event.rail is not None or event.adhesion_factor is not None:
-            _, rail, factor = changes[-1]
-            factor = factor if event.adhesion_factor is None else event.adhesion_factor
-            changes.append((_first_sample(event, signals), event.rail or rail, factor))
-    ends = [start for start, _, _ in changes[1:]] + [signals.time.size]
-    return [(rail, factor, slice(start, end)) for (start, rail, factor), end in zip(changes, ends, strict=True)]
-
-
-def _first_sample(event: Any, signals: Signals) -> int:
-    """Number of the first sample at which an event is in force."""
-    place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
-    return int(np.searchsorted(axis, place - 1e-9 * max(1.0, place)))
-
-
-def _theta(run: Run) -> Floats:
-    """The true theta along the run, (n, 2): it steps with the mass and drifts with B(t)."""
-    scenario, (controller, signals) = run.scenario, _recorded(run)
-    vehicle, scale = scenario.vehicle, scenario.vehicle.inertia_scale
-    Mn = scale * (vehicle.mass if controller.nominal_mass is None else controller.nominal_mass)
-    given = controller.nominal_viscous_friction
-    Bn = scale * (vehicle.wheel.viscous_friction if given is None else given)
-    B = _viscous(scenario, signals.time)
-    theta = theta_function()(vehicle.wheel.radius, vehicle.effective_inertia, Mn, signals.mass - Mn, B - Bn)
-    return np.column_stack([np.broadcast_to(component, signals.time.shape) for component in theta])
-
-
-def _forward_rate(time: Floats, values: Floats) -> Floats:
-    """Rate over the coming sample; the last has none and is NaN."""
-    return np.append(np.diff(values) / np.diff(time), math.nan)
+            V_rate = V_rate + error * forward_rate(error) / gain
+            V_rate_constant = V_rate_constant - error * forward_rate(theta_hat[:, i]) / gain
+    asked, available = (J / r) * np.abs(s_rate - rates[1]), gains.K + gains.D * np.abs(s)
+    along = (signals.time, s, s_rate, V, V_rate, V_rate_constant, asked, available, theta_hat, theta)
+    return LyapunovSignals(*(one[:-2] for one in along))  # the last row is the stop itself, between samples
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
@@ -207,16 +182,3 @@ def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
         share = float(weight[held].sum() / weight.sum())
         found.append(AlongRun(name, share, float(signals.time[broken[0]]) if broken.size else math.nan))
     return tuple(found)
-
-
-def _ultimate(run: Run) -> tuple[UltimateBound, ...]:
-    (_, signals), s, bounds = _recorded(run), run.controller_signals["s"], []
-    for _, _, part in _stages(run):
-        time = signals.time[part]
-        if time.size < 2:  # an event after the end
-            continue
-        late = time >= time[-1] - TAIL * (time[-1] - time[0])
-        error = np.abs(signals.slip[part] - signals.reference[part])
-        largest = (float(np.abs(s[part][late]).max()), float(error[late].max()))
-        bounds.append(UltimateBound(float(time[0]), float(time[-1]), *largest))
-    return tuple(bounds)

@@ -9,17 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from inspect import signature
-from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import THETA_HAT_RATE as RATE
 from railslip_ctrl.sliding.derivation import THETA_TILDE as TILDE
@@ -27,81 +23,11 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
+from railslip_ctrl.verification import reaching
 
-from .fixed_step import RUNS, IdealRun, simulate_ideal
-from .reaching import (
-    ADHESION_NOISE,
-    TORQUE_FRACTION,
-    WorstPoint,
-    bristle_plant,
-    law_parameters,
-    least_gain,
-    load_ratio,
-    operating_set,
-    reaching_time,
-    reference_set,
-    reference_slip,
-    surface_needed,
-    surface_rate,
-    true_theta,
-    with_friction,
-)
+from .fixed_step import RUNS, simulate_ideal
 from .robust import LAYER_WIDTH, gain_units
 from .verdict import CORNERS, Condition, checked_at
-
-AXES = ("speed_kmh", "slip", "mass_kg", "random_force_n", "torque_fraction", "s")
-"""Coordinates of the box: km/h, 1, kg, N at the empty wheel load, Td/Tb, m/s."""
-
-Box = tuple[tuple[float, float], ...]
-
-_RANDOM_STARTS, _GENERATIONS = 64, 100
-
-
-def operating_box(vehicle: Vehicle) -> Box:
-    """Bounds of `AXES` over the published run: 5 to 100 km/h, empty to loaded, slips up to twice the reference."""
-    force = 3.0 * ADHESION_NOISE * vehicle.wheel_load
-    masses, fraction = (vehicle.mass, vehicle.mass_loaded), TORQUE_FRACTION
-    return (5.0, 100.0), (0.01, 2.0 * reference_slip()), masses, (-force, force), (-fraction, fraction), (-1.0, 1.0)
-
-
-def rate_at(points: Floats, vehicle: Vehicle, gains: LawGains, *, estimated: bool = True) -> Floats:
-    """s', m/s^2, at points of `AXES` (6, n), on dry rail with the adhesion at rest, under (45).
-
-    `estimated`: theta_hat = theta (the law's best case); else theta_hat = 0. Adhesion and random force grow with the
-    wheel load, linear in the mass from empty to loaded; the estimates of Ta and v' are right.
-    """
-    speed_kmh, slip, mass, force, fraction, s = points
-    v, r, M = speed_kmh * KMH, vehicle.wheel.radius, vehicle.inertia_scale * mass
-    functions, p = bristle_plant(vehicle)
-    heavier = np.interp(mass, (vehicle.mass, vehicle.mass_loaded), (1.0, load_ratio(vehicle)))
-    z = heavier * functions.rest_state(v, slip * v, 0.0, 0.0, 0.0, 0.0, p)  # the force is proportional to it
-    theta = (1.0 / M - 1.0 / vehicle.effective_mass) / r if estimated else 0.0 * M
-    Tr = r * heavier * force
-    Ta = r * functions.force(v, slip * v, z, 0.0, 0.0, Tr, p)
-    rate = surface_rate(vehicle, gains, (v, slip, z, Ta, mass), (Tr, fraction), s, (theta, 0.0, 0.0, 0.0, 0.0))
-    return np.asarray(rate, dtype=float)
-
-
-def worst_point(box: Box, vehicle: Vehicle, gains: LawGains, *, seed: int, estimated: bool = True) -> WorstPoint:
-    """Maximise s' sgn s over a box by differential evolution from its corners and random points, then locally."""
-    from scipy.optimize import differential_evolution
-
-    low, high = np.array(box).T
-    inside = low + (high - low) * np.random.default_rng(seed).random((_RANDOM_STARTS, len(AXES)))
-    evaluated = 0
-
-    def value(x: Floats) -> Any:
-        nonlocal evaluated
-        points = np.asarray(x, dtype=float).reshape(len(AXES), -1)
-        evaluated += points.shape[1]
-        values = -np.sign(points[-1]) * rate_at(points, vehicle, gains, estimated=estimated)
-        return values if np.ndim(x) > 1 else float(values[0])
-
-    start = np.vstack((list(product(*box)), inside))
-    many: dict[str, Any] = {"vectorized": True, "updating": "deferred"}
-    found = differential_evolution(value, box, init=start, seed=seed, maxiter=_GENERATIONS, tol=1e-8, **many)
-    return WorstPoint(-float(found.fun), tuple(found.x.tolist()), evaluated)
-
 
 # --- identity of the closed loop ------------------------------------------------------------------------------------
 
@@ -113,9 +39,16 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
     error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice that at rest, |s| < 2 m/s; parameters: M, J, B, gains,
     theta_hat and disturbances within a factor of 2 about the published ones, both signs where both make sense.
     """
+    M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
+    ranges = {
+        **{"v": (5 * KMH, 140 * KMH), "slip": (0.01, 0.5), "z": (0.0, 2.0), "lambda_d": (0.02, 0.3), "s": (-2.0, 2.0)},
+        **{"rho": (0.5, 3.0), "D": (1.0, 50.0), "K": (10.0, 2000.0), "k": (1e-9, 1e-6), "J": (0.5 * J, 2.0 * J)},
+        **{"Mn": (0.5 * M, 2.0 * M), "Mp": (-0.4 * M, 2.0 * M), "Bn": (0.0, 2.0 * B), "Bp": (-2.0 * B, 2.0 * B)},
+        **{"theta1_hat": (-1e-3, 1e-3), "theta2_hat": (-1e-2, 1e-2), "Tr": (-600.0, 600.0), "Td": (-300.0, 300.0)},
+    }
     generator = np.random.default_rng(seed)
-    functions, base = bristle_plant(vehicle)
-    draw = {name: generator.uniform(low, high, samples) for name, (low, high) in _ranges(vehicle).items()}
+    functions, base = reaching.bristle_plant(vehicle)
+    draw = {name: generator.uniform(low, high, samples) for name, (low, high) in ranges.items()}
     v, slip, r = draw.pop("v"), draw.pop("slip"), vehicle.wheel.radius
     sigma, omega = slip * v, (v - slip * v) / r
     mass, friction = draw["Mn"] + draw["Mp"], draw["Bn"] + draw["Bp"]
@@ -125,7 +58,16 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
     known = {**draw, "Ta": Ta, "omega": omega, "Fr": vehicle.resistance.force(v), "r": r, "e": e, "v_rate": v_rate}
-    Tb, known["s"], *hat_rates = _generated_law(known)
+    # the generated law, a column with its parameters at a time
+    control = generated_law().control
+    names = ("J", "Mn", "Bn", "lambda_d", "rho", "D", "K")
+    drawn = zip(*(known[name].tolist() for name in (*names, "k")), strict=True)
+    parameters = (
+        reaching.law_parameters(r=known["r"], k1=k, k2=k, **dict(zip(names, row, strict=True))) for *row, k in drawn
+    )
+    signals = {**known, "e_integral": (known["s"] - known["e"]) / known["rho"]}
+    columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
+    Tb, known["s"], *hat_rates = np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
     rates = functions.rates(v, sigma, z, Tb, draw["Td"], draw["Tr"], p)
     surface = draw["lambda_d"] * rates[0] - rates[1] + draw["rho"] * e
     theta = ((1.0 / mass - 1.0 / draw["Mn"]) / r, -draw["Bp"] * r / draw["J"])
@@ -143,27 +85,6 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
         "lyapunov_rate": float(np.max(np.abs(lyapunov - derived_V) / (np.abs(draw["s"]) * scale + 1e-300))),
         "samples": samples,
     }
-
-
-def _ranges(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
-    M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
-    return {
-        **{"v": (5 * KMH, 140 * KMH), "slip": (0.01, 0.5), "z": (0.0, 2.0), "lambda_d": (0.02, 0.3), "s": (-2.0, 2.0)},
-        **{"rho": (0.5, 3.0), "D": (1.0, 50.0), "K": (10.0, 2000.0), "k": (1e-9, 1e-6), "J": (0.5 * J, 2.0 * J)},
-        **{"Mn": (0.5 * M, 2.0 * M), "Mp": (-0.4 * M, 2.0 * M), "Bn": (0.0, 2.0 * B), "Bp": (-2.0 * B, 2.0 * B)},
-        **{"theta1_hat": (-1e-3, 1e-3), "theta2_hat": (-1e-2, 1e-2), "Tr": (-600.0, 600.0), "Td": (-300.0, 300.0)},
-    }
-
-
-def _generated_law(known: dict[str, Any]) -> Floats:
-    """Torque (N*m), s (m/s) and rates of theta_hat of the generated law, (4, n), each column with its parameters."""
-    control = generated_law().control
-    names = ("J", "Mn", "Bn", "lambda_d", "rho", "D", "K")
-    drawn = zip(*(known[name].tolist() for name in (*names, "k")), strict=True)
-    parameters = (law_parameters(r=known["r"], k1=k, k2=k, **dict(zip(names, row, strict=True))) for *row, k in drawn)
-    signals = {**known, "e_integral": (known["s"] - known["e"]) / known["rho"]}
-    columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
-    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
 
 
 # --- the Lyapunov argument --------------------------------------------------------------------------------------------
@@ -224,8 +145,9 @@ def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Co
     x = sp.Symbol("x", positive=True)
     chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: (_Mn + _Mp) * plant.r / plant.J * (_K + x)}
     rate = sp.simplify(made.V_rate_disturbed.subs(chosen).subs(_s, x / (2 * _D)))
-    mildest = reference_set(vehicle, sigmas=1.0)
-    asked, surface = least_gain(vehicle, mildest), surface_needed(vehicle, mildest, K=gains.K, D=gains.D)
+    mildest = reaching.reference_set(vehicle, sigmas=1.0)
+    asked = reaching.least_gain(vehicle, mildest)
+    surface = reaching.surface_needed(vehicle, mildest, K=gains.K, D=gains.D)
     numbers = {"V_rate": rate, "asked": asked, "surface": surface, "K": gains.K}
     holds = bool(rate.is_positive) and surface <= 0
     return Condition("V' <= 0, disturbed", holds, "symbolic", numbers, claimed=True)
@@ -283,7 +205,7 @@ _LONGEST_STOP = 80.0  # s
 def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
     """All of them, for the published law with these gains."""
     return (
-        reaching(vehicle, gains),
+        reaching_bound(vehicle, gains),
         counterexample(vehicle, gains, seed),
         reaching_simulated(vehicle, gains, tuple(range(seed, seed + RUNS))),
         published_layer(vehicle, gains),
@@ -292,44 +214,40 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
     )
 
 
-def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
+def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
     """(40) for the published disturbances, exact over two boxes; 1 sigma unless another is named."""
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
-    box, others_box = (operating_set(one, sigmas=1.0) for one in (vehicle, rescaled))
+    box, others_box = (reaching.operating_set(one, sigmas=1.0) for one in (vehicle, rescaled))
     at_reference = {
-        (sigmas, torque): reference_set(vehicle, sigmas=sigmas, with_torque=torque)
+        (sigmas, torque): reaching.reference_set(vehicle, sigmas=sigmas, with_torque=torque)
         for sigmas in (1.0, 3.0)
         for torque in (True, False)
     }
     surface, without = (
-        surface_needed(vehicle, at_reference[1.0, torque], K=gains.K, D=gains.D) for torque in (True, False)
+        reaching.surface_needed(vehicle, at_reference[1.0, torque], K=gains.K, D=gains.D) for torque in (True, False)
     )
-    least = least_gain(vehicle, box, rho=gains.rho)
+    least = reaching.least_gain(vehicle, box, rho=gains.rho)
     numbers = {
         **{"K": gains.K, "D": gains.D, "inertia_scale": vehicle.inertia_scale, "box": box, "one_sigma": least},
-        "at_reference": [(*case, least_gain(vehicle, one, rho=gains.rho)) for case, one in at_reference.items()],
-        "three_sigma": least_gain(vehicle, operating_set(vehicle, sigmas=3.0), rho=gains.rho),
+        "at_reference": [
+            (*case, reaching.least_gain(vehicle, one, rho=gains.rho)) for case, one in at_reference.items()
+        ],
+        "three_sigma": reaching.least_gain(vehicle, reaching.operating_set(vehicle, sigmas=3.0), rho=gains.rho),
         "other_scale": other,
-        "other_one_sigma": least_gain(rescaled, others_box, rho=gains.rho),
+        "other_one_sigma": reaching.least_gain(rescaled, others_box, rho=gains.rho),
         **{"surface": surface, "surface_without_torque": without},
     }
     return Condition("reaching condition (40)", least < gains.K, CORNERS, numbers, claimed=True)
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """The worst s s' < 0 of (42) over a box."""
-    box = operating_box(vehicle)
-    known, unknown = (worst_point(box, vehicle, gains, seed=seed, estimated=flag) for flag in (True, False))
-    holds = known.excess < 0 and unknown.excess < 0
+    """The worst s s' < 0 of (42) over the box of (40)."""
+    box = reaching.operating_set(vehicle, sigmas=3.0)
+    known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
-    return Condition(
-        "s s' < -eta |s| over the box",
-        holds,
-        checked_at(known.evaluations + unknown.evaluations),
-        numbers,
-        claimed=True,
-    )
+    how = checked_at(known.evaluations + unknown.evaluations)
+    return Condition("s s' < -eta |s| over the box", max(known.excess, unknown.excess) < 0, how, numbers, claimed=True)
 
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
@@ -337,7 +255,11 @@ def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbed=True, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     finite, start = np.abs(run.s[np.isfinite(run.s)]), float(run.s[0, 0])
-    touched, inside = _after_first_zero(run)
+    # whether s changes sign in every run, and the share of the time after it with |s| in the layer
+    crossed = np.cumsum(np.abs(np.diff(np.sign(run.s), axis=0, prepend=np.sign(run.s[:1]))) > 1, axis=0) > 0
+    after = crossed & np.isfinite(run.s)
+    touched = bool(np.all(np.any(after, axis=0)))
+    inside = float(np.mean(np.abs(run.s[after]) < LAYER_WIDTH)) if touched else 0.0
     numbers = {
         **{"layer": LAYER_WIDTH, "seeds": seeds, "inertia_scale": vehicle.inertia_scale, "K": gains.K, "D": gains.D},
         "falling": float(np.mean(fall[np.isfinite(fall)] < 0)),
@@ -346,98 +268,73 @@ def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]
         "largest": float(np.max(finite)),
         "disturbance": float(np.nanmax(np.abs(run.disturbance))),
         "start": start,
-        "reaching_time": reaching_time(vehicle, K=gains.K, D=gains.D, start=start),
+        "reaching_time": reaching.reaching_time(vehicle, K=gains.K, D=gains.D, start=start),
     }
     holds = touched and inside == 1.0
     return Condition("sliding reached and kept", holds, "simulated", numbers, claimed=True)
 
 
-def _after_first_zero(run: IdealRun) -> tuple[bool, float]:
-    """Whether s changes sign in every run, and the share of the time after it with |s| in the layer."""
-    crossed = np.cumsum(np.abs(np.diff(np.sign(run.s), axis=0, prepend=np.sign(run.s[:1]))) > 1, axis=0) > 0
-    after = crossed & np.isfinite(run.s)
-    if not np.all(np.any(after, axis=0)):
-        return False, 0.0
-    return True, float(np.mean(np.abs(run.s[after]) < LAYER_WIDTH))
-
-
 def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
     """A boundary layer in the published law: the ultimate bound of |s|, within the layer or else beyond it."""
-    largest = least_gain(vehicle, reference_set(vehicle, sigmas=1.0), rho=gains.rho)
+    largest = reaching.least_gain(vehicle, reaching.reference_set(vehicle, sigmas=1.0), rho=gains.rho)
     inside = largest / (gains.D + gains.K / LAYER_WIDTH)
     bound = inside if inside <= LAYER_WIDTH else (largest - gains.K) / gains.D
     numbers = {"layer": LAYER_WIDTH, "largest": largest, "bound": bound, "speed": INITIAL_SPEED_KMH * KMH}
     return Condition("boundary layer with K", bound <= LAYER_WIDTH, CORNERS, numbers)
 
 
-class ParameterStep(NamedTuple):
-    """What happens to V at 25 s.
+def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
+    """What happens to V at 25 s of an undisturbed ideal stop.
 
     speed: then, m/s, None where the stop is over by `end`, s; theta_step: of theta1, 1/(kg m); jump: V's for
     theta_tilde = 0 before it, friction_level: what theta2_tilde is worth after 25 s of B = 0.25 - 0.01 t with
     theta2_hat fixed, m^2/s^2; surface_step: of s, as the reference becomes the wet rail's, m/s.
     """
-
-    speed: float | None
-    end: float
-    theta_step: float
-    jump: float
-    friction_level: float
-    surface_step: float | None
-
-
-def parameter_step(vehicle: Vehicle, gains: LawGains) -> ParameterStep:
-    """V's jump at 25 s, after an undisturbed ideal stop up to it."""
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
     end = float(run.time[np.isfinite(run.speed[:, 0])][-1])
     speed = float(np.interp(STEP_TIME, run.time, run.speed[:, 0])) if end > STEP_TIME else None
-    theta1 = float(true_theta(vehicle.loaded(), vehicle)[0])
+    theta1 = float(reaching.true_theta(vehicle.loaded(), vehicle)[0])
     friction = vehicle.wheel.viscous_friction + FRICTION_RATE * STEP_TIME
-    theta2 = float(true_theta(with_friction(vehicle, friction), vehicle)[1])
+    theta2 = float(reaching.true_theta(reaching.with_friction(vehicle, friction), vehicle)[1])
     jump, level = (theta**2 / (2.0 * k) if k > 0 else math.inf for theta, k in ((theta1, gains.k1), (theta2, gains.k2)))
-    step = None if speed is None else (reference_slip(Rail.WET) - reference_slip()) * speed
-    return ParameterStep(speed, end, theta1, jump, level, step)
+    step = None if speed is None else (reaching.reference_slip(Rail.WET) - reaching.reference_slip()) * speed
+    levels = {"jump": jump, "friction_level": level, "surface_step": step}
+    return {"speed": speed, "end": end, "theta_step": theta1, **levels}
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
     """theta' = 0 of (47); where the stop is over before 25 s, as published too."""
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
-    if here.speed is None:
+    if here["speed"] is None:
         published = vehicle.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
         steps.setdefault(AS_PUBLISHED_INERTIA_SCALE, parameter_step(published, gains))
     masses = {"mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded}
-    holds = here.jump == 0.0 and here.friction_level == 0.0
-    numbers = {**masses, "friction_level": here.friction_level, "steps": steps}
+    holds = here["jump"] == 0.0 and here["friction_level"] == 0.0
+    numbers = {**masses, "friction_level": here["friction_level"], "steps": steps}
     return Condition("theta constant", holds, "simulated", numbers, claimed=True)
 
 
 # --- drift ----------------------------------------------------------------------------------------------------------
 
 
-class Drift(NamedTuple):
-    """Drift of theta_hat at held speed, along the direction w = (k2 omega, -k1 Ta) that s does not move it in.
+def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
+    """Drift of theta_hat at 100 km/h held, dry, from theta_hat = theta, slip noise `DRIFT_NOISE`, over `DRIFT_TIME`.
 
-    Rates of w' theta_hat, over the seeds, and `noiseless`; `per_second` is the mean as torque (J/r) |Ta theta1_hat'|,
-    N m per s.
+    Along the direction w = (k2 omega, -k1 Ta) that s does not move it in: rates of w' theta_hat, over the seeds (mean,
+    standard_error), predicted and noiseless; `per_second` is the mean as torque (J/r) |Ta theta1_hat'|, N m per s.
     """
-
-    predicted: float
-    mean: float
-    standard_error: float
-    noiseless: float
-    per_second: float
-
-
-def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Drift:
-    """Drift at 100 km/h held, dry, from theta_hat = theta, slip noise `DRIFT_NOISE`, over `DRIFT_TIME`."""
     speed = INITIAL_SPEED_KMH * KMH
     held: dict[str, Any] = {"duration": DRIFT_TIME, "held_speed": speed}
     quiet = simulate_ideal(vehicle, gains, **held)
     run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **held)
     r, sigma = vehicle.wheel.radius, float(quiet.sigma[0, 0])
     omega = (speed - sigma) / r
-    torque, slope = _adhesion_torque(vehicle, speed, sigma)
+    h = 1e-4 * speed
+    low, torque, high = (
+        reaching.rest_adhesion_torque(vehicle, speed, x / speed) for x in (sigma - h, sigma, sigma + h)
+    )
+    slope = (high - low) / (2.0 * h)
     across = np.array([gains.k2 * omega, -gains.k1 * torque])
     rates = (run.theta_hat[-1] - run.theta_hat[0]) @ across / run.time[-1]
     noiseless = float((quiet.theta_hat[-1, 0] - quiet.theta_hat[0, 0]) @ across / quiet.time[-1])
@@ -450,17 +347,9 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     # theta_hat' phi stays 0, so theta1_hat' = (w' theta_hat') omega/(k2 omega^2 + k1 Ta^2)
     first = mean * omega / (gains.k2 * omega**2 + gains.k1 * torque**2)
     per_second = abs(first * torque) * vehicle.effective_inertia / r
-    return Drift(predicted, mean, float(np.std(rates, ddof=1) / math.sqrt(len(seeds))), noiseless, per_second)
-
-
-def _adhesion_torque(vehicle: Vehicle, speed: float, sigma: float) -> tuple[float, float]:
-    """Ta, N m, and dTa/dsigma, N m/(m/s), of the bristle model at rest on dry rail."""
-    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
-    h = 1e-4 * speed
-    slips = np.array([sigma - h, sigma, sigma + h]) / speed
-    coefficients = np.asarray(adhesion_coefficient(law, speed, slips, vehicle.wheel_load))
-    low, middle, high = vehicle.wheel.radius * vehicle.wheel_load * coefficients
-    return float(middle), float((high - low) / (2.0 * h))
+    error = float(np.std(rates, ddof=1) / math.sqrt(len(seeds)))
+    rest = {"noiseless": noiseless, "per_second": per_second}
+    return {"predicted": predicted, "mean": mean, "standard_error": error, **rest}
 
 
 _DRIFT_RUNS = 32
@@ -471,7 +360,7 @@ def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     """Noise and theta_hat."""
     seeds = tuple(range(seed, seed + _DRIFT_RUNS))
     found = measured_drift(vehicle, replace(gains, layer=0.0), seeds)
-    explained = abs(found.mean - found.predicted) < _EXPLAINED * abs(found.mean) + 4.0 * found.standard_error
+    mean, error = found["mean"], found["standard_error"]
+    explained = abs(mean - found["predicted"]) < _EXPLAINED * abs(mean) + 4.0 * error
     numbers = {"noise": DRIFT_NOISE, "duration": DRIFT_TIME, "seeds": seeds, "drift": found, "explained": explained}
-    drifts = abs(found.mean) > 4.0 * found.standard_error
-    return Condition("theta_hat bounded under noise", not drifts, "simulated", numbers)
+    return Condition("theta_hat bounded under noise", abs(mean) <= 4.0 * error, "simulated", numbers)

@@ -7,7 +7,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
-from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
 
@@ -57,14 +57,10 @@ class RailAdhesion:
             raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
         return slip
 
-    def point(self, rail: Rail, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> OperatingPoint:
-        """The reference slip on a rail."""
-        slip = self.reference(rail, vehicle)
-        return operating_point(self.on(rail, vehicle), vehicle, speed_kmh * KMH, slip, rail=rail)
-
-    def plants(self, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> dict[Rail, LinearPlant]:
-        """The linear plants at the reference slip on each rail, speed frozen."""
-        return {rail: linearize(self.point(rail, vehicle, speed_kmh=speed_kmh)) for rail in self.rails}
+    def point(self, rail: Rail, vehicle: Vehicle) -> OperatingPoint:
+        """The reference slip on a rail at 100 km/h."""
+        slip, speed = self.reference(rail, vehicle), INITIAL_SPEED_KMH * KMH
+        return operating_point(self.on(rail, vehicle), vehicle, speed, slip, rail=rail)
 
     @property
     def name(self) -> str:

@@ -18,7 +18,7 @@ in it, which the bound leaves to the adaptation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -119,11 +119,10 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
     the random force follow the wheel load, see `load_ratio`. The estimates are right.
     """
-    speed = INITIAL_SPEED_KMH * KMH
     return replace(
         reference_set(vehicle, sigmas=sigmas),
-        adhesion_torque=(0.0, rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP)),
-        speed=(LOWEST_SPEED_KMH * KMH, speed),
+        adhesion_torque=(0.0, vanishing_slip_torque(vehicle)),
+        speed=(LOWEST_SPEED_KMH * KMH, INITIAL_SPEED_KMH * KMH),
         slip=(0.0, 2.0 * reference_slip()),
         mass=(vehicle.mass, vehicle.mass_loaded),
         heavier=load_ratio(vehicle),
@@ -157,11 +156,9 @@ def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
-def wet_share(vehicle: Vehicle) -> float:
-    """Ta of the wet rail over that of the dry one, at rest at vanishing slip and 100 km/h."""
-    speed = INITIAL_SPEED_KMH * KMH
-    wet, dry = (rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY))
-    return wet / dry
+def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
+    """The largest Ta at rest, N*m: at vanishing slip and 100 km/h."""
+    return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
 def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
@@ -185,17 +182,12 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
     return made
 
 
-def theta_function() -> Callable[..., Any]:
-    """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
-    return derived("r J Mn Mp Bp", "theta")
-
-
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta of a vehicle against the nominal one."""
+    """theta, (44) corrected, of a vehicle against the nominal one, 1/(kg m) and m/s."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(theta_function()(*known, Mn, *perturbation), dtype=float)
+    return np.asarray(derived("r J Mn Mp Bp", "theta")(*known, Mn, *perturbation), dtype=float)
 
 
 def law_parameters(**values: float) -> Any:
@@ -243,9 +235,9 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 
 @cache
-def required_gain() -> sp.Expr:
-    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`,
-    side.
+def required_gain() -> Callable[..., Any]:
+    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb, as a function of
+    `BOX_VARIABLES` and `_PARAMETERS`.
 
     ArithmeticError where it is not affine in each of them, as with another plant.
     """
@@ -259,7 +251,8 @@ def required_gain() -> sp.Expr:
     # both linear in q: K = -rest/slope is monotone in it
     if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
         raise ArithmeticError("the bound on K is not affine in what it is asked over; the plant has been changed")
-    return -rest / slope
+    made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], -rest / slope, "numpy", cse=True)
+    return made
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
@@ -283,13 +276,7 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
     ]
     parameters = (rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
     nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
-    return _required_function()(*np.array(corners).T, *parameters, *nominal)
-
-
-@cache
-def _required_function() -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], required_gain(), "numpy", cse=True)
-    return made
+    return required_gain()(*np.array(corners).T, *parameters, *nominal)
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
@@ -339,54 +326,36 @@ class WorstPoint:
     evaluations: int
 
 
-def surface_rate(
-    vehicle: Vehicle,
-    gains: LawGains,
-    state: Sequence[Any],
-    acting: Sequence[Any],
-    s: Any,
-    hats: Sequence[Any],
-    *,
-    limits: Range = (-math.inf, math.inf),
-) -> Any:
-    """s', m/s^2, from the plant's rates on dry rail under (45); arrays of one shape.
+def approach(
+    points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, *, limits: Range = (-math.inf, math.inf)
+) -> Floats:
+    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, the command within limits, N*m.
 
-    state: v (m/s), slip, z (m), its Ta (N*m), mass (kg); acting: Tr (N*m), acting over commanded torque less 1; s: m/s,
-    switching by its sign bit; hats: theta_hat1, theta_hat2, Ta_hat/Ta - 1, v'_hat/v' - 1, and the law's J over the
-    wheel's less 1; limits: of the command, N*m. s is free of e: any s belongs to some integral of it. The law's other
-    nominal parameters are the vehicle's.
+    s' is that of the plant's rates on dry rail under (45). s is free of e: any s belongs to some integral of it. The
+    law's other nominal parameters are the vehicle's.
     """
+    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
-    (v, slip, z, Ta, mass), (Tr, fraction), (theta1, theta2, a, b, j) = state, acting, hats
-    slip_d, r = reference_slip(), vehicle.wheel.radius
+    slip_d, r, sign = reference_slip(), vehicle.wheel.radius, np.where(side >= 0, 1.0, -1.0)
     sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
     p = (vehicle.inertia_scale * mass, *parameters[1:])
+    # the force is proportional to the adhesion state
+    z = Ta / (r * functions.force(v, sigma, np.ones_like(v), 0.0, 0.0, 0.0, p))
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma
     control = derived("s e v_rate Ta omega theta1_hat theta2_hat J r D K rho lambda_d Mn Bn", "adaptive_law_control")
-    measured = (s, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, (1.0 + j) * J, r)
-    Tb = control(*measured, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B, np.copysign(1.0, s))
-    Tb = np.clip(Tb, *limits)
+    measured = (sign * surface, e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2)
+    known = (gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B)
+    Tb = np.clip(control(*measured, (1.0 + j) * J, r, *known, sign), *limits)
     rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
-    return slip_d * rates[0] - rates[1] + gains.rho * e
+    return np.asarray(sign * (slip_d * rates[0] - rates[1] + gains.rho * e), dtype=float)
 
 
-def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, **limits: Range) -> Floats:
-    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s; `limits` as of `surface_rate`."""
-    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
-    functions, p = bristle_plant(vehicle)
-    sign, r = np.where(side >= 0, 1.0, -1.0), vehicle.wheel.radius
-    # the force is proportional to the adhesion state
-    z = Ta / (r * functions.force(v, slip * v, np.ones_like(v), 0.0, 0.0, 0.0, p))
-    state, hats = (v, slip, z, Ta, mass), (theta1, theta2, a, b, j)
-    rate = surface_rate(vehicle, gains, state, (Tr, fraction), sign * surface, hats, **limits)
-    return np.asarray(sign * rate, dtype=float)
-
-
-def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) -> WorstPoint:
+def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
     """Largest s s'/|s| at s -> 0 over the corners of the box and random points in it, then uphill (L-BFGS-B).
 
-    The resistance is the vehicle's own at the speed; the command is held within the box's limits.
+    The resistance is the vehicle's own at the speed; the command is held within the box's limits. `known_mass`:
+    theta_hat1 is theta1 at each point, in place of the box's.
     """
     from scipy.optimize import minimize
 
@@ -394,17 +363,23 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) ->
     inside = np.random.default_rng(seed).random((len(SEARCHED), _RANDOM_POINTS))
     evaluated = 0
 
+    def points_at(shares: Floats) -> Floats:
+        points = points_of(box, shares)
+        if known_mass:
+            points[6] = (1.0 / points[3] - 1.0 / vehicle.mass) / vehicle.inertia_scale / vehicle.wheel.radius
+        return points
+
     def value(shares: Floats) -> Floats:
         nonlocal evaluated
         columns = shares.reshape(len(SEARCHED), -1)
         evaluated += columns.shape[1]
-        return approach(points_of(box, columns), vehicle, gains, limits=box.torque_limits)
+        return approach(points_at(columns), vehicle, gains, limits=box.torque_limits)
 
     tried = np.hstack((corners, inside))
     starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
     found = [minimize(lambda x: -float(value(x)[0]), x, bounds=[(0.0, 1.0)] * len(SEARCHED)) for x in starts]
     best = min(found, key=lambda one: float(one.fun))
-    return WorstPoint(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
+    return WorstPoint(-float(best.fun), tuple(points_at(best.x[:, None])[:, 0].tolist()), evaluated)
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho int e, e = lambda_d v - sigma, and
 
-    Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn(s).
+    Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn s.
 
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
@@ -15,116 +15,89 @@ G = (s + rho)/s and s_surface = -G sigma,
 
 With an ideal actuator and Q_m = Q the adhesion cancels: W = (r/J)/(s + (r/J) D), [Park2008] (37). With the actuator
 Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's unstable pole is back.
+
+A relay gain N acts as D does. The relay's own cycle without load, every harmonic counted, is Tsypkin's locus
+([Tsypkin1984]): the square wave K (4/pi) sum sin(n omega t)/n over odd n makes s = 0 at its switches where
+sum Im W(j n omega)/n = 0. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds (J/r) w int s dt
+to the torque, w = k (Ta^2 + 12.96 omega^2) in SI: with an ideal actuator s'' + (r/J) D s' + w s = 0, an oscillator that
+only D damps; with the actuator the integral path costs phase the loop does not have.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import Complexes, Floats, number
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.arguments import Complexes, Floats
+from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
-from railslip_ctrl.sliding.law import TABLE4_LAWS
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
+
+OMEGA_UNIT_FACTOR = PUBLISHED_LAW.k2 / PUBLISHED_LAW.k1
+"""3.6^2: with one printed k theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
+
+SLOWEST = 1e-4  # 1/s: rate of the relay's gain, or square of the adaptation's, that is tried first: hours of a stop
+_RATIO, _STEPS = 1.2, 76  # steps in which a gain is raised until the loop is lost: up to a factor of 1e6
+_TOLERANCE = 1e-9  # relative, of a bisection: far above the rounding of the root count
+# W falls at least as 1/omega^2 with the lag, so that s misses about 1/(2 n^2) of itself beyond n harmonics
+_ODD = np.arange(1.0, 400.0, 2.0)
+_SAMPLES = 1024  # times in a period at which peaks are looked for: misses a crest by less than 1e-5 of it
 
 
-@dataclass(frozen=True)
-class SlidingGains:
-    """Gains of the law, SI, >= 0; InputError for one that is negative or not finite.
+def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
+    """End of the first range of gains from `start` (> 0) on in which `stable` holds, bisected to 1e-9.
 
-    K, height of the relay, N*m, and D, N*m/(m/s), are added to the torque; rho, 1/s; k, adaptation gain as printed:
-    theta1' = k s Ta and theta2' = 12.96 k s omega in SI (theta1 in SI is 3.6 times smaller than the printed one).
+    0 where it holds nowhere, inf where it holds up to 1e6 start. Tried in steps of 20 %: narrower ranges may be missed.
     """
-
-    K: float
-    D: float
-    rho: float
-    k: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("K", "D", "rho", "k"):
-            number(name, getattr(self, name), ge=0)
+    gains = [start * _RATIO**n for n in range(_STEPS)]
+    first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
+    if first is None:
+        return 0.0
+    lost = next((n for n in range(first + 1, _STEPS) if not stable(gains[n])), None)
+    return math.inf if lost is None else bisected(stable, gains[lost - 1], gains[lost])
 
 
-OMEGA_UNIT_FACTOR = 12.96
-"""3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
-
-TABLE4_SLIDING = MappingProxyType(
-    {column: SlidingGains(K=row.K, D=row.D, rho=row.rho, k=row.k1) for column, row in TABLE4_LAWS.items()}
-)
-"""Table 4's sliding-mode gains by column, SI."""
-
-
-# --- the brake actuator -----------------------------------------------------------------------------------------------
-
-
-def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
-    """Ga(s), commanded to acting torque, at complex s (1/s), any shape."""
-    return np.asarray(np.exp(-s * actuator.dead_time) / (actuator.lag * s + 1.0))
-
-
-def actuator_lag(actuator: Actuator) -> Rational:
-    """Ga without its dead time."""
-    return Rational.from_polynomials(np.array([1.0]), np.trim_zeros(np.array([actuator.lag, 1.0]), "f"))
-
-
-# --- the loop around s ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class SlidingExistence:
-    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]).
-
-    relative_degree: poles minus zeros of W without its dead time (s); high_frequency_gain: lim s^relative_degree W(s)
-    (dead time apart), (m/s) s^-relative_degree/(N*m). It exists with relative degree 1, positive gain and no dead time:
-    only then does a switch turn s' round at once.
-    """
-
-    relative_degree: int
-    high_frequency_gain: float
-    dead_time: float
-    lag: float
-    exists: bool
+def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Largest value between `low`, where it holds, and `high`, where it does not, to 1e-9."""
+    while high - low > _TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
 
 
 @dataclass(frozen=True)
 class SurfaceLoop:
     """The linear loop around the relay of the law, the speed frozen; InputError for a plant with it as a state.
 
-    rho and D close the linear part; K and k are used where a method says so.
+    rho and D close the linear part; K and the adaptation (k1; k2 is 12.96 times it) are used where a method says so.
     """
 
     plant: LinearPlant
-    gains: SlidingGains
+    gains: LawGains
     actuator: Actuator
 
     def __post_init__(self) -> None:
         if self.plant.speed_state:
             raise InputError("plant: the speed is a state; linearise with the speed frozen (speed_state=False)")
 
-    def with_gains(self, **changes: float) -> SurfaceLoop:
-        """The loop with some of its gains changed (K, D, rho, k)."""
+    def with_gains(self, **changes: Any) -> SurfaceLoop:
+        """The loop with some of its gains changed."""
         return replace(self, gains=replace(self.gains, **changes))
-
-    # -- its parts ----------------------------------------------------------------------------------------
-
-    @property
-    def inertia_over_radius(self) -> float:
-        """J/r, N*m per m/s^2 of slip acceleration."""
-        return 1.0 / self.plant.gain
 
     @property
     def load(self) -> float:
         """Torque the law leaves out, N*m: (J/r) Fr/M, since [Park2008] (36) has no travelling resistance."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
-        return float(self.inertia_over_radius * vehicle.resistance.force(v) / vehicle.effective_mass)
+        return float(vehicle.resistance.force(v) / vehicle.effective_mass / self.plant.gain)
 
     @property
     def regressor_power(self) -> float:
@@ -140,48 +113,39 @@ class SurfaceLoop:
         numerator, denominator = self.plant.transfer_function()
         return np.atleast_1d(numerator / self.plant.gain), denominator
 
-    @cached_property
-    def _behind_the_controller(self) -> Rational:
-        """Lag and wheel: what the controller acts through, its dead time apart."""
-        return actuator_lag(self.actuator) * Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
-
-    @cached_property
-    def _direct(self) -> Rational:
-        """The controller without relay and adaptation."""
-        return self.controller()
-
-    @cached_property
-    def _compensation(self) -> tuple[Floats, Floats]:
-        """Q_m as numerator and denominator, N*m/(m/s)."""
-        zeros, poles = self._wheel
-        return self.inertia_over_radius * np.polysub(poles, np.polymul([1.0, 0.0], zeros)), zeros
-
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
         """C(s) from -sigma to the commanded torque, N*m/(m/s).
 
         `relay_gain` (N*m/(m/s)) stands for the relay (describing function, or K/layer); `adaptation` is k as printed,
         whose linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
         """
-        inertia, rho, d = self.inertia_over_radius, self.gains.rho, self.gains.D + relay_gain
-        q_num, q_den = self._compensation
+        zeros, poles = self._wheel
+        inertia, rho = 1.0 / self.plant.gain, self.gains.rho  # J/r
+        compensation = inertia * np.polysub(poles, np.polymul([1.0, 0.0], zeros))  # Q_m times the zeros
+        direct = np.polysub(inertia * rho * zeros, compensation)
         surface = np.array([1.0, rho])  # s G(s)
-        integral = inertia * adaptation * self.regressor_power
-        direct = np.polysub(inertia * rho * q_den, q_num)
+        on_s = [self.gains.D + relay_gain, inertia * adaptation * self.regressor_power]
         numerator = np.polymul([1.0, 0.0, 0.0], direct)
-        numerator = np.polyadd(numerator, np.polymul(np.polymul([d, integral], surface), q_den))
-        denominator = np.polymul([1.0, 0.0, 0.0], q_den)
-        # an integrator whose output nothing uses (no D, no adaptation) is not part of the loop
+        numerator = np.polyadd(numerator, np.polymul(np.polymul(on_s, surface), zeros))
+        denominator = np.polymul([1.0, 0.0, 0.0], zeros)
+        # an integrator whose output nothing uses (no adaptation) is not part of the loop
         while numerator.size > 1 and numerator[-1] == 0.0 and denominator[-1] == 0.0:
             numerator, denominator = numerator[:-1], denominator[:-1]
         return Rational.from_polynomials(numerator, denominator)
 
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
         """The loop opened at the commanded torque, dead time exact; `relay_gain`, `adaptation` as of `controller`."""
+        lag = Rational.from_polynomials(np.array([1.0]), np.trim_zeros(np.array([self.actuator.lag, 1.0]), "f"))
+        acted_on = lag * Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
         controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
-        return DeadTimeLoop(controller * self._behind_the_controller, self.actuator.dead_time)
+        return DeadTimeLoop(controller * acted_on, self.actuator.dead_time)
+
+    def unstable_poles(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> float:
+        """Poles of the closed loop right of the axis, exactly counted; arguments as of `controller`."""
+        return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).unstable_closed_loop_poles
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
-        """Whether the linear loop is stable, by the exact root count; `relay_gain`, `adaptation` as of `controller`."""
+        """Whether the linear loop is stable, by the exact root count; arguments as of `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     # -- what the relay sees ------------------------------------------------------------------------------
@@ -194,24 +158,45 @@ class SurfaceLoop:
     def slip_response(self, omega: ArrayLike) -> Complexes:
         """From the relay's output to sigma, (m/s)/(N*m): W/G; omega > 0, rad/s, any shape."""
         s = 1j * np.asarray(omega, dtype=float)
-        actuator = actuator_response(self.actuator, s)
-        return np.asarray(actuator / (self.inverse_wheel(s) + actuator * self._direct(s)))
-
-    def torque_response(self, omega: ArrayLike) -> Complexes:
-        """From the relay's output to the acting torque, N*m/(N*m); omega > 0, rad/s, any shape."""
-        s = 1j * np.asarray(omega, dtype=float)
-        return np.asarray(self.slip_response(omega) * self.inverse_wheel(s))
-
-    def inverse_wheel(self, s: Complexes) -> Complexes:
-        """1/P(s): from sigma to the torque that moves it, N*m/(m/s), at complex s, 1/s, any shape."""
         zeros, poles = self._wheel
-        return np.asarray(self.inertia_over_radius * np.polyval(poles, s) / np.polyval(zeros, s))
+        inverse_wheel = np.polyval(poles, s) / np.polyval(zeros, s) / self.plant.gain
+        actuator = np.exp(-s * self.actuator.dead_time) / (self.actuator.lag * s + 1.0)
+        return np.asarray(actuator / (inverse_wheel + actuator * self.controller()(s)))
 
-    def sliding_existence(self) -> SlidingExistence:
-        """Whether an ideal sliding mode exists; see `SlidingExistence`."""
-        lag, dead_time = actuator_lag(self.actuator), self.actuator.dead_time
-        # 1/P + Ga C grows as (J/r) s, and G tends to 1
-        degree = 1 + lag.poles.size - lag.zeros.size
-        gain = self.plant.gain * lag.gain
-        exists = degree == 1 and dead_time == 0
-        return SlidingExistence(degree, gain, dead_time, self.actuator.lag, exists)
+    def sliding_existence(self) -> dict[str, Any]:
+        """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why.
+
+        relative_degree: poles minus zeros of W without its dead time, as 1/P + Ga C grows as (J/r) s and G tends to 1;
+        high_frequency_gain: lim s^relative_degree W(s), (m/s) s^-relative_degree/(N*m), > 0. It exists with relative
+        degree 1 and no dead time: only then does a switch turn s' round at once.
+        """
+        lag, dead_time = self.actuator.lag, self.actuator.dead_time
+        degree, gain = (2, self.plant.gain / lag) if lag > 0 else (1, self.plant.gain)
+        found = {"relative_degree": degree, "high_frequency_gain": gain, "dead_time": dead_time, "lag": lag}
+        return {**found, "exists": degree == 1 and dead_time == 0}
+
+    @cached_property
+    def largest_relay_gain(self) -> float:
+        """Largest gain that may stand for the relay, N*m/(m/s); inf where none destabilises, 0 where none stabilises.
+
+        A boundary layer wider than K over it no longer oscillates.
+        """
+        return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)
+
+    def linear_cycle(self) -> tuple[float, float]:
+        """Period, s, and slip amplitude of each N*m of K, of the relay's own cycle without load, to about 1e-5.
+
+        DomainError where no relay gain takes the loop from stable to unstable, or s changes sign between two switches.
+        """
+        from scipy.optimize import newton
+
+        if not 0.0 < self.largest_relay_gain < math.inf:
+            raise DomainError("limit cycle: no relay gain takes the loop from stable to unstable, so there is none")
+        pole = self.linear_loop(relay_gain=self.largest_relay_gain).closed_loop_poles(2)[0]  # on the axis
+        omega = float(newton(lambda x: float(np.sum(self.surface_response(_ODD * x).imag / _ODD)), abs(pole.imag)))
+        phase = np.linspace(0.0, np.pi, _SAMPLES // 2, endpoint=False)
+        waves = 4 / np.pi * np.exp(1j * np.outer(phase, _ODD)) / _ODD
+        surface, sigma = ((waves @ one(_ODD * omega)).imag for one in (self.surface_response, self.slip_response))
+        if np.any(-surface[1:] <= 0.0):  # half of the period; the other half is its mirror
+            raise DomainError("limit cycle: there is none with two switches a period, as s changes sign in between")
+        return 2 * math.pi / omega, float(np.max(np.abs(sigma)) / self.plant.point.speed)

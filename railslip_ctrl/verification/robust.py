@@ -19,10 +19,9 @@ import sympy as sp
 
 from railslip_ctrl.controllers.linear import full_brake_torque
 from railslip_ctrl.core.arguments import Floats
-from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import THETA, D, Derivation, K, derive, k1, k2, s
 from railslip_ctrl.sliding.derivation import THETA_HAT as HAT
 from railslip_ctrl.sliding.derivation import THETA_HAT_RATE as RATE
@@ -216,7 +215,7 @@ def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLI
     K: N*m; left out, `GAIN_MARGIN` over what (40) asks in the set that the leak makes invariant.
     """
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
-    return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking).gain if K is None else K)
+    return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
 
 
 def slowest_rate(vehicle: Vehicle, D: float) -> float:
@@ -247,9 +246,7 @@ def farthest_theta(vehicle: Vehicle) -> Floats:
 # --- the robust variants' conditions -------------------------------------------------------------------------------
 
 
-_EXACT = (0.0, 0.0)  # error of an estimate
 _DURATION = 60.0  # s; longer than any stop of these designs
-_SAMPLES = 100_000
 _RISE_TOLERANCE = 1e-3  #: largest rise of V in a run, relative to V(0), put down to the steps of 2 ms
 _BOUND_TOLERANCE = 0.01
 """A sampled relay overshoots a bound by one step of K0: this fraction of it is put down to that."""
@@ -259,11 +256,20 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
     """All of them; K of the design unless given (N m), D in N m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
-    seeds, layer = tuple(range(seed, seed + RUNS)), _layer_numbers(gains, largest)
+    seeds, size = tuple(range(seed, seed + RUNS)), gains.layer
+    # met: whether the layer carries (J/r) d_max = largest, N*m; bound: the ultimate one of |s| inside it, m/s
+    layer: dict[str, Any] = {
+        "met": largest <= gains.K + D * size,
+        "bound": largest / (D + gains.K / size),
+        "largest": largest,
+    }
+    layer |= {"K": gains.K, "D": D, "layer": size}
     (proved, rate), (first, second) = matrix_gain(), gain_units()
-    units, boxed = {"k1_unit": first, "k2_unit": second, "V_rate": rate}, {**layer, "boxed": gains.box is not None}
+    box, theta = parameter_box(vehicle), reaching.true_theta(vehicle.loaded(), vehicle).tolist()
+    contained = all(low <= value <= high for value, (low, high) in zip(theta, box, strict=True))
+    units = {"k1_unit": first, "k2_unit": second, "V_rate": rate}
     layered = boundary_layer_proved() and layer["met"]
-    adapted = dead_zone_proved() and projection_proved() and boxed["boxed"] and layer["met"]  # projection beside it
+    adapted = dead_zone_proved() and projection_proved() and layer["met"]
     leak = {"least_share": least_share(), "K": leaking.K, "bound": bound, "leak": leaking.leak}
     return (
         Condition("matrix gain", proved and first != second, "symbolic", units),
@@ -271,13 +277,12 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
         *(_gain_search(vehicle, gains, seed, limited=limited) for limited in (False, True)),
         rail_mistaken(vehicle, gains),
         _down_to_5_kmh("boundary layer, bound", layered, "symbolic", layer),
-        boundary_layer_runs(vehicle, gains, largest, seeds),
-        _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", boxed),
-        Condition("projection", projection_proved(), "symbolic"),
-        _projection_samples(vehicle, gains, seed),
+        boundary_layer_runs(vehicle, gains, layer, seeds),
+        _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", layer),
+        Condition("projection", projection_proved() and contained, "symbolic", {"box": box, "theta": theta}),
         _dead_zone_runs(vehicle, gains, largest, seeds),
         # over the set of theta_hat that the bound makes invariant itself
-        _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound.gain < leaking.K, "symbolic", leak),
+        _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound["gain"] < leaking.K, "symbolic", leak),
         _leak_runs(vehicle, leaking, bound, seeds),
     )
 
@@ -290,7 +295,7 @@ def _down_to_5_kmh(name: str, holds: bool, how: str, numbers: dict[str, Any], **
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
     """(40) over the box of the design, and the errors of the estimates that K bears."""
     box = robust_set(vehicle)
-    exact = replace(box, torque_error=_EXACT, rate_error=_EXACT)
+    exact = replace(box, torque_error=(0.0, 0.0), rate_error=(0.0, 0.0))
     tolerated = {
         "Ta_hat": reaching.tolerated_error(vehicle, exact, "torque_error", K=gains.K),
         "v_rate_hat": reaching.tolerated_error(vehicle, exact, "rate_error", K=gains.K),
@@ -312,7 +317,9 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
     """(40) where Ta_hat is that of the other rail."""
-    box, wet = robust_set(vehicle), reaching.wet_share(vehicle)
+    box = robust_set(vehicle)
+    on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
+    wet = on_wet / on_dry
     (low, high), (least, most) = box.torque_error, box.adhesion_torque
     mistaken: dict[str, dict[str, Any]] = {
         "dry taken for wet": {"torque_error": (wet * (1.0 + low) - 1.0, high)},
@@ -326,25 +333,14 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
     return _down_to_5_kmh("robust gain, rail mistaken", max(asked.values()) < gains.K, CORNERS, numbers)
 
 
-def _layer_numbers(gains: LawGains, largest: float) -> dict[str, Any]:
-    """met: whether the layer carries (J/r) d_max = largest, N*m; bound: the ultimate one of |s| inside it, m/s."""
-    K, D, layer = gains.K, gains.D, gains.layer
-    met, bound = largest <= K + D * layer, largest / (D + K / layer)
-    return {"met": met, "bound": bound, "K": K, "D": D, "layer": layer, "largest": largest}
-
-
-def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """Disturbed ideal stops against that bound, theta known."""
+def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any], seeds: tuple[int, ...]) -> Condition:
+    """Disturbed ideal stops against the bound of the layer, theta known."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
-    disturbed, numbers = largest_disturbance(run, gains), _layer_numbers(gains, largest)
-    reached, highest, kept = math.inf, float(np.nanmax(np.abs(run.s))), False
-    if numbers["met"]:
-        reached, highest = _after_entry(run, gains.layer, numbers["bound"])
-        within = highest <= numbers["bound"] * (1 + _BOUND_TOLERANCE)
-        kept = math.isfinite(reached) and within and disturbed <= largest
-    numbers |= {"reached": reached, "highest": highest, "disturbed": disturbed, "seeds": seeds}
-    return _down_to_5_kmh("boundary layer, runs", kept, "simulated", numbers)
+    kept, numbers = _in_the_layer(run, gains, layer["bound"], layer["largest"])
+    if not layer["met"]:
+        kept, numbers["highest"] = False, float(np.nanmax(np.abs(run.s)))
+    return _down_to_5_kmh("boundary layer, runs", kept, "simulated", {**layer, **numbers, "seeds": seeds})
 
 
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
@@ -354,55 +350,18 @@ def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
 
 
-def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, float]:
-    """Latest first time inside the bound, s (inf where a run never is), and the largest |s| after each run's own."""
-    size = np.abs(run.s)
-    inside = size <= bound
-    if not np.all(np.any(inside, axis=0)):
-        return math.inf, layer
-    first = np.argmax(inside, axis=0)
-    after = np.arange(len(run.time))[:, None] >= first
-    return float(run.time[np.max(first)]), float(np.nanmax(np.where(after, size, np.nan)))
+def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) -> tuple[bool, dict[str, Any]]:
+    """Whether |s| enters the bound, m/s, and stays, the disturbance, N*m, being within the largest.
 
-
-def _projection_samples(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """The cross term at random points, faces included."""
-    torque = reaching.load_ratio(vehicle) * _largest_adhesion_torque(vehicle)
-    worst = largest_cross_term(gains, torque=torque, seed=seed)
-    theta = reaching.true_theta(vehicle.loaded(), vehicle)
-    contains = all(low <= value <= high for value, (low, high) in zip(theta, gains.box or (), strict=True))
-    numbers = {"samples": _SAMPLES, "seed": seed, "box": gains.box, "largest": worst, "torque": torque}
-    return Condition("projection, samples", worst <= 0.0 and contains, checked_at(_SAMPLES), numbers)
-
-
-def _largest_adhesion_torque(vehicle: Vehicle) -> float:
-    """Ta, N*m, at most, at the empty wheel load."""
-    return reaching.operating_set(vehicle, sigmas=SIGMAS).adhesion_torque[1]
-
-
-def projected(rate: np.ndarray, hat: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The rate with what would leave the box set to 0; arrays of one shape."""
-    leaves = ((hat >= high) & (rate > 0)) | ((hat <= low) & (rate < 0))
-    return np.where(leaves, 0.0, rate)
-
-
-def largest_cross_term(gains: LawGains, *, torque: float, seed: int) -> float:
-    """Largest sum theta_tilde_i (s phi_i - theta_hat_i'/k_i), m^2/s^3, at random points of the box and its faces.
-
-    Ta: 0 to `torque`, N*m.
+    reached: latest first time inside, s (inf where a run never is); highest: |s| after each run's own; disturbed: N*m.
     """
-    assert gains.box is not None, "projection needs a box"
-    generator = np.random.default_rng(seed)
-    low, high = np.array(gains.box).T[:, :, None]
-    fraction = generator.random((2, _SAMPLES))
-    onto = generator.integers(0, 4, (2, _SAMPLES))
-    fraction = np.where(onto == 0, 0.0, np.where(onto == 1, 1.0, fraction))
-    hat = np.where(onto == 1, high, low + (high - low) * fraction)
-    theta = low + (high - low) * generator.random((2, _SAMPLES))
-    s = generator.uniform(-4.0, 4.0, _SAMPLES)
-    phi = np.stack((generator.uniform(0, torque, _SAMPLES), generator.uniform(0, 70, _SAMPLES)))
-    free = s * phi  # the law's rate over its gain: the gains do not matter to the sign
-    return float(np.max(np.sum((theta - hat) * (free - projected(free, hat, low, high)), axis=0)))
+    size, disturbed = np.abs(run.s), largest_disturbance(run, gains)
+    first, reached, highest = np.argmax(size <= bound, axis=0), math.inf, gains.layer
+    if np.all(np.any(size <= bound, axis=0)):
+        after = np.arange(len(run.time))[:, None] >= first
+        reached, highest = float(run.time[np.max(first)]), float(np.nanmax(np.where(after, size, np.nan)))
+    kept = math.isfinite(reached) and highest <= bound * (1 + _BOUND_TOLERANCE) and disturbed <= largest
+    return kept, {"reached": reached, "highest": highest, "disturbed": disturbed}
 
 
 def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> IdealRun:
@@ -419,34 +378,23 @@ def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tu
     low, high = np.array(gains.box).T
     hats = run.theta_hat[np.isfinite(run.theta_hat[..., 0])]
     boxed = bool(np.all((hats >= low) & (hats <= high)))
-    reached, highest = _after_entry(run, gains.layer, gains.layer)
-    disturbed = largest_disturbance(run, gains)
-    within = highest <= gains.layer * (1 + _BOUND_TOLERANCE)
+    kept, along = _in_the_layer(run, gains, gains.layer, largest)
     numbers = {
-        **{"rise": rise, "highest": highest, "reached": reached, "layer": gains.layer, "boxed": boxed, "seeds": seeds},
-        **{"disturbed": disturbed, "largest": largest, "mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
+        **{"rise": rise, "layer": gains.layer, "boxed": boxed, "seeds": seeds, **along},
+        **{"largest": largest, "mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
     }
-    holds = rise <= _RISE_TOLERANCE and boxed and math.isfinite(reached) and within and disturbed <= largest
+    holds = rise <= _RISE_TOLERANCE and boxed and kept
     return _down_to_5_kmh("layer, dead zone, projection: runs", holds, "simulated", numbers)
 
 
-@dataclass(frozen=True)
-class LeakBound:
-    """V(t) <= V(0) exp(-c t) + level (1 - exp(-c t)): c in 1/s, V in m^2/s^2; `surface` is |s| at that level, m/s.
+def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
+    """V(t) <= V(0) exp(-rate t) + level (1 - exp(-rate t)); rate: 1/s; level, start = V(0): m^2/s^2; surface: |s| at
+    that level, m/s.
 
-    `gain`: what (40) asks of K, N*m, over the theta_hat that V <= max(V(0), level) allows, from free rolling at 100
-    km/h with theta_hat = 0: with a larger K that set is invariant.
+    For the largest theta: of the loaded vehicle, with the viscous friction of the longest stop. gain: what (40) asks of
+    K, N*m, over the theta_hat that V <= max(V(0), level) allows, from free rolling at 100 km/h with theta_hat = 0: with
+    a larger K that set is invariant.
     """
-
-    rate: float
-    level: float
-    surface: float
-    start: float
-    gain: float
-
-
-def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
-    """For the largest theta: of the loaded vehicle, with the viscous friction of the longest stop."""
     theta = farthest_theta(vehicle)
     k = (gains.k1, gains.k2)
     of_theta = sum(float(one) ** 2 / (2.0 * gain) for one, gain in zip(theta, k, strict=True))
@@ -457,19 +405,19 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
     reach = [math.sqrt(2.0 * gain * max(start, level)) for gain in k]
     first, second = ((min(0.0, float(x)) - w, max(0.0, float(x)) + w) for x, w in zip(theta, reach, strict=True))
     asked = reaching.least_gain(vehicle, replace(robust_set(vehicle), theta_hat1=first, theta_hat2=second))
-    return LeakBound(c, level, math.sqrt(2.0 * level), start, asked)
+    return {"rate": c, "level": level, "surface": math.sqrt(2.0 * level), "start": start, "gain": asked}
 
 
-def _leak_runs(vehicle: Vehicle, gains: LawGains, bound: LeakBound, seeds: tuple[int, ...]) -> Condition:
+def _leak_runs(vehicle: Vehicle, gains: LawGains, bound: dict[str, float], seeds: tuple[int, ...]) -> Condition:
     run = _unknown_load_run(vehicle, gains, seeds)
-    decay = np.exp(-bound.rate * run.time)[:, None]
-    share = float(np.nanmax(run.V / (run.V[0] * decay + bound.level * (1.0 - decay))))
-    met = bound.gain < gains.K
+    decay = np.exp(-bound["rate"] * run.time)[:, None]
+    share = float(np.nanmax(run.V / (run.V[0] * decay + bound["level"] * (1.0 - decay))))
+    met = bound["gain"] < gains.K
     end = int(np.min(np.sum(np.isfinite(run.s), axis=0)))
     final = float(np.max(np.abs(run.s[max(0, end - round(1.0 / run.time[1])) : end])))  # the shortest run's last second
     numbers = {
         **{"share": share, "final": final, "met": met, "bound": bound, "K": gains.K, "seeds": seeds},
         **{"mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
     }
-    holds = met and share <= 1.0 + _BOUND_TOLERANCE and largest_disturbance(run, gains) <= bound.gain
+    holds = met and share <= 1.0 + _BOUND_TOLERANCE and largest_disturbance(run, gains) <= bound["gain"]
     return _down_to_5_kmh("sigma-modification, runs", holds, "simulated", numbers)

@@ -56,7 +56,8 @@ class Verification:
 
     `law` is "paper" (with the robust variants' conditions), "robust" or "predictive"; K (N*m; N*m/s for the
     predictive law) and D (N*m/(m/s); None for it) are that law's; `seed` is where random numbers start. box,
-    tolerances: of a law that is decided over a box.
+    tolerances: of a law that is decided over a box. findings: what an engineer may conclude from behind the actuator
+    (`report.verification.conclusion_text`); None without it, and for the predictive law, whose conditions are its own.
     """
 
     law: str
@@ -67,6 +68,7 @@ class Verification:
     conditions: tuple[Condition, ...]
     box: Mapping[str, Any] = field(default_factory=dict)
     tolerances: tuple[Tolerance, ...] = ()
+    findings: Mapping[str, Any] | None = None
 
     @property
     def all_hold(self) -> bool:
