@@ -28,6 +28,7 @@ from itertools import product
 import numpy as np
 
 import railslip_ctrl as rs
+from railslip_ctrl import catalogue
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 from railslip_ctrl.simulation import BrakeLimits, Scenario
 from railslip_ctrl.simulation.bound import clairvoyant_stop
@@ -55,6 +56,7 @@ LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.
 class Stop:
     """A stop: where and with what, percent over the bound, highest slip, speed of locking, km/h, torque filled, N*m."""
 
+    controller: str
     law: str
     rails: str
     load: str
@@ -65,29 +67,43 @@ class Stop:
     filled: float
 
 
+def controller(name: str, law: AdhesionLaw) -> rs.Controller:
+    """A controller of the package; one that holds a reference slip is told the law's on each rail."""
+    reference, column = law.reference, catalogue.default_column(law)
+    return catalogue.controller_named(name, rs.PARK2008, column=column, reference=reference)
+
+
 def run(
-    seeds: Iterable[int], *, laws: Iterable[str] = LAWS, brakes: Iterable[float] = BRAKES, rails: Iterable[str] = RAILS
+    seeds: Iterable[int],
+    *,
+    controllers: Iterable[str] = ("seeking",),
+    laws: Iterable[str] = LAWS,
+    brakes: Iterable[float] = BRAKES,
+    rails: Iterable[str] = RAILS,
 ) -> list[Stop]:
     """Every stop of these seeds, down to 2 km/h."""
-    seeds = tuple(seeds)
+    names, seeds = tuple(controllers), tuple(seeds)
     cases = product(laws, rails, ("empty", "loaded"), brakes)
-    return [stop for case in cases for stop in _stops(*case, seeds)]
+    return [stop for case in cases for stop in _stops(names, *case, seeds)]
 
 
-def _stops(law: str, rails: str, load: str, brake: float, seeds: tuple[int, ...]) -> Iterator[Stop]:
+def _stops(
+    names: tuple[str, ...], law: str, rails: str, load: str, brake: float, seeds: tuple[int, ...]
+) -> Iterator[Stop]:
     scenario = _scenario(law, rails, load, brake)
     bound = clairvoyant_stop(scenario).braking_distance
-    simulator = rs.Simulator(scenario, rs.Seeking.for_vehicle(rs.PARK2008))
-    for seed in seeds:
-        seen = simulator.run(seed, record_every=1)
-        assert seen.signals is not None, "it is recorded"
-        steps = np.diff(seen.signals.torque)
-        sliding = seen.signals.speed[seen.signals.locked > 0.0]
-        yield Stop(
-            *(law, rails, load, brake, 100.0 * (seen.braking_distance / bound - 1.0), seen.max_slip),
-            locked_at_kmh=float(sliding.max()) / KMH if sliding.size else 0.0,
-            filled=float(steps[steps > 0.0].sum()),
-        )
+    for name in names:
+        simulator = rs.Simulator(scenario, controller(name, scenario.adhesion))
+        for seed in seeds:
+            seen = simulator.run(seed, record_every=1)
+            assert seen.signals is not None, "it is recorded"
+            steps = np.diff(seen.signals.torque)
+            sliding = seen.signals.speed[seen.signals.locked > 0.0]
+            yield Stop(
+                *(name, law, rails, load, brake, 100.0 * (seen.braking_distance / bound - 1.0), seen.max_slip),
+                locked_at_kmh=float(sliding.max()) / KMH if sliding.size else 0.0,
+                filled=float(steps[steps > 0.0].sum()),
+            )
 
 
 def _scenario(law: str, rails: str, load: str, brake: float) -> Scenario:
