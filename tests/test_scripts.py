@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,10 +100,32 @@ def test_seeking_campaign(capsys, monkeypatch):
     assert not any(stop.locked_at_kmh > 3 for stop in stops if stop.law in module.LAWS[:3])
     steep = [stop.over for stop in stops if (stop.law, stop.rails, stop.brake) == ("polach", "dry", 1.0)]
     assert np.median(steep) < 20.0  # 13 of these four stops; 35 where the end of the start sets no reference slip
-    monkeypatch.setattr(module, "run", lambda seeds: stops)
+
+    def again(seeds, controllers=("seeking",), laws=()):
+        return [replace(stop, controller=name) for name in controllers for stop in stops]
+
+    monkeypatch.setattr(module, "run", again)
+    monkeypatch.setattr(module, "tolerated", lambda name: None)
     monkeypatch.setattr(sys, "argv", ["seeking_campaign.py", "2", "50"])
     module.main()
-    assert capsys.readouterr().out.count("\n") == 3 * 7 + 1 + 25 + 2
+    assert capsys.readouterr().out.count("\n") == 2 + 6 + 1 + 3 * 7 + 1 + 25
+
+
+@pytest.mark.long
+def test_controllers_side_by_side():
+    """The table of the theory page; 900 stops each, whose rarest ones hang on the last digit of a sum."""
+    module = script("analysis/seeking_campaign.py")
+    stops = module.run(range(10), controllers=module.CONTROLLERS, laws=module.LAWS[:3])
+    page = (ROOT / "docs" / "theory" / "sliding.md").read_text("utf-8")
+    for name, shown in module.CONTROLLERS.items():
+        (line,) = re.findall(rf"^\| {re.escape(shown)} \| (.*) \|$", page, flags=re.M)
+        told = [one.strip() for one in line.replace("±", "+-").split("|")]
+        found = module.numbers([stop for stop in stops if stop.controller == name])
+        found = (*found[:5], found[6])
+        near = (0.2, 1.0, 3.0, 0.1, 0.5, 0.3)
+        for said, value, most in zip(told, found, near, strict=False):
+            assert float(said) == pytest.approx(value, abs=max(most, 0.02 * value)), (shown, said, value)
+        assert tuple(told[6:]) == module.cells(module.tolerated(name)), shown
 
 
 @pytest.mark.long

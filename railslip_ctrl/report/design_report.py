@@ -46,7 +46,7 @@ from .document import (
 )
 from .export import exported, plain
 from .page import typeset
-from .text import envelope_words, law_facts, vehicle_facts, worst_cells, worst_rows
+from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
 """The file with the recommended design."""
@@ -394,7 +394,7 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
         _adhesion(report),
         _plant(report),
         _sliding(report),
-        _no_lock(report),
+        no_lock_section(report.released),
         Section("paper", "The paper", (Paragraph(_PAPER),)) if is_published(report.vehicle) else None,
     )
     return [section for section in made if section is not None]
@@ -671,41 +671,6 @@ def _sliding(report: DesignReport) -> Section:
     ]
     return Section(
         "sliding", "Sliding mode", (Paragraph(text), Table(("Condition", "Verdict"), rows, caption="Its conditions."))
-    )
-
-
-def _no_lock(report: DesignReport) -> Section | None:
-    """Where in its stops the recommended design could release the brake without a lock, certified."""
-    rows = []
-    for one in (one for one in report.released if one.found is not None):
-        assert one.found is not None, "as asked"
-        outside = one.found.outside_kmh
-        told = "none" if outside is None else f"{outside[0]:.0f} to {outside[1]:.0f}"
-        where = (one.stop.law, one.stop.load, str(one.stop.rail), str(one.found.inside.size))
-        rows.append((*where, below(100 * one.found.share), told))
-    left_out = dict.fromkeys(one.reason for one in report.released if one.found is None)
-    if not report.released:
-        return None
-    reasons = "".join(f" Left out: {reason.removeprefix('adhesion: ')}." for reason in left_out)
-    if not rows:
-        return Section("no-lock", "No lock after a release", (Paragraph(f"Not certified.{reasons}"),))
-    text = (
-        "Share of the samples, 0.1 s apart and above the hand-over speed, at which the wheel certainly does not lock "
-        "if the brake is released at once. Certified for static adhesion laws, a rail that stays as it is, vehicle and "
-        "brake as given, a random force within 3 standard deviations and 5 % of the caliper's torque. Of each case "
-        "the stop is the longest of its seeds. The certificate is by interval arithmetic. It says nothing of the stop "
-        f"without the release; a wheel outside need not lock.{reasons}"
-    )
-    head = ("Law", "Load", "Rail", "Samples", "Inside, %", "Outside at, km/h")
-    alt = "Largest certified torque over slip at several speeds, a panel a rail, with the run of a stop in it."
-    return Section(
-        "no-lock",
-        "No lock after a release",
-        (
-            Paragraph(text),
-            Table(head, rows, caption="Samples inside the certified region."),
-            Picture("no-lock", "Certified no-lock region, and the longest stop on each rail in it.", alt),
-        ),
     )
 
 

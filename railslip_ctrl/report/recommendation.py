@@ -380,14 +380,14 @@ def design_report(
             found += lead((best.reference_factor,), _QUICK_FILTER).choices
         selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
         report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
-        no_locks = here(_released, report.stops) if sliding else tuple
+        no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
             if name not in rivals:
                 run_beside(name, controller)
         progress("conditions of the predictive sliding-mode law")
-        shown, released = tuple(rivals[name] for name in given or {}), no_locks() if sliding else ()
-        found = replace(report, rivals=shown, sliding=conditions(), released=released)
-        return replace(found, seconds=time.perf_counter() - started)
+        shown = tuple(rivals[name] for name in given or {})
+        report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
+        return replace(report, seconds=time.perf_counter() - started)
 
 
 Beside = Callable[..., Callable[[], Any]]

@@ -97,14 +97,14 @@ def released_run(run: Run, *, above: float) -> ReleasedRun:
     window = math.ceil(vehicle.actuator.dead_time / period) + 1
     ahead = sliding_window_view(np.append(seen.torque, np.zeros(window - 1)), window).max(axis=1)
     step = max(round(EVERY / period), 1)
-    speed, slip, torque, moving = (x[::step] for x in (seen.speed, seen.slip, ahead, seen.speed > above))
-    kept = (speed[moving], slip[moving], torque[moving])
+    moving = np.flatnonzero(seen.speed > above)[::step]
+    speed, slip, torque = seen.speed[moving], seen.slip[moving], ahead[moving]
     law, top = run.scenario.law(run.scenario.rail), float(seen.speed.max())
     bound = partial(bounded_adhesion, law, vehicle, top)
     # of a law of the package a second report takes what the first found; the curve law's takes a second
     own = law.name in law_names()
     force = cached("adhesion-bounds", bound, f"{law!r} {vehicle.model_dump_json()} {top!r}") if own else bound()
-    return ReleasedRun(*kept, certain(force, vehicle, *kept))
+    return ReleasedRun(speed, slip, torque, certain(force, vehicle, speed, slip, torque))
 
 
 def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torques: Floats) -> Flags:
