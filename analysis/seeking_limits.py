@@ -5,12 +5,12 @@ curve, and of low speed. Answers, asserted in the tests:
 
 - a wheel that holds the dry peak locks on wet rail even if its brake is let go at the instant of the change, below
   48 km/h (curve, empty), 57 km/h (polach) and, with a brake 30 % slower, 62 and 75 km/h: nothing could have saved
-  polach's runs that lock at 90 m, but for one with a quicker brake; rare ones of other laws could have been;
+  polach's runs that lock at 90 m, and no others lock above 5 km/h;
 - so with a brake 30 % slower nobody who holds curve's dry peak, empty, comes over a change at 90 m without a lock, and
   who lets go of polach's at 40 m stops 15 % over the bound;
 - a stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's; the start and the way back
-  from past the peak fill 1 to 6 more; noise, which the inner loop answers, 2 to 6, up to 4 with one half as quick:
-  nothing forbids 12 kN*m;
+  from past the peak fill 1 to 6 more; noise, which the inner loop answers, 2 to 8, up to 6 with one half as quick (on
+  curve, bristle and beam): nothing forbids 12 kN*m;
 - the dead time forbids Ms <= 2 from 1.2 times the slip of polach's peak on; to stay below costs no distance;
 - random forces do not forbid a stop to 2 km/h without locks on static curves; with bristles they lock a wheel now and
   then, even under a tenth of the torque.

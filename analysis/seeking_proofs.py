@@ -5,7 +5,8 @@ theory page of the controller has the proofs. Answers, asserted in the tests:
 
 - a bound on the slip after the start over every static adhesion curve between two, by comparison of scalar equations:
   from 100 km/h on beam and on curve wet below locking for boxes of 5 %, and for the law alone up to four times what is
-  simulated, as a start that slows down may be released late; on curve dry and polach dry there is none;
+  simulated, as a start that slows down may be released late; on curve dry there is one for the law alone, and on polach
+  dry there is none;
 - where the reference rests, no more is given away than the flatness and the errors of the map; that it stays within
   0.022 of the peak on curves of one hump between 0.01 and 0.11 is simulated, and a peak below the knots is not found;
 - after a rail has become better the second start is commanded within a time that follows from the change.

@@ -9,6 +9,7 @@ from .controllers.linear import TransferFunction as TransferFunction
 from .controllers.pi import PI as PI
 from .controllers.pi import PID as PID
 from .controllers.pi import PILead as PILead
+from .controllers.predictive import Predictive as Predictive
 from .controllers.sampled import SampledController as SampledController
 from .controllers.scheduled import Scheduled as Scheduled
 from .controllers.seeking import Seeking as Seeking
@@ -98,6 +99,7 @@ from .sliding.derivation import derive as derive
 from .verification import actuator_effects as actuator_effects
 from .verification import fixed_step as fixed_step
 from .verification import joint_verification as joint_verification
+from .verification import no_lock as no_lock
 from .verification import predictive as predictive
 from .verification import reaching as reaching
 from .verification import relay_loop as relay_loop

@@ -80,7 +80,7 @@ def shown(full_report):
 
 def rendered(report):
     """The page of a record, its pictures left out."""
-    names = dict.fromkeys(("map", "loop", "stops", "gains", "responses", "adhesion"), TINY)
+    names = dict.fromkeys(("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"), TINY)
     return page(first_page(report), design_sections(report), names, SOURCE, report.date, 1.0)
 
 
@@ -107,6 +107,17 @@ def test_the_recommendation_is_what_judge_says_of_its_file(content, full_report)
     judged = restricted(judged, above * (1 - 1e-9))
     assert said["worst"] == judged.worst.table()
     assert said["worst_with_tolerances"] == judged.worst_with_tolerances.table()
+
+
+def test_the_share_of_the_stops_inside_the_certified_region_is_told(content, shown, full_report):
+    """Of every stop of the recommended controller, in the JSON, in words and as a picture."""
+    found = {(one["load"], one["rail"]): one for one in content["no_lock"]}
+    assert found.keys() == {("loaded", "dry"), ("loaded", "wet")}
+    for one in found.values():
+        assert (0.5 < one["share"] <= 1.0, one["reason"]) == (True, "")
+        assert one["outside_kmh"] is None or one["outside_kmh"][1] < 40.0  # the slow wheel locks in less time
+    assert "certainly does not lock if the brake is released" in shown.text
+    assert (full_report[0] / "no-lock.png").is_file()
 
 
 def test_the_command_that_is_printed_gives_the_stop_to_the_digit(full_report, content, shown, railslip):

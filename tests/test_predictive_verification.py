@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from flint import arb
 
-from railslip_ctrl import PARK2008, Rail
+from railslip_ctrl import PARK2008, Rail, simulate, stop
 from railslip_ctrl.controllers.predictive import Predictive
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
 from railslip_ctrl.verification import boxes, predictive
-from railslip_ctrl.verification.no_lock import no_lock
+from railslip_ctrl.verification.no_lock import no_lock, released_run
 from railslip_ctrl.verification.rails import RailAdhesion
 
 GAINS = Predictive.for_vehicle(PARK2008)
@@ -162,25 +162,58 @@ def test_a_smaller_gain_has_authority(railslip):
         assert (status, json.loads(out)["all_hold"], err) == (1, False, "")
 
 
+def highest_slip(law, v, slip, torque, force):
+    """Of a wheel under acting torques over time and a random force, in standard deviations; Euler steps of 1 ms."""
+    functions, p = numeric_plant(type(law)), plant_parameters(law, PARK2008)
+    sigma, largest = slip * v, 0.0
+    for n in range(1500):
+        acting = torque(n * 1e-3)
+        rates = functions.rates(v, sigma, 0.0, acting, 0.05 * acting, 0.43 * 431 * force(), p)
+        v, sigma = v + 1e-3 * rates[0], sigma + 1e-3 * rates[1]
+        largest = max(largest, sigma / v)
+        if largest >= 0.99 or v < 1.0:
+            break
+    return largest
+
+
+def decay(t):
+    """Of the published brake that was released at 0."""
+    return math.exp(-max(t - 0.15, 0.0) / 0.6)
+
+
 @pytest.mark.parametrize(("name", "rail", "kmh", "slip"), [("curve", "dry", 100, 0.11), ("curve", "wet", 30, 0.09),
     ("beam", "wet", 60, 0.06)])  # fmt: skip
 def test_no_wheel_locks_at_the_certified_torque_and_some_do_little_above(name, rail, kmh, slip):
-    """Against the wheel under the worst constant force and random ones; Euler steps of 1 ms."""
+    """Against the wheel under the worst constant force and random ones."""
     law = published_law(name, rail)
     torque = float(no_lock(law, PARK2008, np.array([kmh]), np.array([slip]), torque_max=15e3).torque[0, 0])
-    functions, p = numeric_plant(type(law)), plant_parameters(law, PARK2008)
 
     def slips(torque, force):
-        v, sigma, largest = kmh / 3.6, slip * kmh / 3.6, 0.0
-        for n in range(1500):
-            acting = torque * math.exp(-max(n * 1e-3 - 0.15, 0.0) / 0.6)
-            rates = functions.rates(v, sigma, 0.0, acting, 0.05 * acting, 0.43 * 431 * force(), p)
-            v, sigma = v + 1e-3 * rates[0], sigma + 1e-3 * rates[1]
-            largest = max(largest, sigma / v)
-            if largest >= 0.99 or v < 1.0:
-                break
-        return largest
+        return highest_slip(law, kmh / 3.6, slip, lambda t: torque * decay(t), force)
 
     assert slips(torque, lambda: -3.0) < 0.99 <= slips(1.06 * torque, lambda: -3.0)
     rng = np.random.default_rng(0)
     assert max(slips(torque, lambda: max(min(rng.standard_normal(), 3.0), -3.0)) for _ in range(5)) < 0.9
+
+
+def test_no_wheel_of_a_run_locks_where_it_is_certain():
+    """Released at a sample, under the torque that was then under way and the worst force."""
+    run = simulate(stop(PARK2008, "wet", adhesion="beam"), GAINS, seed=0, record_every=1)
+    seen, found = run.signals, released_run(run, above=40 / 3.6)
+    law, checked = published_law("beam", "wet"), 0
+    for v, slip, inside in zip(found.speed, found.slip, found.inside, strict=True):
+        at = int(np.argmax(seen.speed == v))
+        under_way = seen.torque[at : at + round(0.15 / seen.time[1]) + 1]
+
+        def acting(t, under_way=under_way):
+            return under_way[min(round(t / seen.time[1]), under_way.size - 1)] * decay(t)
+
+        if inside and slip > 0.01 and checked < 40:
+            checked += 1
+            assert highest_slip(law, v, slip, acting, lambda: -3.0) < 0.99
+    assert (checked, 0.5 < found.share <= 1.0) == (40, True)
+    # the torque under way counts, not that of the moment: the start's is still to come
+    rising = np.argmax(seen.torque)
+    assert found.torque[np.searchsorted(-found.speed, -seen.speed[rising]) - 1] > seen.torque[rising - 3]
+    with pytest.raises(InputError, match="bristle has a state"):
+        released_run(simulate(stop(PARK2008, "wet", adhesion="bristle"), GAINS, seed=0, record_every=1), above=1.0)

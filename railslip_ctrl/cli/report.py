@@ -43,7 +43,7 @@ from .settings import HELP, preset, switch
 
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
-_PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
+_PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock")
 
 
 @click.command(context_settings=HELP)
@@ -63,7 +63,8 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
     "whole",
     default=True,
     show_default=True,
-    help="Write report.html; this also decides the conditions of the sliding-mode law.",
+    help="Write report.html; this also decides the conditions of the sliding-mode law, and certifies where the brake "
+    "can be released without a lock.",
 )
 @switch(
     "--fresh",

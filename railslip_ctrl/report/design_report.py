@@ -46,7 +46,7 @@ from .document import (
 )
 from .export import exported, plain
 from .page import typeset
-from .text import envelope_words, law_facts, vehicle_facts, worst_cells, worst_rows
+from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
 """The file with the recommended design."""
@@ -394,6 +394,7 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
         _adhesion(report),
         _plant(report),
         _sliding(report),
+        no_lock_section(report.released),
         Section("paper", "The paper", (Paragraph(_PAPER),)) if is_published(report.vehicle) else None,
     )
     return [section for section in made if section is not None]
@@ -743,6 +744,14 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
                 for one in (() if report.sliding.found is None else report.sliding.found.conditions)
             ],
         },
+        "no_lock": [
+            {
+                **exported(one.stop, "load", "rail", adhesion="law"),
+                **exported(one.found, "share", "outside_kmh"),
+                "reason": one.reason,
+            }
+            for one in report.released
+        ],
         "seconds": plain(report.seconds),
         "files": list(files),
     }

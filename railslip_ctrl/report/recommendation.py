@@ -25,7 +25,7 @@ from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.systems import PIController, has_step, linear_controller, linear_of
 from railslip_ctrl.controllers.user_step import StepControl
-from railslip_ctrl.core.errors import RailslipError
+from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
@@ -49,7 +49,7 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation.scenario import Scenario
-from railslip_ctrl.verification.verdict import Verification
+from railslip_ctrl.verification.verdict import NoLock, ReleasedRun, Verification
 
 from .stops import (
     RollingLoop,
@@ -157,6 +157,19 @@ class Sliding:
 
 
 @dataclass(frozen=True)
+class Released:
+    """A recorded stop of the recommended design beside the certified no-lock region of its law, load and rail.
+
+    `region` is that of some speeds and slips, of the stops that are drawn. Both are None with the reason.
+    """
+
+    stop: Stop
+    found: ReleasedRun | None = None
+    region: NoLock | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
 class FasterBrake:
     """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout at
     the same slip, and if `reaches` comes to it, without a slide, in each of its stops: both tried."""
@@ -220,6 +233,7 @@ class DesignReport:
     responses: Responses | None = None
     faster: FasterBrake | None = None
     sliding: Sliding = Sliding(None)
+    released: tuple[Released, ...] = ()  # the stops of the recommended design
     seconds: float = math.nan
     date: datetime.date = field(default_factory=datetime.date.today)
 
@@ -330,8 +344,9 @@ def design_report(
     - envelope: what the design must hold; `nominal`: judge its operating points alone.
     - given: controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as
       that says.
-    - sliding: decide the conditions of the predictive sliding-mode law too, in another process where there are two
-      cores; `fresh`: again, which an earlier report of the same vehicle may have kept.
+    - sliding: decide the conditions of the predictive sliding-mode law too, and where the brake can be released
+      without a lock, in another process where there are two cores; `fresh`: the conditions again, which an earlier
+      report of the same vehicle may have kept.
     - progress: told what is done, a line at a time.
     - meanwhile: given the report without what is still computed in the other process (gains around the design, stops
       with tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
@@ -365,12 +380,14 @@ def design_report(
             found += lead((best.reference_factor,), _QUICK_FILTER).choices
         selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
         report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
+        no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
             if name not in rivals:
                 run_beside(name, controller)
         progress("conditions of the predictive sliding-mode law")
         shown = tuple(rivals[name] for name in given or {})
-        return replace(report, rivals=shown, sliding=conditions(), seconds=time.perf_counter() - started)
+        report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
+        return replace(report, seconds=time.perf_counter() - started)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -406,6 +423,33 @@ def _verified(vehicle: Vehicle) -> Sliding:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
         return Sliding(None, str(error))
+
+
+_REGION_SPEEDS = np.array([1.0, 0.8, 0.6, 0.4, 0.25])  # over the initial speed, of a region that is drawn
+_REGION_SLIPS = np.linspace(0.0, 0.36, 13)
+
+
+def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
+    """Where in its recorded stops the brake could be released without a lock; with the region, of the first static law
+    and load."""
+    from railslip_ctrl.verification.no_lock import no_lock, released_run  # SymPy, as above
+
+    found: list[Released] = []
+    for stop in stops:
+        scenario = stop.run.scenario
+        law, most = scenario.law(scenario.rail), stop.brake_torque
+        speeds = scenario.initial_speed / KMH * _REGION_SPEEDS
+        try:
+            run = released_run(stop.run, above=stop.cut_out)
+        except InputError as error:
+            found.append(Released(stop, reason=str(error)))
+            continue
+        first = next((one.stop for one in found if one.found is not None), stop)
+        drawn = (stop.law, stop.load) == (first.law, first.load)
+        most = most if math.isfinite(most) else float(np.max(run.torque))
+        region = no_lock(law, scenario.vehicle, speeds, _REGION_SLIPS, torque_max=most) if drawn else None
+        found.append(Released(stop, run, region))
+    return tuple(found)
 
 
 def _designed(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
@@ -24,7 +24,22 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
-from .document import MARGIN_HEAD, Facts, Table, above, below, counted, fixed, heading, ms_text, render, roots_text
+from .document import (
+    MARGIN_HEAD,
+    Facts,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    above,
+    below,
+    counted,
+    fixed,
+    heading,
+    ms_text,
+    render,
+    roots_text,
+)
 from .export import (
     PUBLISHED,
     case_json,
@@ -36,6 +51,9 @@ from .export import (
     source_at,
     words_at,
 )
+
+if TYPE_CHECKING:
+    from .recommendation import Released
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -486,3 +504,38 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
         numbers = (fixed(x, 4) for x in (m.gain_increase, m.phase_deg, m.delay_s, m.ms, m.mt))
         rows.append((where, _decrease(m, 4), *numbers))
     return Table(("Case", *MARGIN_HEAD), rows)
+
+
+def no_lock_section(released: Sequence[Released]) -> Section | None:
+    """Where in its stops the recommended design could release the brake without a lock, certified."""
+    rows = []
+    for one in (one for one in released if one.found is not None):
+        assert one.found is not None, "as asked"
+        outside = one.found.outside_kmh
+        told = "none" if outside is None else f"{outside[0]:.0f} to {outside[1]:.0f}"
+        where = (one.stop.law, one.stop.load, str(one.stop.rail), str(one.found.inside.size))
+        rows.append((*where, below(100 * one.found.share), told))
+    left_out = dict.fromkeys(one.reason for one in released if one.found is None)
+    if not released:
+        return None
+    reasons = "".join(f" Left out: {reason.removeprefix('adhesion: ')}." for reason in left_out)
+    if not rows:
+        return Section("no-lock", "No lock after a release", (Paragraph(f"Not certified.{reasons}"),))
+    text = (
+        "Share of the samples, 0.1 s apart and above the hand-over speed, at which the wheel certainly does not lock "
+        "if the brake is released at once. Certified for static adhesion laws, a rail that stays as it is, vehicle and "
+        "brake as given, a random force within 3 standard deviations and 5 % of the caliper's torque. Of each case "
+        "the stop is the longest of its seeds. The certificate is by interval arithmetic. It says nothing of the stop "
+        f"without the release; a wheel outside need not lock.{reasons}"
+    )
+    head = ("Law", "Load", "Rail", "Samples", "Inside, %", "Outside at, km/h")
+    alt = "Largest certified torque over slip at several speeds, a panel a rail, with the run of a stop in it."
+    return Section(
+        "no-lock",
+        "No lock after a release",
+        (
+            Paragraph(text),
+            Table(head, rows, caption="Samples inside the certified region."),
+            Picture("no-lock", "Certified no-lock region, and the longest stop on each rail in it.", alt),
+        ),
+    )

@@ -12,23 +12,31 @@ rounding `_ROUNDING` covers. It is a certificate of no lock, not of convergence.
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from flint import arb
 from numpy.lib.stride_tricks import sliding_window_view
 
-from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.arguments import Flags, Floats
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import cached
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_names
 from railslip_ctrl.model.vehicle import Vehicle
+from railslip_ctrl.simulation import Run
 
 from .boxes import adhesion_on_balls, ball, upper
 from .reaching import ADHESION_NOISE, TORQUE_FRACTION
+from .verdict import NoLock, ReleasedRun
 
+EVERY = 0.1  #: s, between the samples of a run that are looked at: slip moves less than 0.1 in it
 SIGMAS = 3.0  #: bound of the random force, standard deviations
-_CELLS, _SPEEDS = 512, 6  # cells of slip from 0 to 1, and of speed: the least adhesion of a cell is within 2 %
+_CELLS, _SPEEDS = 256, 6  # cells of slip from 0 to 1, and of speed: twice as many of slip certify 1 % more torque
 _STEP = 0.0025  # s: the largest rate over a step costs 0.1 kN*m of the largest torque
 _LONGEST = 4.0  # s, after which a wheel that still slips more counts as not certified
 _LEAST_SPEED = 1.0  # m/s, below which nothing is certified
@@ -37,84 +45,116 @@ _ROUNDS, _TRIED = 2, 51  # torques tried at once, twice: the largest to 1/2500 o
 
 
 @dataclass(frozen=True)
-class NoLock:
-    """Largest certified acting torque, N*m, by speed (km/h) and slip; shape (speeds, slips). 0: none is certified."""
-
-    speeds_kmh: Floats
-    slips: Floats
-    torque: Floats
-
-
-def bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> tuple[Floats, float]:
-    """Lower bounds of Fa, N, by cells of slip from 0 to 1, at every speed from `_LEAST_SPEED` to `speed`, m/s; and the
-    upper bound of all. The least of cells where the law ends is 0, the largest the wheel load.
+class Force:
+    """Bounds of Fa, N, at every speed from `_LEAST_SPEED` up to each of `speeds`, m/s, ascending: the least by cells of
+    slip from 0 to 1, (speeds, cells), and the most of all, (speeds,). The least of cells where the law ends is 0.
     """
+
+    speeds: Floats
+    least: Floats
+    most: Floats
+
+
+def bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force:
+    """Bound a static law's force up to a speed, m/s; the most at the wheel load.
+
+    Of a law of the package it is kept: the curve law's takes a second.
+    """
+    bound = partial(_bounded_adhesion, law, vehicle, speed)
+    known = law.name in law_names()
+    return cached("adhesion-bounds", bound, f"{law!r} {vehicle.wheel_load!r} {speed!r}") if known else bound()
+
+
+def _bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force:
     enclosed, load = adhesion_on_balls(law), arb(vehicle.wheel_load)
     edges = np.linspace(_LEAST_SPEED, speed, _SPEEDS + 1)
-    found, most = np.empty(_CELLS), 0.0
+    found, most = np.empty((_SPEEDS, _CELLS)), np.empty((_SPEEDS, _CELLS))
     for i in range(_CELLS):
         slip = ball(max(i / _CELLS, 1e-6), (i + 1) / _CELLS)
         forces = [enclosed(ball(*ends), slip, load)[0] for ends in pairwise(edges.tolist())]
-        found[i] = min(-upper(-one) if one.is_finite() else 0.0 for one in forces)
-        most = max(most, *(min(upper(one), vehicle.wheel_load) for one in forces))
-    return np.maximum(found, 0.0), most
+        found[:, i] = [-upper(-one) if one.is_finite() else 0.0 for one in forces]
+        most[:, i] = [min(upper(one), vehicle.wheel_load) for one in forces]
+    least = np.minimum.accumulate(np.maximum(found, 0.0), axis=0)
+    return Force(edges[1:], least, np.maximum.accumulate(most.max(axis=1)))
 
 
 def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Floats, *, torque_max: float) -> NoLock:
     """Certify torques up to `torque_max`, N*m, on a grid of speeds, km/h, and slips."""
-    largest = [
-        _largest(bounded_adhesion(law, vehicle, kmh * KMH), vehicle, kmh * KMH, np.asarray(slips, float), torque_max)
-        for kmh in speeds_kmh
-    ]
-    return NoLock(np.asarray(speeds_kmh, float), np.asarray(slips, float), np.array(largest))
-
-
-def _largest(force: tuple[Floats, float], vehicle: Vehicle, speed: float, slips: Floats, torque_max: float) -> Floats:
-    low, width = np.zeros(slips.size), torque_max
+    kmh, slip = np.asarray(speeds_kmh, float), np.asarray(slips, float)
+    force = bounded_adhesion(law, vehicle, float(kmh.max()) * KMH)
+    v, at = np.repeat(kmh * KMH, slip.size), np.tile(slip, kmh.size)
+    low, width = np.zeros(v.size), torque_max
     for _ in range(_ROUNDS):
         tried = low[:, None] + width * np.linspace(0.0, 1.0, _TRIED)
-        every = np.repeat(slips, _TRIED)
-        holds = certain(force, vehicle, speed, every, tried.ravel()).reshape(tried.shape)
+        flat = (np.repeat(v, _TRIED), np.repeat(at, _TRIED), tried.ravel())
+        holds = certain(force, vehicle, *flat).reshape(tried.shape)
         # up to the first that is not certain; 0 where none is
-        count = np.argmin(np.column_stack((holds, np.zeros(slips.size, bool))), axis=1)
-        low = np.where(count > 0, tried[np.arange(slips.size), np.maximum(count - 1, 0)], 0.0)
+        count = np.argmin(np.column_stack((holds, np.zeros(v.size, bool))), axis=1)
+        low = np.where(count > 0, tried[np.arange(v.size), np.maximum(count - 1, 0)], 0.0)
         width /= _TRIED - 1
-    return low
+    return NoLock(kmh, slip, low.reshape(kmh.size, slip.size))
 
 
-def certain(force: tuple[Floats, float], vehicle: Vehicle, speed: float, slips: Floats, torques: Floats) -> Floats:
-    """Whether wheels at a speed, m/s, at slips, under acting torques, N*m, certainly do not lock; shape (n,).
+def released_run(run: Run, *, above: float) -> ReleasedRun:
+    """Look at a recorded run every `EVERY` seconds, above a speed, m/s.
 
-    force: `bounded_adhesion`.
+    Its rail is that of its start, its brake that of its vehicle. InputError: its adhesion law has a state, or no
+    enclosure.
+    """
+    assert run.signals is not None, "it is recorded"
+    vehicle, seen, period = run.scenario.vehicle, run.signals, float(run.signals.time[1])
+    window = math.ceil(vehicle.actuator.dead_time / period) + 1
+    ahead = sliding_window_view(np.append(seen.torque, np.zeros(window - 1)), window).max(axis=1)
+    step = max(round(EVERY / period), 1)
+    moving = np.flatnonzero(seen.speed > above)[::step]
+    speed, slip, torque = seen.speed[moving], seen.slip[moving], ahead[moving]
+    force = bounded_adhesion(run.scenario.law(run.scenario.rail), vehicle, float(seen.speed.max()))
+    return ReleasedRun(speed, slip, torque, certain(force, vehicle, speed, slip, torque))
+
+
+def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torques: Floats) -> Flags:
+    """Whether wheels at speeds, m/s, and slips, under acting torques, N*m, certainly do not lock; all of shape (n,).
+
+    A slip below 0 counts as 0, from where it rises no later. InputError: a speed above those of `force`.
     """
     J, M, r = vehicle.effective_inertia, vehicle.effective_mass, vehicle.wheel.radius
     noise = SIGMAS * ADHESION_NOISE * vehicle.wheel_load
-    weakest = force[0] - noise
-    friction = vehicle.effective_viscous_friction * speed / r  # B omega at most
-    falling = (force[1] + noise + vehicle.resistance.force(speed)) / M
+    weakest, row = force.least - noise, np.searchsorted(force.speeds * (1.0 + _ROUNDING), speeds)
+    if np.any(row == force.speeds.size):
+        raise InputError(f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g}, up to which Fa is bounded")
+    friction = vehicle.effective_viscous_friction * speeds / r  # B omega at most
+    falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
-    def numerator(least: Floats, end: Floats, torque: Floats) -> Floats:
-        """Largest v slip', m/s^2, with at least this adhesion, N, and at most this slip."""
+    def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
+        """Largest v slip', m/s^2, of some wheels with at least this adhesion, N, and at most this slip."""
         train = -(1.0 - np.where(least > 0.0, end, 0.0)) * least / M
-        wheel = r / J * (friction + (1.0 + TORQUE_FRACTION) * torque - r * least)
-        return np.asarray(train + wheel + _ROUNDING * (np.abs(train) + r / J * (friction + torque + r * np.abs(least))))
+        wheel = r / J * (friction[which] + (1.0 + TORQUE_FRACTION) * torque - r * least)
+        sizes = np.abs(train) + r / J * (friction[which] + torque + r * np.abs(least))
+        return np.asarray(train + wheel + _ROUNDING * sizes)
 
-    slip, safe, lost = slips.copy(), np.zeros(slips.size, bool), np.zeros(slips.size, bool)
+    slip, safe = np.maximum(slips, 0.0), np.zeros(slips.size, bool)
+    left = np.arange(slips.size)  # those that are neither safe nor lost
     actuator = vehicle.actuator
     for n in range(round(_LONGEST / _STEP)):
         t = n * _STEP
-        acting = torques * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
-        slowest = speed - falling * (t + _STEP)
-        lost |= slip >= 1.0 - 1.0 / _CELLS
-        if slowest < _LEAST_SPEED or np.all(safe | lost):
+        left = left[(slip[left] < 1.0 - 1.0 / _CELLS) & (speeds[left] - falling[left] * (t + _STEP) >= _LEAST_SPEED)]
+        if not left.size:
             break
-        cell = np.minimum((slip * _CELLS).astype(int), _CELLS - 1)
+        acting = torques[left] * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
+        at, cell = row[left], np.minimum((slip[left] * _CELLS).astype(int), _CELLS - 1)
         # from here on the torque falls: a rate below 0 over the cell keeps the slip below the cell's upper end
-        safe |= ~lost & (numerator(weakest[cell], (cell + 1) / _CELLS, acting) < 0.0)
+        held = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
+        safe[left[held]] = True
+        left, at, cell, acting = left[~held], at[~held], cell[~held], acting[~held]
+        if not left.size:
+            break
+        slowest = speeds[left] - falling[left] * (t + _STEP)
         # over the step the slip stays within the cells that the largest rate at all can reach
-        steepest = float(np.max(numerator(np.full(slips.size, np.min(weakest)), np.ones(slips.size), acting)))
-        reach = int(_STEP * max(steepest, 0.0) / slowest * _CELLS) + 2
-        ahead = np.min(sliding_window_view(np.append(weakest, np.full(reach - 1, np.inf)), reach), axis=1)
-        rate = numerator(ahead[cell], np.minimum((cell + reach) / _CELLS, 1.0), acting) / slowest
-        slip = np.where(safe, slip, np.minimum((slip + _STEP * np.maximum(rate, 0.0)) * (1.0 + _ROUNDING), 1.0))
+        none = np.full(left.size, np.min(weakest))
+        steepest = float(np.max(numerator(left, none, np.ones(left.size), acting) / slowest))
+        reach = min(int(_STEP * max(steepest, 0.0) * _CELLS) + 2, _CELLS)
+        padded = np.pad(weakest, ((0, 0), (0, reach - 1)), constant_values=np.inf)
+        ahead = np.min(sliding_window_view(padded, reach, axis=1), axis=2)[at, cell]
+        rate = numerator(left, ahead, np.minimum((cell + reach) / _CELLS, 1.0), acting) / slowest
+        slip[left] = np.minimum((slip[left] + _STEP * np.maximum(rate, 0.0)) * (1.0 + _ROUNDING), 1.0)
     return np.asarray(safe)

@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Any
 
+import numpy as np
+
+from railslip_ctrl.core.arguments import Flags, Floats
 from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.units import KMH
 
 RULE = "relative degree"
 """How, of sliding that a delay or a relative degree above 1 from the relay to s rules out."""
@@ -88,3 +92,37 @@ class Verification:
     def __getitem__(self, name: str) -> Condition:
         """The condition of a name; KeyError for another."""
         return {one.name: one for one in self.conditions}[name]
+
+
+@dataclass(frozen=True)
+class NoLock:
+    """Largest certified acting torque, N*m, by speed (km/h) and slip; shape (speeds, slips). 0: none is certified."""
+
+    speeds_kmh: Floats
+    slips: Floats
+    torque: Floats
+
+
+@dataclass(frozen=True)
+class ReleasedRun:
+    """Samples of a run, each asked whether the wheel certainly does not lock if the brake is released then.
+
+    speed (m/s), slip, torque: the largest acting torque of the dead time from then on, N*m, as that is under way;
+    inside: whether it is certain; all of shape (n,).
+    """
+
+    speed: Floats
+    slip: Floats
+    torque: Floats
+    inside: Flags
+
+    @property
+    def share(self) -> float:
+        """Share of the samples that are inside."""
+        return float(np.mean(self.inside))
+
+    @property
+    def outside_kmh(self) -> tuple[float, float] | None:
+        """Lowest and highest speed of the samples outside; None if there are none."""
+        speeds = self.speed[~self.inside] / KMH
+        return (float(speeds.min()), float(speeds.max())) if speeds.size else None

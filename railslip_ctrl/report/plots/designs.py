@@ -26,7 +26,7 @@ from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, freque
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.report.document import short
 from railslip_ctrl.report.export import words_at
-from railslip_ctrl.report.plots.runs import runs_figure
+from railslip_ctrl.report.plots.runs import no_lock_figure, runs_figure
 from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses
 from railslip_ctrl.report.stops import Stop
 
@@ -550,6 +550,14 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
         responses = report.responses
         drawings["responses"] = lambda: _responses(responses, report.control)
     drawings["adhesion"] = lambda: _adhesion(report.curves)
+    shown = {
+        f"{one.stop.rail} rail, {one.stop.law}, {one.stop.load}, seed {one.stop.run.seed}": (one.region, one.found)
+        for one in report.released
+        if one.region is not None and one.found is not None
+    }
+    if shown:
+        title = f"{report.vehicle.name}, {report.trials[0].choice.structure}: certified no-lock region and stops in it"
+        drawings["no-lock"] = lambda: no_lock_figure(shown, title=title)
     return drawings
 
 

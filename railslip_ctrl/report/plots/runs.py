@@ -23,6 +23,7 @@ from . import style
 
 if TYPE_CHECKING:  # it loads SymPy
     from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
+    from railslip_ctrl.verification.verdict import NoLock, ReleasedRun
 
 
 _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
@@ -100,6 +101,32 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel("time (s)")
     figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
+    """Certified no-lock regions, a panel each: below the line of its speed a released wheel certainly does not lock.
+
+    The run is a line of samples, and marked, filled where it is certain, at the first sample below each speed.
+    """
+    told = "below a line a released wheel certainly does not lock; marks: the run at these speeds"
+    figure = style.new_figure(3.9, f"{title}; {told}")
+    axes = style.panels(figure, 1, len(found), sharex=True, sharey=True)[0]
+    for ax, (name, (region, run)) in zip(axes, found.items(), strict=True):
+        ax.plot(run.slip, run.torque / 1e3, color="0.6", linewidth=0.7, label="run, 0.1 s between samples")
+        lost = ~run.inside
+        ax.plot(run.slip[lost], run.torque[lost] / 1e3, "kx", markersize=3, label="sample that is not certain")
+        for i, (kmh, most) in enumerate(zip(region.speeds_kmh, region.torque, strict=True)):
+            ax.plot(region.slips, most / 1e3, label=f"{kmh:g} km/h", **style.line_style(i))
+            at = np.flatnonzero(run.speed / KMH <= kmh)[:1]
+            for j in at:  # none where the stop begins at a lower speed
+                fill = "full" if run.inside[j] else "none"
+                look = {**style.mark_style(i), "markersize": 5, "fillstyle": fill}
+                ax.plot(max(run.slip[j], 0.0), run.torque[j] / 1e3, clip_on=False, zorder=4, **look)
+        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(found)), fontsize=style.TEXT)
+        ax.set(xlabel="slip ratio λ (-)", xlim=(0.0, float(region.slips[-1])), ylim=(0.0, None))
+    axes[0].set_ylabel("acting torque, largest of the\ncoming dead time (kN·m)")
+    style.legend_of_figure(figure, axes[0], columns=3)
     return figure
 
 
