@@ -351,9 +351,9 @@ class Controller(Record):
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
                 raise InputError(f"{name}: a file without it means {field.default}; give one")
-        lines, tables = [f"kind = {json.dumps(self.kind)}", f"name = {json.dumps(self.label)}"], list[str]()
+        lines, tables = [f"kind = {_toml(self.kind)}", f"name = {_toml(self.label)}"], list[str]()
         if (python := python_file(type(self))) is not None:
-            lines.append(f"python = {json.dumps(os.path.relpath(python, folder))}")
+            lines.append(f"python = {_toml(os.path.relpath(python, folder))}")
         units = self.units()
         for name, value in self.file_keys().items():
             if isinstance(value, Record):
@@ -410,11 +410,9 @@ def torque_range(least: float, most: float) -> str:
 def _toml(value: Any) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in value.items() if one is not None) + "}"
-    if isinstance(value, Record):
-        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in value if one is not None) + "}"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
+    if isinstance(value, dict | Record):
+        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in dict(value).items() if one is not None) + "}"
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 # --- places of the fields in a kernel ---------------------------------------------------------------------------------

@@ -51,11 +51,11 @@ class TorqueProfile(Controller):
         last = len(parameters.times) - 1
         if measurement.time <= parameters.times[0]:
             return parameters.torques[0]
-        if measurement.time >= parameters.times[last]:
-            return parameters.torques[last]
         i = 0
-        while measurement.time >= parameters.times[i + 1]:
+        while i < last and measurement.time >= parameters.times[i + 1]:
             i += 1
+        if i >= last:
+            return parameters.torques[last]
         share = (measurement.time - parameters.times[i]) / (parameters.times[i + 1] - parameters.times[i])
         return parameters.torques[i] + share * (parameters.torques[i + 1] - parameters.torques[i])
 

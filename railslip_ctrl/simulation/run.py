@@ -14,7 +14,7 @@ import numpy as np
 
 from railslip_ctrl.controllers.base import Controller, Situation
 from railslip_ctrl.controllers.files import as_control
-from railslip_ctrl.controllers.user_step import ADDRESS, StepControl
+from railslip_ctrl.controllers.user_step import ADDRESS, StepControl, numba_reason
 from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import by_content, dataclass
@@ -255,10 +255,16 @@ class Simulator:
             c[ADDRESS] = call.address
         settings = kernel_.Settings(**{**plan.settings, "random_hold": hold})
         events = kernel_.Events(*plan.events)
-        status, written = kernel_.run(
-            settings, events, forces, noise, plan.p.copy(), c, plan.chosen.copy(), plan.tables, plan.limits, y, x,
-            log, every, summary,
-        )  # fmt: skip
+        try:
+            status, written = kernel_.run(
+                settings, events, forces, noise, plan.p.copy(), c, plan.chosen.copy(), plan.tables, plan.limits, y, x,
+                log, every, summary,
+            )  # fmt: skip
+        except Exception as error:
+            if not type(error).__module__.startswith("numba."):
+                raise
+            why = numba_reason(error)
+            raise InputError(f"controller {self.controller.label}: Numba cannot compile its step: {why}") from None
         if call is not None:
             v, omega = y[layout.V], (y[layout.V] - y[layout.SIGMA]) / self.scenario.vehicle.wheel.radius
             ended = _OUTCOMES[status] is Outcome.NOT_FINITE
