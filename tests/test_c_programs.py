@@ -20,6 +20,7 @@ from railslip_ctrl.controllers.base import Controller, Measurement
 from railslip_ctrl.controllers.braking import linear_control
 from railslip_ctrl.controllers.c_code import c_program
 from railslip_ctrl.controllers.c_function import CFunction, Structures
+from railslip_ctrl.controllers.files import load_controller
 from railslip_ctrl.controllers.guard import ControlUnit, Guard, Status, step_parameters
 from railslip_ctrl.controllers.torque_profile import TorqueProfile
 from railslip_ctrl.controllers.translate import MEASUREMENT, PARAMETERS, STATE, read_step
@@ -302,10 +303,12 @@ def test_a_state_that_depends_on_the_speed_has_no_program():
 
 
 @needs_compiler
-def test_any_name_gives_a_program(tmp_path):
-    for name in ("a */ b", "Größe \N{GRINNING FACE}", "\\"):
-        made = compiled(KINDS["pi"].model_copy(update={"name": name}), tmp_path)
-        assert made.init(20.0) == 0
+def test_any_name_gives_a_program_and_a_file(tmp_path):
+    for name in ("a */ b", "Größe \N{GRINNING FACE}", "\\", "\x7f\n"):
+        control = KINDS["pi"].model_copy(update={"name": name})
+        assert compiled(control, tmp_path).init(20.0) == 0
+        control.save(tmp_path / "named.toml")
+        assert load_controller(tmp_path / "named.toml") == control
 
 
 @needs_compiler

@@ -208,10 +208,15 @@ class Controller(Record):
         """
         return cls(**given).believing(vehicle)
 
-    def believing(self, vehicle: Vehicle) -> Self:
-        """The controller with what it believes of the vehicle filled in where its parameters do not say it."""
-        missing = [name for name in _BELIEFS if name in type(self).model_fields and getattr(self, name) is None]
-        return self.model_copy(update={name: _BELIEFS[name](vehicle) for name in missing}) if missing else self
+    def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
+        """The controller with what it believes of the vehicle filled in where its parameters do not say it, or say what
+        a vehicle `before` is."""
+        changed = {}
+        for name in _BELIEFS.keys() & type(self).model_fields.keys():
+            now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)
+            if getattr(self, name) in (None, was) and now != was:
+                changed[name] = now
+        return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
         """The linear system from slip error (m/s) to torque (N*m) at an operating point; None where it has none."""
@@ -412,7 +417,11 @@ def _toml(value: Any) -> str:
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict | Record):
         return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in dict(value).items() if one is not None) + "}"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return (
+        repr(float(value))
+        if isinstance(value, float)
+        else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    )
 
 
 # --- places of the fields in a kernel ---------------------------------------------------------------------------------
