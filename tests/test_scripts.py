@@ -103,7 +103,7 @@ def test_seeking_campaign(capsys, monkeypatch):
 
 @pytest.mark.long
 def test_seeking(ran):
-    found, out, pictures = ran("designs/seeking.py")
+    found, _, pictures = ran("designs/seeking.py")
     # the certified bounds are one rounding apart, as is the floating-point number from them
     assert found.certified_ms[0] * (1 - 1e-12) <= found.judgement.worst.ms <= found.certified_ms[1] * (1 + 1e-12)
     rows = {(row.law, row.rail): row for row in found.rows}
