@@ -23,6 +23,7 @@ from test_loop_batch import slip_loops
 from test_step_objects import BUILT_IN, PI, pi
 
 from railslip_ctrl import (
+    PARK2008,
     TABLE4_PI,
     DeadTimeLoop,
     Envelope,
@@ -32,13 +33,14 @@ from railslip_ctrl import (
     ReferenceSlip,
     StepControl,
     judge,
+    stop,
     tune_pi,
 )
 from railslip_ctrl.controllers.braking import linear_control
 from railslip_ctrl.controllers.pi import PI as GivenPI
 from railslip_ctrl.controllers.torque_profile import TorqueProfile
 from railslip_ctrl.core.processes import cpu_count
-from railslip_ctrl.design.catalogue import published_controller
+from railslip_ctrl.design.catalogue import NAMES, controller_named, published_controller
 from railslip_ctrl.loop.batch import batch_margins
 from railslip_ctrl.model.numeric import adhesion_table, plant_parameters
 from railslip_ctrl.simulation import Simulator, built_in_scenario, published_scenario
@@ -243,6 +245,16 @@ def interleaved(calls: dict[Any, Callable[[], Any]], rounds: int, before: Callab
             call()
             best[name] = min(best[name], time.process_time() - begin)
     return best
+
+
+def test_what_each_controller_costs_against_the_pi():
+    """Processor time of a step of the integration, 1 ms, in a dry stop."""
+    simulators = {name: Simulator(stop(), controller_named(name, PARK2008)) for name in NAMES}
+    steps = {name: simulator.run(0).steps for name, simulator in simulators.items()}
+    best = interleaved({name: partial(one.run, 0) for name, one in simulators.items()}, 30)
+    ratios = {name: best[name] / steps[name] / (best["pi"] / steps["pi"]) for name in NAMES}
+    print("\na step, that of pi is 1: " + ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items()))
+    assert max(ratios.values()) <= 1.6
 
 
 def test_margins_of_one_loop_against_python_control_and_its_certificate():
