@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin, get_type_hints
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
@@ -112,6 +112,13 @@ class Controller(Record):
         "s", "sampling period; every step of the run if left out", ge=LEAST_PERIOD, default=None
     )
     reference: ReferenceSlip | None = Field(REFERENCE, description="slip ratio to be held")
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> Self:
+        if not self.least_torque < self.largest_torque:
+            least, most = self.least_torque, self.largest_torque
+            raise InputError(f"torque_max: {most:g} is not allowed; give a value > torque_min = {least:g} (N*m)")
+        return self
 
     # --- the algorithm ---
 
