@@ -60,7 +60,7 @@ def run() -> LeadDesign:
         controller=controller,
         by_filter=by_filter,
         period=period,
-        sampled_ms=sampled.sampled_loop(rs.SampledController(controller, period), worst, ACTUATOR).margins().ms,
+        sampled_ms=sampled.sampled_loop(worst, rs.SampledController(controller, period), ACTUATOR).margins().ms,
         speed_sweep=schedule.sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
         slip_sweep=schedule.sweep_slip(controllers, [0.004 * i for i in range(5, 101)]),
     )

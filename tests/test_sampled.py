@@ -115,7 +115,7 @@ def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
 def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     control = linear_control(SYSTEM, reference=REFERENCE, period=0.1, rule="tustin")
     found = assess(plant, control, PARK2008.actuator)
-    expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
+    expected = sampled_loop(plant, control.sampled(0.1), PARK2008.actuator).margins()
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
     assert assess(plant, linear_control(SYSTEM, reference=REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
@@ -129,7 +129,7 @@ INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
 
 def loop_of(design, period: float, plant, **given) -> SampledLoop:
-    return sampled_loop(SampledController(design, period), plant, ACTUATOR, **given)
+    return sampled_loop(plant, SampledController(design, period), ACTUATOR, **given)
 
 
 def gain(value: float) -> Rational:

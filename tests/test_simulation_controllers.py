@@ -255,7 +255,7 @@ PI, ASMC = catalogue.published_controller("pi"), catalogue.published_controller(
     (lambda: SlideProtection(fill_slip=0.2), "fill_slip < dump_slip"),
     (lambda: changed(catalogue.recommended_schedule(), period=0.01, tracking_time=0.0), "tracking_time: 0"),
     (lambda: changed(catalogue.recommended_schedule(), period=0.01, tracking_time=0.005), "tracking time: 0.005 s"),
-    (lambda: sim.Simulator(SCENARIO, changed(catalogue.recommended_schedule(), torque_min=1e9)), "torque_max: 9000 is not"),
+    (lambda: sim.Simulator(SCENARIO, changed(catalogue.recommended_schedule(), torque_min=1e9)), "torque_max: 9000 "),
     (lambda: changed(PI, torque_min=1.0, torque_max=1.0), "torque_max: 1 is not allowed; give a value > torque_min"),
     (lambda: changed(ASMC, torque_min=1.0, torque_max=1.0), "torque_max: 1 is not allowed"),
     (lambda: changed(ASMC, filter_time=0.0), "filter_time: 0"),

@@ -335,7 +335,7 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 
 @checked
 def sampled_loop(
-    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
+    plant: LinearPlant, controller: SampledController, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
     """The wheel-slip loop with a discrete controller, exact; `computation` (s) adds to the actuator's dead time."""
     extra = number("computation", computation, "s", ge=0)
@@ -350,7 +350,7 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Samp
     sampled = getattr(controller, "as_run", None)
     if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
         return None
-    return sampled_loop(sampled, plant, actuator)
+    return sampled_loop(plant, sampled, actuator)
 
 
 def sampled_peak(loop: SampledLoop) -> float:

@@ -304,11 +304,11 @@ def test_a_run_of_a_campaign_costs_little_more_than_the_run(names, most):
 def test_5000_points_are_judged_in_two_seconds():
     controller = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
     envelope = Envelope(speeds=[8 * i for i in range(1, 13)])
-    judge(controller, Envelope(speeds=60))  # imports
+    judge(Envelope(speeds=60), controller)  # imports
     times = []
     for _ in range(3):
         begin = time.process_time()
-        judged = judge(controller, envelope)
+        judged = judge(envelope, controller)
         assert judged.worst.ms <= judged.worst_with_tolerances.ms
         times.append(time.process_time() - begin)
     assert len(judged.points) >= 5000
