@@ -20,7 +20,7 @@ from railslip_ctrl.controllers.base import Controller, Measurement
 from railslip_ctrl.controllers.braking import linear_control
 from railslip_ctrl.controllers.c_code import c_program
 from railslip_ctrl.controllers.c_function import CFunction, Structures
-from railslip_ctrl.controllers.files import load_controller
+from railslip_ctrl.controllers.files import load_controller, structure_named
 from railslip_ctrl.controllers.guard import ControlUnit, Guard, Status, step_parameters
 from railslip_ctrl.controllers.torque_profile import TorqueProfile
 from railslip_ctrl.controllers.translate import MEASUREMENT, PARAMETERS, STATE, read_step
@@ -458,6 +458,23 @@ def test_a_kind_of_ones_own_runs_and_is_written_as_c(tmp_path):
     assert "railslip_mine_step(" in header.read_text()
 
 
+@needs_compiler
+def test_a_division_by_zero_holds_the_command_in_both_languages(tmp_path):
+    class Dividing(Own):
+        step = staticmethod(dividing)
+
+    own = Dividing(period=PERIOD, reference=ReferenceSlip(dry=0.1, wet=0.06))
+    made, unit = compiled(own, tmp_path), ControlUnit(own, PARK2008, 22.0)
+    assert made.init(22.0) == 0
+    found = [(unit.step(v, 40.0 + 0.1 * v, 0.0), made.step(v, 40.0 + 0.1 * v, 0.0)) for v in (22.0, 20.0, 19.5)]
+    assert [one for one, _ in found] == [(500.0, Status.OK), (500.0, Status.HOLDING), (0.0, Status.OK)]
+    assert all(one == other for one, other in found)
+
+
+def dividing(state, measurement, parameters):
+    return 1000.0 / (measurement.train_speed - 20.0)
+
+
 def unsuitable(body):
     """A kind whose step has a body that cannot be translated."""
 
@@ -544,3 +561,51 @@ def halved(x, by=2.0):
 def test_a_step_that_cannot_be_translated_is_refused_with_its_place(body, words):
     with pytest.raises(InputError, match=words):
         simulate(stop(PARK2008, "dry"), unsuitable(body))
+
+
+KIND = """
+from railslip_ctrl.controllers.base import Controller
+
+
+class Own(Controller):
+    kind = "own"
+    title = "a constant torque"
+    source = "a test"
+
+    @staticmethod
+    def step(state, measurement, parameters):
+        return 1500.0
+
+
+CONTROLLER = Own
+"""
+
+
+def test_a_kind_that_remembers_nothing_is_its_step_alone(tmp_path):
+    (tmp_path / "own.py").write_text(KIND)
+    own = load_controller(tmp_path / "own.py")
+    run = simulate(stop(PARK2008, "dry", speed_kmh=30), own(), seed=None)
+    assert (run.stopped, run.controller.label, set(run.signals.command)) == (True, "own", {1500.0})
+    save_c(own, tmp_path / "own.c")
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('    kind = "own"\n', "", "own.py: CONTROLLER: Own has no kind; give it kind, title and source"),
+    ('    source = "a test"\n', "", "Own has no source"), ("    @staticmethod\n", "", "write @staticmethod above it"),
+    ("def step(", "def stepp(", "Own has no step; give it step\\(state, measurement, parameters\\)"),
+])  # fmt: skip
+def test_a_class_that_is_no_kind_is_told_what_it_lacks(old, new, words, tmp_path):
+    (tmp_path / "own.py").write_text(KIND.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_controller(tmp_path / "own.py")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (KIND, "structure: own cannot be tuned: it is not linear"),
+    (KIND + "CONTROLLER = Own()\n", "structure: own.py assigns no class of a kind to CONTROLLER"),
+])  # fmt: skip
+def test_what_cannot_be_tuned_is_refused_by_its_structure(text, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(InputError, match=words):
+        structure_named("own.py")

@@ -86,8 +86,8 @@ class Controller(Record):
     """Base of the controller kinds.
 
     A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`), `State` (a record of its
-    state, with the values at the start) and `step`. Where `step` needs other numbers than the fields, it also defines
-    `Parameters` (a record of them) and `parameters`.
+    state, with the values at the start, if it remembers anything) and `step`, a static method. Where `step` needs other
+    numbers than the fields, it also defines `Parameters` (a record of them) and `parameters`.
     """
 
     kind: ClassVar[str]
@@ -96,7 +96,6 @@ class Controller(Record):
     """What it is, in a line."""
     source: ClassVar[str]
     """Where it is from."""
-    State: ClassVar[type[Record]]
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
     """Why it has no linear loop, if it has none."""
@@ -106,6 +105,9 @@ class Controller(Record):
     """Whether `for_vehicle` makes it of the vehicle alone; it is then a choice by its name."""
     finds_slip: ClassVar[bool] = False
     """Whether it finds the slip to hold by itself, see `held_slip`."""
+
+    class State(Record):
+        """It remembers nothing."""
 
     name: str = Field("", description="its name in reports; the kind's if left out")
     period: float | None = quantity(

@@ -178,7 +178,10 @@ class ControlUnit:
         good, wanted = is_good(self._g, m, self._q), 0.0
         m = m._replace(applied_torque=taken(self._g, m, self._q))
         if good > 0.0:
-            wanted = self._step(self._x, m, self._p)
+            try:
+                wanted = self._step(self._x, m, self._p)
+            except (ArithmeticError, ValueError):  # what C gives as infinite or no number
+                wanted = math.nan
         torque = guarded(self._g, m, self._q, good, wanted)
         self._samples += 1
         return Command(float(torque), Status(int(self._g.status)))

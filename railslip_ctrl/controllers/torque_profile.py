@@ -10,7 +10,6 @@ from pydantic import model_validator
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import Record
 
 from .base import Controller
 
@@ -30,9 +29,6 @@ class TorqueProfile(Controller):
     reference: ReferenceSlip | None = None
     times: tuple[float, ...] = quantity("s", "times, rising")
     torques: tuple[float, ...] = quantity("N*m", "torques at them")
-
-    class State(Record):
-        """It remembers nothing."""
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
