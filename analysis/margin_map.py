@@ -31,7 +31,7 @@ ENVELOPE = Envelope(
 
 def run(envelope: Envelope = ENVELOPE) -> dict[str, Judgement]:
     """Both controllers over the envelope."""
-    return {name: judge(controller, envelope) for name, controller in CONTROLLERS.items()}
+    return {name: judge(envelope, controller) for name, controller in CONTROLLERS.items()}
 
 
 def main() -> None:

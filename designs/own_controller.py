@@ -20,7 +20,7 @@ def run(runs: int = 200) -> dict:
     envelope = rs.load_envelope(Path(__file__).parent / "vehicles" / "coach.toml")
     start = {"torque_min": 0, "torque_max": 15e3, "tracking_time": 2, "initial_torque": 6e3}  # N*m, s
     mine = rs.linear_control(PID * NOTCH, reference=envelope.reference, name="pid", period=0.01, **start)
-    check, wet = rs.judge(mine, envelope), rs.stop(envelope.vehicle, "wet", speed_kmh=100)
+    check, wet = rs.judge(envelope, mine), rs.stop(envelope.vehicle, "wet", speed_kmh=100)
     many = rs.campaign(wet, [mine, rs.tune(envelope, structure="pi-lead", ms_max=2)], runs=runs)
     loop = rs.wheel_slip_loop(check.worst.point, PID * NOTCH)
     return {"check": check, "loop": loop, "stop": rs.simulate(wet, mine, seed=7), "many": many}

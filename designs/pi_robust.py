@@ -47,8 +47,8 @@ def run() -> RobustPI:
         design=design,
         least_without_integral=limit.worst.ms,
         region=region,
-        bristle=rs.judge(controller, rs.Envelope(laws="bristle")),
-        all_laws=rs.judge(controller, rs.Envelope()),
+        bristle=rs.judge(rs.Envelope(laws="bristle"), controller),
+        all_laws=rs.judge(rs.Envelope(), controller),
     )
 
 

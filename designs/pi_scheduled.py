@@ -37,7 +37,7 @@ class ScheduledDesign:
 def run() -> ScheduledDesign:
     """Tune, check, and look for the lowest speed on the curve, whose slope in time grows as 1/v."""
     schedule = rs.schedule.schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
-    single = rs.judge(SINGLE, ENVELOPE)
+    single = rs.judge(ENVELOPE, SINGLE)
     actuator = rs.PARK2008.actuator
 
     def dry_curve(speed_kmh: float):  # type: ignore[no-untyped-def]

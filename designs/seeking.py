@@ -53,7 +53,7 @@ def run() -> Design:
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), observer 0.34 theta, deceleration 0.52 theta.
     control = rs.Seeking.for_vehicle(VEHICLE)
     # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
-    judgement = rs.judge(control, ENVELOPE)
+    judgement = rs.judge(ENVELOPE, control)
     # 3. What is certain of the worst one, in balls.
     certificate = judgement.worst.loop.certificate()
     # 4. Stops on rails that it is not told, against the bound and what is attainable with its largest torque.

@@ -16,10 +16,11 @@ from sample_laws import ALL_LAWS, sample_law
 
 from railslip_ctrl import PARK2008, ReferenceSlip, simulate, stop
 from railslip_ctrl.controllers.assumed import force_of
-from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.base import Controller, Measurement
 from railslip_ctrl.controllers.braking import linear_control
 from railslip_ctrl.controllers.c_code import c_program
 from railslip_ctrl.controllers.c_function import CFunction, Structures
+from railslip_ctrl.controllers.files import load_controller, structure_named
 from railslip_ctrl.controllers.guard import ControlUnit, Guard, Status, step_parameters
 from railslip_ctrl.controllers.torque_profile import TorqueProfile
 from railslip_ctrl.controllers.translate import MEASUREMENT, PARAMETERS, STATE, read_step
@@ -37,12 +38,14 @@ PERIOD = 0.01
 S = ct.tf("s")
 KINDS = {
     **{
-        name: controller_named(name, PARK2008) for name in ("pi", "pi-lead", "scheduled", "slide-protection", "seeking")
+        name: controller_named(name, PARK2008)
+        for name in ("pi", "pi-lead", "scheduled", "slide-protection", "seeking", "predictive")
     },
     "asmc": controller_named("asmc", PARK2008).assuming(published_law("curve", Rail.DRY)),
     "third-order": linear_control(
         300 * (S * S + 0.2 * S + 1) / (S * S + 2 * S + 1) * (1 + 0.1 / S), torque_min=0.0, torque_max=9e3
     ),
+    "constant torque": TorqueProfile(times=(0.5,), torques=(500.0,), period=PERIOD),
     "torque-profile": TorqueProfile(times=(0.5, 1.5, 3.0), torques=(500.0, 3000.0, 1000.0), period=PERIOD),
 }
 KINDS = {name: one.model_copy(update={"period": PERIOD, "name": name}) for name, one in KINDS.items()}
@@ -50,7 +53,7 @@ KINDS = {name: one.model_copy(update={"period": PERIOD, "name": name}) for name,
 
 def compiled(control, folder, *flags):
     """The program of a controller."""
-    return Program(c_program(control, PARK2008, name=control.label.replace("-", "_")), folder, *flags)
+    return Program(c_program(control, PARK2008), folder, *flags)
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -95,6 +98,8 @@ FAULTS = {
     **{f"wheel speed {x}": (lambda v, omega, x=x: (v, x), RELEASED) for x in (math.nan, math.inf, -math.inf, 1e308)},
     "train speed with other sign": (lambda v, omega: (-v, omega), RELEASED),
     "wheel speed with other sign": (lambda v, omega: (v, -omega), RELEASED),
+    **{f"train speed stuck at {x}": (lambda v, omega, x=x: (x, omega), RELEASED) for x in (0.0, 5e-324, 10.0)},
+    "wheel speed stuck at 580": (lambda v, omega: (v, 580.0), RELEASED),
     "wheel speed stuck": (lambda v, omega: (v, 52.0), GUARD.stuck_time + RELEASED),
     "wheel speed stuck at 0": (lambda v, omega: (v, 0.0), GUARD.lock_time),
     **{f"locked at {x} m/s": (lambda v, omega, x=x: (x, 0.0), GUARD.lock_time) for x in (2.0, 5.0, 10.0, 20.0)},
@@ -123,7 +128,7 @@ def test_a_fault_releases_the_brake_in_both_languages_within_its_time(kind, prog
             released = (k - 200 + 1) * PERIOD
         if faulty and released_after is not None and (k - 200) * PERIOD > released_after + PERIOD:
             # a law that releases the brake by itself hides that the sensor is stuck
-            seen = status in (Status.FAULT, Status.LOCKED) or (fault, status) == ("wheel speed stuck", Status.OK)
+            seen = status in (Status.FAULT, Status.LOCKED) or fault == "wheel speed stuck"
             assert (torque, seen) == (0.0, True)
     assert released_after is None or not released > released_after + 2 * PERIOD
     assert status is Status.OK  # it goes on when the fault is over
@@ -131,15 +136,15 @@ def test_a_fault_releases_the_brake_in_both_languages_within_its_time(kind, prog
 
 @needs_compiler
 def test_parameters_that_are_refused_keep_the_brake_released(kind, program):
-    """All zero, and each number of the law and of the guard NaN: a code, and then no torque."""
+    """All zero, and each number of the law or the guard NaN: a code, and then no torque."""
     size = ctypes.sizeof(program.default) // ctypes.sizeof(program.number)
     numbers = list((program.number * size).from_buffer_copy(bytes(program.default)))
     count = 1 + sum(len(re.findall(r"^    railslip_\w+_real \w+", part, re.M)) for part in _structures(program))
-    for place in [None, *range(3)]:
+    for place in [None, *range(0, size, max(size // 100, 1))]:  # a table of an adhesion law has thousands
         given = (program.number * size)(*([0.0] * size if place is None else numbers))
         if place is not None:
             given[place] = math.nan
-        assert 0 < program.init(20.0, given) <= count
+        assert 0 < program.init(20.0, given) <= count, place
         assert program.step(20.0, 40.0, 0.0) == (0.0, Status.FAULT)
     assert program.init(math.nan) > 0
     assert program.init(20.0) == 0
@@ -270,11 +275,40 @@ def test_the_assumed_adhesion_law_is_the_run_s_in_python_and_in_c(name, tmp_path
         assert program.step(v, (v - sigma) / RADIUS, 0.0) == (pytest.approx(torque, rel=1e-9, abs=1e-6), status)
 
 
+def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
+    control = KINDS["slide-protection"].believing(PARK2008)
+    state = SimpleNamespace(**dict(control.start(20.0, PERIOD)))
+    numbers = SimpleNamespace(**step_parameters(control, Rail.DRY, PERIOD))
+    torques = [
+        control.step(state, Measurement(0.0, 20.0, omega, 0.0), numbers) for omega in (46.0, math.nan, math.inf, 46.0)
+    ]
+    assert torques == [20.0, 20.0, 20.0, 40.0]
+    assert state.filtered_rim_speed == pytest.approx(46.0 * RADIUS)
+
+
 def test_without_an_adhesion_law_or_with_a_step_alone_there_is_no_program():
     with pytest.raises(InputError, match="controller asmc: it has no adhesion law to assume; give it one"):
         c_program(controller_named("asmc", PARK2008), PARK2008)
     with pytest.raises(InputError, match="it is known by a Python step alone; give a kind of controller"):
         save_c(lambda t, v, omega: 0.0, "x.c")
+
+
+def test_a_state_that_depends_on_the_speed_has_no_program():
+    class Halved(Own):
+        def start(self, speed, period):
+            return self.State(torque=0.5 * speed)
+
+    with pytest.raises(InputError, match="state: torque at the start is neither the train speed nor the same"):
+        c_program(Halved(reference=ReferenceSlip(dry=0.1, wet=0.06)), PARK2008)
+
+
+@needs_compiler
+def test_any_name_gives_a_program_and_a_file(tmp_path):
+    for name in ("a */ b", "Größe \N{GRINNING FACE}", "\\", "\x7f\n"):
+        control = KINDS["pi"].model_copy(update={"name": name})
+        assert compiled(control, tmp_path).init(20.0) == 0
+        control.save(tmp_path / "named.toml")
+        assert load_controller(tmp_path / "named.toml") == control
 
 
 @needs_compiler
@@ -318,6 +352,94 @@ class Own(Controller):
         return state.torque
 
 
+LANGUAGE = '''
+import math
+
+LIMIT = math.inf
+
+
+def square(x):
+    """Not the program's own: x */ x."""
+    return x * x * x
+
+
+def place(parameters, v):
+    i = 0
+    while i < len(parameters.levels) - 1 and v > parameters.speeds[i]:
+        i += 1
+    return i
+
+
+def first(parameters, level):
+    k = 0
+    while k < len(parameters.levels):
+        if parameters.levels[k] > level:
+            return 1.0 * k
+        k += 1
+    return -1.0
+
+
+def over(v, limit):
+    return v > limit
+
+
+def both(v):
+    if v > 20.0:
+        return v, True
+    return 0.5 * v, 2.0
+
+
+def step(state, measurement, parameters):
+    v, double, unused, returned = measurement.train_speed, parameters.count or 2.5, 1.0, 3
+    near, far = both(v)
+    for i in range(1, parameters.count):
+        state.last[(i - 4) % 3] += parameters.levels[parameters.count - 2] * i
+        if state.last[0] > 1e4:
+            return returned + near
+    chosen = over(v, 20.0) and parameters.zero or 0.5
+    x = 1 if v > 15.0 else 2.5
+    x **= 2
+    k = int(v) + 2
+    k %= 3
+    stiff = v > 10.0
+    stiff = stiff and far < 2.0
+    total = square(0.1 * v) + parameters.levels[place(parameters, v)] + first(parameters, 100.0 * v) + double * chosen
+    return min(total + x + k + stiff + math.hypot(near, far), LIMIT)
+'''
+
+
+@needs_compiler
+def test_the_languages_agree_on_what_differs_between_python_and_c(tmp_path):
+    """Truths as numbers, returns out of loops, remainders, names that C has, whole numbers from functions."""
+    (tmp_path / "language.py").write_text(LANGUAGE)
+    body = runpy.run_path(str(tmp_path / "language.py"))["step"]
+
+    class Spoken(Own):
+        kind = "spoken"
+        count: int = 3
+        zero: float = 0.0
+        cap: float | None = None
+        speeds: tuple[float, ...] = (5.0, 12.0, 25.0)
+        levels: tuple[float, ...] = (100.0, 700.0, 1500.0)
+        step = staticmethod(body)
+
+        class State(Record):
+            last: tuple[float, ...] = quantity("1", "sums", default=(0.0, 1.0, 2.0))
+
+    own = Spoken(period=PERIOD, reference=ReferenceSlip(dry=0.1, wet=0.06)).believing(PARK2008)
+    made, unit = compiled(own, tmp_path), ControlUnit(own, PARK2008, 27.0)
+    scenario = stop(PARK2008, "dry", speed_kmh=60).with_changes(limits={"torque_min": 0.0, "torque_max": 9e3})
+    signals = simulate(scenario, own, seed=2).signals
+    assert made.init(27.0) == 0
+    commands, before = [], 0.0
+    rows = zip(signals.measured_speed, signals.measured_wheel_speed, signals.command, strict=True)
+    for v, omega, command in list(rows)[:-1]:
+        torque, _ = unit.step(v, omega, before)
+        assert (torque, made.step(v, omega, before)[0]) == pytest.approx((command, command), rel=1e-12)
+        commands, before = [*commands, command], command
+    assert len(set(commands)) > 10
+
+
 @needs_compiler
 def test_a_kind_of_ones_own_runs_and_is_written_as_c(tmp_path):
     own = Own(period=PERIOD, reference=ReferenceSlip(dry=0.1, wet=0.06))
@@ -334,6 +456,23 @@ def test_a_kind_of_ones_own_runs_and_is_written_as_c(tmp_path):
     source, header = save_c(own, tmp_path / "mine.c")
     assert '#include "mine.h"' in source.read_text()
     assert "railslip_mine_step(" in header.read_text()
+
+
+@needs_compiler
+def test_a_division_by_zero_holds_the_command_in_both_languages(tmp_path):
+    class Dividing(Own):
+        step = staticmethod(dividing)
+
+    own = Dividing(period=PERIOD, reference=ReferenceSlip(dry=0.1, wet=0.06))
+    made, unit = compiled(own, tmp_path), ControlUnit(own, PARK2008, 22.0)
+    assert made.init(22.0) == 0
+    found = [(unit.step(v, 40.0 + 0.1 * v, 0.0), made.step(v, 40.0 + 0.1 * v, 0.0)) for v in (22.0, 20.0, 19.5)]
+    assert [one for one, _ in found] == [(500.0, Status.OK), (500.0, Status.HOLDING), (0.0, Status.OK)]
+    assert all(one == other for one, other in found)
+
+
+def dividing(state, measurement, parameters):
+    return 1000.0 / (measurement.train_speed - 20.0)
 
 
 def unsuitable(body):
@@ -357,10 +496,116 @@ def with_unknown_field(state, measurement, parameters):
     return parameters.gian
 
 
+def with_negative_index(state, measurement, parameters):
+    return parameters.rates[-1]
+
+
+def with_loop_variable(state, measurement, parameters):
+    for i in range(3):
+        state.torque += i
+    return 1.0 * i
+
+
+def with_recursion(state, measurement, parameters):
+    return with_recursion(state, measurement, parameters)
+
+
+def with_open_end(state, measurement, parameters):
+    if state.torque > 3.0:
+        return 1.0
+
+
+def with_written_parameter(state, measurement, parameters):
+    parameters.gain = 1.0
+    return 1.0
+
+
+def with_alias(state, measurement, parameters):
+    p = parameters
+    return p.gain
+
+
+def with_other_math(state, measurement, parameters):
+    return math.log(measurement.time, 2)
+
+
+def with_mixed_types(state, measurement, parameters):
+    value = measurement.time
+    if state.torque > 3.0:
+        value = twice(1.0)
+    return 2.0 * value
+
+
+def twice(x):
+    return x, x
+
+
+def with_default(state, measurement, parameters):
+    return halved(2.0)
+
+
+def halved(x, by=2.0):
+    return x / by
+
+
 @pytest.mark.parametrize(("body", "words"), [
+    (with_negative_index, r"rates\[-1\] counts from the end"), (with_loop_variable, "i is used outside its loop"),
+    (with_recursion, "with_recursion calls itself"), (with_open_end, "may end without a return"),
+    (with_written_parameter, "gain is written; a step writes the state alone"), (with_alias, "has fields alone"),
+    (with_other_math, r"math.log\(measurement.time, 2\) cannot be translated; of math a step has exp, "),
+    (with_mixed_types, "controller own: Numba cannot compile its step: "),
+    (with_default, r"line \d+: halved takes 2 arguments"),
     (with_list, r"test_c_programs.py, line \d+: List cannot be translated"), (with_numpy, "'np' is no number"),
     (with_unknown_field, "parameters has no 'gian'; it has"),
 ])  # fmt: skip
 def test_a_step_that_cannot_be_translated_is_refused_with_its_place(body, words):
     with pytest.raises(InputError, match=words):
         simulate(stop(PARK2008, "dry"), unsuitable(body))
+
+
+KIND = """
+from railslip_ctrl.controllers.base import Controller
+
+
+class Own(Controller):
+    kind = "own"
+    title = "a constant torque"
+    source = "a test"
+
+    @staticmethod
+    def step(state, measurement, parameters):
+        return 1500.0
+
+
+CONTROLLER = Own
+"""
+
+
+def test_a_kind_that_remembers_nothing_is_its_step_alone(tmp_path):
+    (tmp_path / "own.py").write_text(KIND)
+    own = load_controller(tmp_path / "own.py")
+    run = simulate(stop(PARK2008, "dry", speed_kmh=30), own(), seed=None)
+    assert (run.stopped, run.controller.label, set(run.signals.command)) == (True, "own", {1500.0})
+    save_c(own, tmp_path / "own.c")
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('    kind = "own"\n', "", "own.py: CONTROLLER: Own has no kind; give it kind, title and source"),
+    ('    source = "a test"\n', "", "Own has no source"), ("    @staticmethod\n", "", "write @staticmethod above it"),
+    ("def step(", "def stepp(", "Own has no step; give it step\\(state, measurement, parameters\\)"),
+])  # fmt: skip
+def test_a_class_that_is_no_kind_is_told_what_it_lacks(old, new, words, tmp_path):
+    (tmp_path / "own.py").write_text(KIND.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_controller(tmp_path / "own.py")
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    (KIND, "structure: own cannot be tuned: it is not linear"),
+    (KIND + "CONTROLLER = Own()\n", "structure: own.py assigns no class of a kind to CONTROLLER"),
+])  # fmt: skip
+def test_what_cannot_be_tuned_is_refused_by_its_structure(text, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(text)
+    with pytest.raises(InputError, match=words):
+        structure_named("own.py")

@@ -99,7 +99,7 @@ def test_the_first_page_is_printed_and_the_page_is_well_formed_loads_nothing_and
 
 def test_the_recommendation_is_what_judge_says_of_its_file(content, full_report):
     control = load_controller(full_report[0] / "recommended.toml")
-    said, judged, above = content["recommended"], judge(control, ENVELOPE), control.hand_over_speed * 3.6
+    said, judged, above = content["recommended"], judge(ENVELOPE, control), control.hand_over_speed * 3.6
     assert (said["verdict"], said["stable_from_kmh"]) == (judged.verdict, judged.usable_from_kmh)
     assert said["usable_from_kmh"] == pytest.approx(max(judged.robust_from_kmh, above), rel=1e-9)
     assert content["envelope"]["speeds"] == pytest.approx(judged.envelope.speeds)  # with its own
@@ -135,7 +135,7 @@ def test_the_command_that_is_printed_gives_the_stop_to_the_digit(full_report, co
 
 def test_given_gains_are_judged_and_run_beside(content, shown):
     (given,) = content["given"]
-    judged = judge(SampledController(GIVEN, 0.01), ENVELOPE)  # as it runs
+    judged = judge(ENVELOPE, SampledController(GIVEN, 0.01))  # as it runs
     assert (given["verdict"], given["worst"]) == (judged.verdict, judged.worst.table())
     assert {one["rail"] for one in given["stops"]} == {"dry", "wet"}
     assert [row[0] for row in shown.rows("given")[1:]] == ["recommended", "given PI"]
@@ -285,7 +285,7 @@ def test_the_first_page_tells_speeds_without_a_use_and_stops_near_the_edge(robus
     _, lines, _ = told(unused)
     assert lines["5 to 100 km/h"] == "slip controlled, but not robust."
     assert "Below, use another" in lines["To do"]
-    lost = judge(PIController(PIGains(kp=804.0, ki=694.0)), robust.envelope)
+    lost = judge(robust.envelope, PIController(PIGains(kp=804.0, ki=694.0)))
     choice = replace(robust.best, design=replace(robust.best.design, judgement=lost))
     _, lines, _ = told(replace(unused, selection=replace(robust.selection, choices=(choice,))))
     assert lines["5 to 100 km/h"] == "slip controlled, but unstable with tolerances at 10 km/h."
@@ -330,7 +330,7 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
 @pytest.mark.parametrize(("kp", "ki", "verdict"), [(804.0, 694.0, "fragile"), (1e6, 2.0, "unstable")])
 def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, ki, verdict):
     """Were the judgement that of gains without margin: headline, reason, table and JSON say the same."""
-    weak = judge(PIController(PIGains(kp=kp, ki=ki), lead=0.6, lead_filter=0.03), robust.envelope)
+    weak = judge(robust.envelope, PIController(PIGains(kp=kp, ki=ki), lead=0.6, lead_filter=0.03))
     assert (weak.verdict, weak.robust_from_kmh) == (verdict, None)
     best = replace(robust.best, design=replace(robust.best.design, judgement=weak))
     report = replace(robust, above_kmh=None, in_use=weak, selection=replace(robust.selection, choices=(best,)))
@@ -371,7 +371,7 @@ def test_a_brake_that_is_named_was_tried():
 
 def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):
     some = restricted(robust.judgement, 100.0)
-    again = judge(robust.judgement.controller, some.envelope)
+    again = judge(some.envelope, robust.judgement.controller)
     assert len(some.points) == len(again.points)
     assert some.worst.table() == again.worst.table()
     np.testing.assert_allclose(some.margins.phase_deg, again.margins.phase_deg, rtol=1e-9)  # batches of other sizes
@@ -447,7 +447,7 @@ def test_the_seeking_controller_is_judged_and_runs_the_same_stops(robust):
     """It is named where its mean is the shortest, with its longest stops; it has no reference that it holds."""
     trial, stops = robust.seeking, {(one.law, one.load, one.rail): one for one in robust.stops}
     judged = trial.judgement
-    assert judged.ms.tolist() == judge(trial.control, robust.envelope, nominal=judged.nominal).ms.tolist()
+    assert judged.ms.tolist() == judge(robust.envelope, trial.control, nominal=judged.nominal).ms.tolist()
     assert {(one.law, one.load, one.rail) for one in trial.stops} == stops.keys()
     alone = simulate(stop(robust.vehicle, "wet"), Seeking.for_vehicle(robust.vehicle), seed=0)
     (same,) = (one for one in trial.stops if (one.law, one.load, one.rail) == ("curve", "empty", "wet"))

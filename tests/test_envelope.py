@@ -212,7 +212,7 @@ DISCRETE = ct.sample_system((229.4 + 5.0 / S) * (0.6 * S + 1) / (0.06 * S + 1), 
     *(pytest.param(Envelope(one), FAST, marks=pytest.mark.long) for one in (COACH, PROMPT)),
 ], ids=["published", "discrete", "coach", "prompt"])  # fmt: skip
 def test_every_case_has_the_margins_of_its_loop_and_the_worst_are_the_worst_of_them(envelope, controller):
-    judged, car = judge(controller, envelope), envelope.vehicle
+    judged, car = judge(envelope, controller), envelope.vehicle
     points, rng = judged.points, np.random.default_rng(16)
     if controller is DISCRETE:  # the margins of the other cases need not be worked out
         assert np.array_equal(np.isfinite(judged.margins.delay_s), points.operating)
@@ -232,7 +232,7 @@ def test_every_case_has_the_margins_of_its_loop_and_the_worst_are_the_worst_of_t
 
 def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     on_bristle = Envelope(laws="bristle", speeds=(20, 60, 100))
-    judged = judge(PI_LEAD, on_bristle)
+    judged = judge(on_bristle, PI_LEAD)
     assert judged.verdict_line == (
         "robust: Ms 1.43 (Ms 1.45 sampled every 0.01 s) at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 (Ms "
         "2.05 sampled every 0.01 s) at bristle, dry, empty, 100 km/h, slip +25 %, dead time +30 %, lag +30 %"
@@ -240,7 +240,7 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert judged.usable_from_kmh == judged.robust_from_kmh == 20.0
     # on the curve every operating point is well damped, but past its peak a slow brake loses the wheel at low speed
     both = on_bristle.at(laws=("bristle", "curve"))
-    judged, nominal = judge(PI_LEAD, both), judge(PI_LEAD, both, nominal=True)
+    judged, nominal = judge(both, PI_LEAD), judge(both, PI_LEAD, nominal=True)
     assert (judged.verdict, nominal.verdict) == ("fragile", "robust")
     assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 (Ms 1.59 sampled")
     assert judged.worst.ms <= nominal.worst.ms
@@ -248,9 +248,9 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert judged.worst.point.speed_kmh >= 60.0
     assert f"stable from 60 km/h up, there {judged.worst_with_tolerances.words}" in str(judged)
     assert judged.worst_with_tolerances.ms == pytest.approx(44.51, abs=0.01)
-    slow = judge(PI_LEAD, both.at(speeds=(10, 100)))
+    slow = judge(both.at(speeds=(10, 100)), PI_LEAD)
     assert (slow.verdict, slow.usable_from_kmh) == ("unstable", 100.0)
-    nowhere = judge(PIController(PIGains(kp=1e6, ki=1.0)), Envelope(speeds=(60, 100)))
+    nowhere = judge(Envelope(speeds=(60, 100)), PIController(PIGains(kp=1e6, ki=1.0)))
     assert (nowhere.verdict, nowhere.usable_from_kmh, nowhere.robust_from_kmh) == ("unstable", None, None)
     assert (nowhere.worst.margins, nowhere.table()["worst"]["ms"]) == (None, None)
     assert "unstable at the highest speed too, 100 km/h" in nowhere.verdict_line
@@ -260,8 +260,8 @@ def test_a_bare_system_is_judged_as_it_runs_and_at_one_point_alike():
     """Ms is 1.99 in continuous time and 2.03 sampled every 10 ms: one verdict, whatever asks."""
     bare = 489 * (1 + 0.02 / S) * (0.6 * S + 1) / (0.06 * S + 1)
     envelope = Envelope(laws="bristle", rails="wet", loads="empty", speeds=(60, 100))
-    found = judge(bare, envelope, nominal=True)
-    same = judge(linear_control(bare, reference=ReferenceSlip(dry=0.132, wet=0.092)), envelope, nominal=True)
+    found = judge(envelope, bare, nominal=True)
+    same = judge(envelope, linear_control(bare, reference=ReferenceSlip(dry=0.132, wet=0.092)), nominal=True)
     assert found.worst.ms < 2 < found.worst.run_ms == same.worst.run_ms
     assert found.verdict == same.verdict == "fragile"
     case = found.worst.run_case
@@ -271,7 +271,7 @@ def test_a_bare_system_is_judged_as_it_runs_and_at_one_point_alike():
 
 def test_least_margins_are_those_of_exact_loops_where_the_batch_has_ms_alone():
     control = Seeking.for_vehicle(COACH)
-    found = judge(control, Envelope(COACH, laws="bristle", rails="dry", speeds=(30, 100)), nominal=True)
+    found = judge(Envelope(COACH, laws="bristle", rails="dry", speeds=(30, 100)), control, nominal=True)
     exact = [wheel_slip_loop(one, control).margins() for one in found.points.plants]
     for name, sign in (("phase_deg", 1), ("delay_s", 1), ("gain_decrease", -1), ("gain_increase", 1)):
         least = min(exact, key=lambda margins, name=name, sign=sign: sign * getattr(margins, name))
@@ -282,13 +282,13 @@ def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_u
     envelope = Envelope(speeds=(20, 60, 100))
     control = linear_control(PI_LEAD, reference=ReferenceSlip(dry=0.132, wet=0.092), hand_over_speed=60 / 3.6)
     judged, above = (
-        judge(control, envelope),
-        judge(changed(control, hand_over_speed=0.0), envelope.at(speeds=(60, 100))),
+        judge(envelope, control),
+        judge(envelope.at(speeds=(60, 100)), changed(control, hand_over_speed=0.0)),
     )
     assert (judged.verdict, judged.hand_over_kmh) == ("fragile", 60.0)
     assert judged.verdict_in_use == above.verdict == "robust"
     assert f"hands over below 60 km/h, in use robust: {above.worst.words}" in judged.verdict_line
-    assert judge(changed(control, hand_over_speed=30.0), envelope).verdict_in_use is None
+    assert judge(envelope, changed(control, hand_over_speed=30.0)).verdict_in_use is None
     control.save(tmp_path / "c.toml")
     words = ("--controller", tmp_path / "c.toml", "--rail", "dry", "--speed")
     assert "hands over below 60 km/h, and controls no slip at 59 km/h" in railslip("margins", *words, "59")[2]
@@ -298,14 +298,14 @@ def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_u
 def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
     envelope = Envelope(laws="bristle", rails="dry", speeds=(60, 100), loads="empty")
     reference = ReferenceSlip(dry=0.132, wet=0.092)
-    assert judge(PI_LEAD, envelope).verdict == "robust"
+    assert judge(envelope, PI_LEAD).verdict == "robust"
     verdicts = {}
     for period in (0.02, 0.3, 1.0):
         control = linear_control(PI_LEAD, reference=reference, period=period, rule="backward")
-        found = judge(control, envelope)
+        found = judge(envelope, control)
         verdicts[period] = (found.verdict, found.usable_from_kmh, found.robust_from_kmh)
         for worst in (found.worst, found.worst_with_tolerances):
-            run = sampled_loop(control.sampled(period), worst.case.plant, worst.case.actuator)
+            run = sampled_loop(worst.case.plant, control.sampled(period), worst.case.actuator)
             ms = run.margins().ms if run.is_stable() else None
             assert worst.table()["sampled"] == {"period_s": period, "ms": ms}
             assert worst.ms == wheel_slip_loop(worst.case.plant, PI_LEAD, worst.case.actuator).margins().ms
@@ -318,9 +318,9 @@ def test_the_worst_sampled_case_may_be_that_of_least_delay_margin_and_an_inconsp
     lead = PIController(PIGains(kp=335.9, ki=44.7), lead=0.456, lead_filter=0.0456)
     control = linear_control(lead, reference=ReferenceSlip(dry=0.132, wet=0.092), period=0.1, rule="backward")
     axes = {"laws": ("curve", "bristle"), "rails": "wet", "loads": "empty", "slip": (0.1, 1.0, 1.25), "lag": 1.0}
-    found = judge(control, Envelope(COACH, speeds=100, dead_time=(0.7, 1.0, 1.3), radius=1.0, **axes))
+    found = judge(Envelope(COACH, speeds=100, dead_time=(0.7, 1.0, 1.3), radius=1.0, **axes), control)
     cases = [found.points.case(i) for i in range(len(found.points))]
-    every = [sampled_loop(control.sampled(0.1), case.plant, case.actuator).margins().ms for case in cases]
+    every = [sampled_loop(case.plant, control.sampled(0.1), case.actuator).margins().ms for case in cases]
     worst = int(np.argmax(every))
     assert (worst, np.count_nonzero(found.ms > found.ms[worst])) == (np.argmin(found.margins.delay_s), 6)
     assert max(np.delete(every, worst)) < 0.99 * every[worst]
@@ -340,7 +340,7 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     best = selection.best
     assert (best.structure, best.reference_factor) == ("pi", 0.75)
     assert best.design.controller.reference.dry == pytest.approx(0.099)
-    again = judge(best.design, ONE_LAW)  # at the design's own reference
+    again = judge(ONE_LAW, best.design)  # at the design's own reference
     assert again.verdict == best.design.judgement.verdict == "robust"
     assert again.ms == pytest.approx(best.design.judgement.ms, rel=1e-12)
     assert again.worst.point.slip == best.design.controller.reference.dry
@@ -361,7 +361,7 @@ def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope):
             other = PIController(
                 PIGains(kp=kp, ki=ki), found.design.controller.lead, found.design.controller.lead_filter
             )
-            judged = judge(other, envelope.at(reference=gains.reference))
+            judged = judge(envelope.at(reference=gains.reference), other)
             robust = math.inf if judged.robust_from_kmh is None else judged.robust_from_kmh
             assert robust > mine if ki > gains.ki else robust >= mine
 
@@ -451,13 +451,13 @@ def test_options_narrow_the_envelope_and_files_have_it(railslip, file):
 def test_tune_holds_empty_and_loaded_together_and_is_judged():
     envelope = Envelope(COACH, rails="dry", laws="bristle", speeds=(60, 100))
     best = tune(envelope, "pi-lead", 2.5)
-    again = judge(best, envelope)
+    again = judge(envelope, best)
     assert best.judgement.ms == pytest.approx(again.ms, rel=1e-12)
     assert 2.5 * (1 - 2e-3) <= again.run_ms[again.points.operating].max() <= 2.5
     assert again.worst.case.load == "loaded"
     # the true load, not the mass alone: with the wheel load as it was, Ms is less
     alone = COACH.model_copy(update={"mass": COACH.mass_loaded})
-    assert judge(best, Envelope(alone, rails="dry", laws="bristle", speeds=(60, 100), loads="empty")).worst.ms < 2.45
+    assert judge(Envelope(alone, rails="dry", laws="bristle", speeds=(60, 100), loads="empty"), best).worst.ms < 2.45
     assert str(best).startswith("pi-lead, PI-lead: kp ")
 
 

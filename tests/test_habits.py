@@ -229,7 +229,7 @@ RESULTS = {
     "assess": lambda k: rs.assess(rs.linearize(POINT), 190.0 + k + 5 / S, rs.PARK2008.actuator),
     "limits": lambda k: rs.fundamental_limits((2 + k) / (S - 0.1), 0.2 + 0.1 * k),
     "region": lambda k: rs.stabilizing_pi((2 + k) / (S + 1), 0.2),
-    "judge": lambda k: rs.judge(190.0 + k + 5 / S, ENVELOPE),
+    "judge": lambda k: rs.judge(ENVELOPE, 190.0 + k + 5 / S),
     "tune": lambda k: rs.tune(ENVELOPE, "pi", 2.0 + 0.1 * k),
     "seeking": lambda k: rs.tune(ENVELOPE.at(initial_speed=100 + k), "seeking", 50.0),
     "simulate": lambda k: rs.simulate(SCENARIO, 190 + 5 / S, seed=k),
@@ -293,5 +293,5 @@ def test_numbers_of_numpy_are_numbers():
 
 def test_a_notebook_shows_a_result_in_words():
     shown = []
-    rs.judge(190 + 5 / S, ENVELOPE)._repr_pretty_(SimpleNamespace(text=shown.append), False)
-    assert shown == [str(rs.judge(190 + 5 / S, ENVELOPE))]
+    rs.judge(ENVELOPE, 190 + 5 / S)._repr_pretty_(SimpleNamespace(text=shown.append), False)
+    assert shown == [str(rs.judge(ENVELOPE, 190 + 5 / S))]

@@ -16,13 +16,11 @@ from railslip_ctrl.controllers.braking import linear_control
 from railslip_ctrl.controllers.sampled import (
     Rule,
     SampledController,
-    continuous_equivalent,
     sampled_loop,
-    sampled_margins,
-    suggested_period,
 )
 from railslip_ctrl.controllers.systems import (
     StateSpaceController,
+    actuated_plant,
     controller_system,
     linear_controller,
     wheel_slip_loop,
@@ -117,7 +115,7 @@ def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
 def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     control = linear_control(SYSTEM, reference=REFERENCE, period=0.1, rule="tustin")
     found = assess(plant, control, PARK2008.actuator)
-    expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
+    expected = sampled_loop(plant, control.sampled(0.1), PARK2008.actuator).margins()
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
     assert assess(plant, linear_control(SYSTEM, reference=REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
@@ -131,7 +129,7 @@ INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
 
 def loop_of(design, period: float, plant, **given) -> SampledLoop:
-    return sampled_loop(SampledController(design, period), plant, ACTUATOR, **given)
+    return sampled_loop(plant, SampledController(design, period), ACTUATOR, **given)
 
 
 def gain(value: float) -> Rational:
@@ -165,8 +163,10 @@ def run(controller: SampledController, errors: np.ndarray) -> np.ndarray:
 def test_steps_equal_the_transfer_function_on_random_errors(name, rule):
     controller = SampledController((PIS | ANY)[name], 0.02, rule=rule)
     errors = np.random.default_rng(3).normal(size=400)
-    numerator, denominator = controller.coefficients
-    expected = lfilter(numerator, denominator, errors)
+    c = controller.transfer_function
+    numerator, denominator = (np.atleast_1d(np.real(np.poly(roots))) for roots in (c.zeros, c.poles))
+    late = np.zeros(denominator.size - numerator.size)  # descending powers of z, as ascending ones of 1/z
+    expected = lfilter(np.append(late, c.gain * numerator), denominator, errors)
     # the expanded polynomials of a double integrator lose some digits
     assert run(controller, errors) == pytest.approx(expected, abs=1e-11 * np.max(np.abs(expected)))
 
@@ -264,10 +264,14 @@ def test_a_saturated_controller_of_any_order_comes_back_as_the_unlimited_one_doe
 
 def test_the_tracking_time_left_out_is_that_of_the_slowest_zero():
     """Without one that of the fastest pole; of an integrator alone the period; of a discrete one by (1 - z)/h."""
-    assert SampledController(ANY["PID with filter and notch"], 0.02).effective_tracking_time == pytest.approx(50.0)
-    assert SampledController(ANY["no direct path"], 0.02).effective_tracking_time == pytest.approx(0.05)
-    assert SampledController(1 / S, 0.02).effective_tracking_time == 0.02
-    assert SampledController(ct.tf([1.0, -0.99], [1.0, -1.0], 0.02), 0.02).effective_tracking_time == pytest.approx(2.0)
+    discrete = ct.tf([1.0, -0.99], [1.0, -1.0], 0.02)
+    for design, time in (
+        (ANY["PID with filter and notch"], 50.0),
+        (ANY["no direct path"], 0.05),
+        (1 / S, 0.02),
+        (discrete, 2.0),
+    ):
+        assert SampledController(design, 0.02)._tracking_rates[0] == pytest.approx(1 / time)
 
 
 def test_integrator_with_proportional_control_closed_form():
@@ -306,13 +310,13 @@ def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant
 @pytest.mark.parametrize("computation", [0.0, 0.004])
 def test_short_periods_converge_to_the_continuous_margins(plant, computation):
     # the hold costs h/2: order 1 against the continuous design, order 2 against the equivalent with that delay
-    sampled = [SampledController(LEAD, h) for h in (0.04, 0.02, 0.01, 0.005)]
-    records = [sampled_margins(one, plant, ACTUATOR, computation=computation) for one in sampled]
-    quick = SampledController(LEAD, 1e-12)
-    without = continuous_equivalent(quick, plant, ACTUATOR, computation=computation).margins()
+    periods, system = (0.04, 0.02, 0.01, 0.005), controller_system(LEAD) * actuated_plant(plant, ACTUATOR)
+    delay = ACTUATOR.dead_time + computation
+    without = DeadTimeLoop(system, delay).margins()
+    sampled = [loop_of(LEAD, h, plant, computation=computation).margins() for h in periods]
+    held = [DeadTimeLoop(system, delay + h / 2).margins() for h in periods]
     for name in ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk"):
-        exact = np.array([getattr(r.exact, name) for r in records])
-        equivalent = np.array([getattr(r.equivalent, name) for r in records])
+        exact, equivalent = (np.array([getattr(one, name) for one in each]) for each in (sampled, held))
         losses = np.log2(np.abs(exact - getattr(without, name)))
         assert losses[:-1] - losses[1:] == pytest.approx([1.0, 1.0, 1.0], abs=0.1), name
         gaps = np.log2(np.abs(exact - equivalent)[1:])  # the longest period is not yet in the asymptotic range
@@ -326,28 +330,8 @@ def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plan
     with pytest.raises(UnstableLoopError, match="unstable with 2 pole") as caught:
         wild.margins()
     assert caught.value.stabilizing_gain_range == (low, high)
-    record = sampled_margins(SampledController(LEAD, 0.05), plant, ACTUATOR, computation=2.0)
-    assert (record.exact, record.equivalent) == (None, None)
     with pytest.raises(UnstableLoopError, match="no factor on the loop gain"):
         loop_of(LEAD, 0.05, plant, computation=2.0).margins()
-
-
-def test_suggested_period_takes_its_share_of_the_delay_margin_and_refuses_what_it_cannot_serve(plant):
-    margins = wheel_slip_loop(plant, PLAIN, ACTUATOR).margins()
-    period = suggested_period(margins, share=0.1, computation=0.005)
-    assert period / 2 + 0.005 == pytest.approx(0.1 * 0.23715801, rel=1e-7)
-    # and that is what the sampled loop has left, to the order of the period squared
-    record = sampled_margins(SampledController(PLAIN, period), plant, ACTUATOR, computation=0.005)
-    assert record.exact.delay_s == pytest.approx(0.9 * 0.23715801, rel=1e-3)
-    for share in (0.0, 1.0, math.nan):
-        with pytest.raises(InputError, match="share"):
-            suggested_period(margins, share=share)
-    for computation in (0.05, 0.1 * margins.delay_s):  # the whole share leaves no period either
-        with pytest.raises(InputError, match=r"computation: 0.0\d+ s .* less than 0.0237"):
-            suggested_period(margins, computation=computation)
-    unbounded = DeadTimeLoop(Rational(np.array([]), np.array([-1.0]), 0.5), 0.1).margins()
-    with pytest.raises(InputError, match="unbounded"):
-        suggested_period(unbounded)
 
 
 @pytest.mark.parametrize(("make", "message"), [

@@ -432,7 +432,7 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     sampled; stable with every tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
     car = load_vehicle(DESIGNS / f"{name}.toml") if name else PARK2008
     control = Seeking.for_vehicle(car)
-    found = judge(control, Envelope(car), nominal=True)
+    found = judge(Envelope(car), control, nominal=True)
     assert (found.stable.all(), min(found.points.speed_kmh)) == (True, 10.0)
     own = {round(3.6 * speed) for speed in (control.hand_over_speed, control.fade_speed)}
     assert own < set(np.round(found.points.speed_kmh, 6))
@@ -442,7 +442,7 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     sampled = sampled_sensitivity(case.point, car.actuator, PERIOD, omega, control).max()
     assert sampled <= 1.05 * found.worst.ms
     hardest = {"laws": ("bristle",), "rails": ("dry",), "speeds": (10, 60, 100)}
-    assert judge(control, Envelope(car).at(**hardest)).stable.all()
+    assert judge(Envelope(car).at(**hardest), control).stable.all()
 
 
 @pytest.mark.parametrize(("law", "rail"), [("curve", "dry"), ("curve", "wet"), ("beam", "wet"), ("bristle", "dry")])
@@ -480,14 +480,14 @@ def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(p):
 def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     """Robust at the slips that it comes to, also where the envelope has a reference; margins, JSON and a file agree."""
     envelope = Envelope(vehicle=PARK2008, laws=("curve",), speeds=(60,), dead_time=(0.7, 1.3), lag=(1,), radius=(1,))
-    found = judge(CONTROL, envelope)
+    found = judge(envelope, CONTROL)
     assert (found.verdict, found.stable.all(), len(found.points)) == ("robust", True, 28)
     case = found.worst.case
     assert case.point.slip == CONTROL.held_slip(case.point.law, case.point.speed, case.point.vehicle.wheel_load)
     dense = np.abs(1 / (1 + CONTROL.loop(case.point)(1j * np.geomspace(0.1, 100, 20_000)))).max()
     assert found.worst.ms == pytest.approx(dense, rel=1e-5)  # of the grid
     assert wheel_slip_loop(case.point, CONTROL).margins().ms == found.worst.ms
-    told = judge(CONTROL, envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)))
+    told = judge(envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)), CONTROL)
     assert (told.verdict_line, told.slips_told) == (found.verdict_line, found.slips_told)
     options = ["--controller", "seeking", "--adhesion", "curve", "--rail", "wet", "--speed", "60", "--json"]
     table = json.loads(railslip("margins", *options)[1])["cases"][0]

@@ -253,7 +253,7 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(file, controll
     if run is None and controller.startswith(("Linear", "Narrow")):
         run = "has no step to run by; give it step(t, v, omega)"
     judged = StepControl(thing=mine) if run is None else mine  # as a command makes it of a file
-    for told, ask in ((margins, lambda: judge(judged, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
+    for told, ask in ((margins, lambda: judge(envelope, judged, nominal=True)), (run, lambda: simulate(short, mine))):
         if told is None:
             ask()
             continue

@@ -426,7 +426,7 @@ def test_the_contours_of_gains_are_where_their_levels_are():
 def test_the_map_of_a_judgement_has_the_worst_of_its_cases_where_the_labels_of_speed_and_load_are():
     """In its colour, and in its number, rounded up."""
     lead = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
-    judged = rs.judge(lead, rs.Envelope(speeds=(20.0, 100.0)))
+    judged = rs.judge(rs.Envelope(speeds=(20.0, 100.0)), lead)
     points, axes, unstable = judged.points, judged.map.plot().axes, []
     for ax, speed, load in itertools.product(axes, (20.0, 100.0), ("empty", "loaded")):
         there = (points.speed_kmh == speed) & (points.load == load) & (points.operating | (ax is axes[1]))

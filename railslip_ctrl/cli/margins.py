@@ -76,7 +76,7 @@ def command(
         if controller is not None:
             point = judged.points(nominal=True).plants[0].point
             given = given_controller(controller, point, gains, judged.reference)
-        judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
+        judgement = judge(judged, given or pi_of(gains or table4_gains(cases.adhesion)), nominal)
         show(as_json, lambda: judgement_json(judgement), lambda: judgement_text(judgement))
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
     options.refuse_given("nominal", because="without --envelope")

@@ -141,7 +141,7 @@ def _chosen(
 
     `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
     """
-    vehicle, law = scenario.vehicle, scenario.adhesion
+    vehicle, law = scenario.believed_vehicle, scenario.adhesion
     if options.is_file(controller):
         numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}
         for flag, given in (numbers | {"--unknown-rail": unknown_rail or None, "--adaptive": adaptive or None}).items():

@@ -53,7 +53,8 @@ from .settings import HELP, path_option, preset, switch
 @number_option(
     "--period",
     "s",
-    "Sampling period of the controller, s; at most twice the lead's filter, or a twelfth of the dead time for seeking.",
+    "Sampling period of the controller, s; at most twice the lead's filter, or, for predictive and seeking, a twelfth "
+    "of the dead time.",
     f"{PERIOD:g}, or that if it is less",
     ge=LEAST_STEP,
 )

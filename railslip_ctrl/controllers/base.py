@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_origin, get_type_hints
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
@@ -86,8 +86,8 @@ class Controller(Record):
     """Base of the controller kinds.
 
     A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`), `State` (a record of its
-    state, with the values at the start) and `step`. Where `step` needs other numbers than the fields, it also defines
-    `Parameters` (a record of them) and `parameters`.
+    state, with the values at the start, if it remembers anything) and `step`, a static method. Where `step` needs other
+    numbers than the fields, it also defines `Parameters` (a record of them) and `parameters`.
     """
 
     kind: ClassVar[str]
@@ -96,7 +96,6 @@ class Controller(Record):
     """What it is, in a line."""
     source: ClassVar[str]
     """Where it is from."""
-    State: ClassVar[type[Record]]
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
     """Why it has no linear loop, if it has none."""
@@ -107,11 +106,21 @@ class Controller(Record):
     finds_slip: ClassVar[bool] = False
     """Whether it finds the slip to hold by itself, see `held_slip`."""
 
+    class State(Record):
+        """It remembers nothing."""
+
     name: str = Field("", description="its name in reports; the kind's if left out")
     period: float | None = quantity(
         "s", "sampling period; every step of the run if left out", ge=LEAST_PERIOD, default=None
     )
     reference: ReferenceSlip | None = Field(REFERENCE, description="slip ratio to be held")
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> Self:
+        if not self.least_torque < self.largest_torque:
+            least, most = self.least_torque, self.largest_torque
+            raise InputError(f"torque_max: {most:g} is not allowed; give a value > torque_min = {least:g} (N*m)")
+        return self
 
     # --- the algorithm ---
 
@@ -208,10 +217,15 @@ class Controller(Record):
         """
         return cls(**given).believing(vehicle)
 
-    def believing(self, vehicle: Vehicle) -> Self:
-        """The controller with what it believes of the vehicle filled in where its parameters do not say it."""
-        missing = [name for name in _BELIEFS if name in type(self).model_fields and getattr(self, name) is None]
-        return self.model_copy(update={name: _BELIEFS[name](vehicle) for name in missing}) if missing else self
+    def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
+        """The controller with what it believes of the vehicle filled in where its parameters do not say it, or say what
+        a vehicle `before` is."""
+        changed = {}
+        for name in _BELIEFS.keys() & type(self).model_fields.keys():
+            now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)
+            if getattr(self, name) in (None, was) and now != was:
+                changed[name] = now
+        return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
         """The linear system from slip error (m/s) to torque (N*m) at an operating point; None where it has none."""
@@ -351,9 +365,9 @@ class Controller(Record):
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
                 raise InputError(f"{name}: a file without it means {field.default}; give one")
-        lines, tables = [f"kind = {json.dumps(self.kind)}", f"name = {json.dumps(self.label)}"], list[str]()
+        lines, tables = [f"kind = {_toml(self.kind)}", f"name = {_toml(self.label)}"], list[str]()
         if (python := python_file(type(self))) is not None:
-            lines.append(f"python = {json.dumps(os.path.relpath(python, folder))}")
+            lines.append(f"python = {_toml(os.path.relpath(python, folder))}")
         units = self.units()
         for name, value in self.file_keys().items():
             if isinstance(value, Record):
@@ -410,11 +424,13 @@ def torque_range(least: float, most: float) -> str:
 def _toml(value: Any) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in value.items() if one is not None) + "}"
-    if isinstance(value, Record):
-        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in value if one is not None) + "}"
-    return repr(float(value)) if isinstance(value, float) else json.dumps(value)
+    if isinstance(value, dict | Record):
+        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in dict(value).items() if one is not None) + "}"
+    return (
+        repr(float(value))
+        if isinstance(value, float)
+        else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    )
 
 
 # --- places of the fields in a kernel ---------------------------------------------------------------------------------

@@ -16,20 +16,23 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.templates import environment
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Record, Vehicle
 from railslip_ctrl.sliding.law import module_of
 
-from .base import PERIOD, Controller
-from .c_function import WIDTH, CFunction, Structures, c_name
+from .base import LEAST_PERIOD, PERIOD, Controller
+from .c_function import WIDTH, CFunction, Structures, c_name, commented, number
 from .guard import Guard, Status, guarded, is_good, step_parameters, taken
-from .translate import MEASURED, MEASUREMENT, PARAMETERS, STATE, Function, read_step
+from .translate import MATH, MEASURED, MEASUREMENT, PARAMETERS, STATE, Function, read_step
 
 if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
+_PREFIX = "control_"
+"""Before the names of a step's functions, which may be those of other functions of the program or of C."""
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
@@ -61,14 +64,14 @@ class Member:
     @property
     def declaration(self) -> str:
         """In a structure."""
-        return f"{c_name(self.name)}{'' if self.length is None else f'[{self.length}]'};"
+        return f"{c_name(self.name)}{'' if self.length is None else f'[{max(self.length, 1)}]'};"
 
     @property
     def initialiser(self) -> str:
         """Its number, or its numbers."""
         if self.length is None:
             return _real(self.value)
-        return "{" + ", ".join(map(_real, self.value)) + "}"
+        return "{" + ", ".join(map(_real, self.value or (0.0,))) + "}"
 
 
 def c_program(
@@ -147,7 +150,7 @@ def _program(
         "PREFIX": prefix.upper(),
         "name": name,
         "head": "\n".join(
-            f" * {line}".rstrip() for one in paragraphs for line in textwrap.wrap(one, WIDTH - 4) or [""]
+            f" * {line}".rstrip() for one in paragraphs for line in textwrap.wrap(commented(one), WIDTH - 4) or [""]
         ),
         "macros": [
             _wrapped(f"#define {prefix.upper()}_ADHESION_{rail.name} {', '.join(entries)}", "").replace("\n", " \\\n")
@@ -158,8 +161,9 @@ def _program(
         "parameters": law,
         "limits": limits,
         "statuses": list(Status),
+        "math": [one for one in MATH if one != "isfinite"],
         "functions": functions,
-        "step": c_name(step.name),
+        "step": f"{_PREFIX}{step.name}",
         "given": ", ".join(places[step.roles[one]] if one in step.roles else LAW_INPUTS[one] for one in step.arguments),
         "more": [LAW_INPUTS[one] for one in inputs if LAW_INPUTS[one] not in MEASURED],
         "wrapped": _wrapped,
@@ -173,14 +177,14 @@ def _program(
 
 
 def _stem(name: str) -> str:
-    return re.sub(r"\W+", "_", name).strip("_").lower()
+    return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower() or "controller"
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
     """Texts of the functions in order, and their operations as a function of the longest loop."""
     measured = {MEASUREMENT: f"{prefix}_measurement"}
     lengths = {(role, one.name): one.length for role, own in members.items() for one in own if one.length is not None}
-    of_law = Structures({STATE: f"{prefix}_law", PARAMETERS: f"{prefix}_parameters_law", **measured}, lengths)
+    of_law = Structures({STATE: f"{prefix}_law", PARAMETERS: f"{prefix}_parameters_law", **measured}, lengths, _PREFIX)
     of_guard = Structures({STATE: f"{prefix}_guard", PARAMETERS: f"{prefix}_limits", **measured})
     found = [CFunction(one, of_law) for one in step.all().values()]
     found += [CFunction(read_step(one), of_guard) for one in (is_good, taken, guarded)]
@@ -202,9 +206,15 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
     slow, fast = start(1.0), start(2.0)
     found = []
     for name in names:
-        value: Any = getattr(slow, name)
+        value, other = getattr(slow, name), getattr(fast, name)
         length = len(value) if isinstance(value, tuple | list) else None
-        value = value if value == getattr(fast, name) else "train_speed"
+        if (value, other) == (1.0, 2.0):
+            value = "train_speed"
+        elif repr(value) != repr(other):  # of NaN too
+            raise InputError(
+                f"state: {name} at the start is neither the train speed nor the same at every speed; set it in the "
+                "first sample"
+            )
         found.append(Member(name, *_described(owners, name), length, value))
     return found
 
@@ -228,7 +238,7 @@ def _parameter_members(control: Controller, step: Function, values: Mapping[str,
 
 
 _OF_EVERY_STEP = {
-    "period": ("sampling period, s", ("{} > REAL(0.0)",)),
+    "period": ("sampling period, s", (f"{{}} >= REAL({LEAST_PERIOD})",)),
     "reference_slip": ("reference slip ratio, 1", ("{} > REAL(0.0)", "{} < REAL(1.0)")),
 }
 """Parameters that every step has."""
@@ -249,7 +259,7 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
             unit = f", {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
             bounds = ((sign, getattr(one, key, None)) for one in info.metadata for key, sign in _BOUNDS)
             rules = tuple(f"{{}} {sign} {_real(float(bound))}" for sign, bound in bounds if bound is not None)
-            return f"{info.description}{unit}", rules
+            return commented(f"{info.description}{unit}"), rules
         elif (hint := owner.__annotations__.get(name)) is not None:
             meaning, *bounds_ = hint.__metadata__
             return meaning, tuple(f"{{}} {sign} {_real(float(x))}" for sign, x in map(str.split, bounds_))
@@ -259,23 +269,18 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
 def _checks(part: str, members: list[Member]) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
     """Of each field its text, length, and the conditions that `init` asks of it."""
     for one in members:
-        infinite = part == "law" and one.name in ("torque_min", "torque_max")
         text = f"parameters->{part}.{c_name(one.name)}"
-        rules = tuple(rule.format(text) for rule in one.rules)
-        yield (
-            text,
-            one.length,
-            (*(() if infinite else (f"is_finite({text}{'' if one.length is None else '[i]'})",)), *rules),
-        )
+        finite = f"is_finite({text}{'' if one.length is None else '[i]'})"
+        if part == "law" and one.name in ("torque_min", "torque_max"):
+            finite = f"{text} <= REAL(HUGE_VAL)"  # without a limit it is infinite, but never NaN
+        given = one.value == one.value  # NaN stands for a parameter that is left out
+        yield text, one.length, (finite, *(rule.format(text) for rule in one.rules)) if given else ()
 
 
 def _real(value: Any) -> str:
     if value == "train_speed":
         return "train_speed"
-    value = float(value)
-    if value in (float("inf"), float("-inf")):
-        return f"{'-' if value < 0 else ''}REAL(HUGE_VAL)"
-    return f"REAL({value!r})" if value >= 0 else f"-REAL({-value!r})"
+    return number(float(value))
 
 
 def _wrapped(text: str, margin: str = "    ") -> str:
@@ -286,8 +291,8 @@ def _wrapped(text: str, margin: str = "    ") -> str:
 
 def _operations(count: int) -> str:
     return (
-        f"A call of the step function takes at most {count} operations on numbers, whatever is measured. It allocates "
-        "nothing and does not recurse."
+        f"A call of the step function takes at most {count} operations on numbers, whatever is measured; a loop "
+        "without a fixed end counts as long as the longest array. It allocates nothing and does not recurse."
     )
 
 

@@ -9,11 +9,12 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import field
+from typing import Any, TypeGuard
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 
-from .translate import STATE, Function
+from .translate import MATH, STATE, Function, ends, returned_values
 
 WIDTH = 100
 _OPERATORS: dict[type[ast.AST], str] = {
@@ -22,29 +23,31 @@ _OPERATORS: dict[type[ast.AST], str] = {
     **{ast.And: "&&", ast.Or: "||", ast.Not: "!", ast.USub: "-", ast.UAdd: "+"},
 }
 _RESERVED = frozenset(
-    """and auto bool break case catch char class const continue default delete do double else enum extern far float for
-    goto huge if inline int interrupt long near new not operator or private protected public real register return short
-    signed sizeof static struct switch template this throw try typedef union unsigned using virtual void volatile while
-    xor main exp log sqrt sin cos tan pow fabs floor ceil y0 y1 yn j0 j1 jn gamma""".split()  # noqa: SIM905
-)
-"""Names that a C or C++ compiler, or one of a small controller, takes for itself."""
-_MATH = frozenset(("exp", "log", "sqrt", "fabs", "pow", "sin", "cos", "atan", "tanh"))
-"""Functions of `math` that the program names for both precisions, besides isfinite."""
-_RESULT, _RETURNED = "result", "returned"
+    """alignas alignof and and_eq asm auto bitand bitor bool break case catch char class compl concept const const_cast
+    constexpr continue decltype default delete do double dynamic_cast else enum explicit export extern false far float
+    for friend goto huge if inline int interrupt long mutable namespace near new noexcept not not_eq nullptr operator or
+    or_eq private protected public register reinterpret_cast requires restrict return short signed sizeof static
+    static_assert static_cast struct switch template this thread_local throw true try typedef typeid typename typeof
+    union unsigned using virtual void volatile wchar_t while xor xor_eq main floor ceil y0 y1 yn j0 j1 jn gamma
+    NAN INFINITY HUGE_VAL M_PI M_E real lesser larger square modulo is_finite""".split()  # noqa: SIM905
+) | {name for one in MATH for name in (one, f"{one}f")}
+"""Names that a C or C++ compiler, or one of a small controller, or the program itself takes."""
 
 
 def c_name(name: str) -> str:
     """A name as C has it: without leading underscores, in lower case only if it was, and not a reserved one."""
     name = name.lstrip("_")
-    return f"{name}_" if name in _RESERVED else name
+    return f"{name}_" if name.rstrip("_") in _RESERVED else name
 
 
 @dataclass(frozen=True)
 class Structures:
-    """The C types of the three structures, and the lengths of their arrays, by role and field."""
+    """The C types of the three structures, the lengths of their arrays, by role and field, and what stands before the
+    names of functions."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    prefix: str = ""
 
 
 def writes_state(function: Function) -> bool:
@@ -54,21 +57,17 @@ def writes_state(function: Function) -> bool:
     return own or any(writes_state(one) for one in function.calls.values())
 
 
-def returned_values(function: Function) -> int:
-    """How many numbers a function returns."""
-    values = [node.value for node in ast.walk(function.node) if isinstance(node, ast.Return) and node.value is not None]
-    if not values:
-        return 0
-    return len(values[0].elts) if isinstance(values[0], ast.Tuple) else 1
-
-
 class CFunction:
     """A function in C; `head` is its declaration, `text` all of it."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
         self._values = returned_values(function)
-        self._body = _Returns(self._values, self._result).body(copy.deepcopy(function.node.body))
+        used = {c_name(node.id) for node in ast.walk(function.node) if isinstance(node, ast.Name)}
+        self._result, self._returned = _unused("result", used), _unused("returned", used)
+        body = copy.deepcopy(function.node.body)
+        self._body = _Returns(self._values, self._result, self._returned).body(body)
+        self._read = {one.id for one in self._walk() if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Load)}
         self._ints = self._whole_names()
         self._constants = {id(node) for node in self._declared_at_once()}
 
@@ -88,12 +87,14 @@ class CFunction:
                 f"real {c_name(name)}" if role is None else f"{constant}{self._structures.types[role]} *{c_name(name)}"
             )
         arguments += [f"real *{name}" for name in self._outputs]
-        return f"static {'real' if self._values == 1 else 'void'} {c_name(function.name)}({', '.join(arguments)})"
+        kind = "real" if self._values == 1 else "void"
+        return f"static {kind} {self._structures.prefix}{function.name}({', '.join(arguments)})"
 
     @property
     def text(self) -> str:
         """Comment, head and body."""
-        comment = textwrap.wrap(f"/* {' '.join(self._function.doc.split())} */", WIDTH, subsequent_indent="   ")
+        doc = commented(" ".join(self._function.doc.split()))
+        comment = textwrap.wrap(f"/* {doc} */", WIDTH, subsequent_indent="   ")
         declared = [f"int {name} = 0;" for name in sorted(self._ints & self._variables)]
         declared += [f"real {c_name(name)} = REAL(0.0);" for name in sorted(self._variables - self._ints)]
         result = [f"return {self._result};"] if self._values == 1 else []
@@ -108,11 +109,6 @@ class CFunction:
         head = textwrap.wrap(self.head.replace(" *", "\N{NO-BREAK SPACE}*"), WIDTH, subsequent_indent="        ")
         head = [line.replace("\N{NO-BREAK SPACE}", " ") for line in head]
         return "\n".join([*(comment if self._function.doc else []), *head, "{", *indented(lines), "}"])
-
-    @property
-    def _result(self) -> str:
-        names = {node.id for node in ast.walk(self._function.node) if isinstance(node, ast.Name)}
-        return _RESULT if _RESULT not in names else f"{_RESULT}_"
 
     @property
     def _outputs(self) -> list[str]:
@@ -130,8 +126,6 @@ class CFunction:
                 found |= {one.id for target in node.targets for one in _names(target)}
             elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
                 found.add(node.target.id)
-            elif isinstance(node, ast.For) and id(node) not in self._constants:
-                found |= {one.id for one in _names(node.target)}
         return found - set(self._function.arguments)
 
     def _walk(self) -> Iterator[ast.AST]:
@@ -152,7 +146,7 @@ class CFunction:
                 )
             elif isinstance(node, ast.For):
                 values.setdefault(_names(node.target)[0].id, []).append(ast.Constant(0))
-        whole = set(values) - set(self._function.arguments)
+        whole = set(values) - set(self._function.arguments) - {self._result}
         while True:
             kept = {
                 name for name in whole if all(one is not None and self._is_whole(one, whole) for one in values[name])
@@ -167,9 +161,11 @@ class CFunction:
         match node:
             case ast.Constant():
                 return isinstance(node.value, int)
+            case ast.BoolOp():
+                return all(self._is_whole(one, names) for one in node.values)
             case ast.Name():
                 return node.id in names or isinstance(self._function.constants.get(node.id), int)
-            case ast.Call(func=ast.Name(id="int" | "len")) | ast.Compare() | ast.BoolOp():
+            case ast.Call(func=ast.Name(id="int" | "len")) | ast.Compare():
                 return True
             case ast.UnaryOp():
                 return isinstance(node.op, ast.Not) or self._is_whole(node.operand, names)
@@ -181,22 +177,15 @@ class CFunction:
         return False
 
     def _declared_at_once(self) -> Iterator[ast.stmt]:
-        """Assignments of names that are assigned once, and used in their own block alone; loops that own their name."""
+        """Assignments of names that are assigned once, and used in their own block alone."""
         uses: dict[str, int] = {}
         stores: dict[str, int] = {}
         for node in self._walk():
             if isinstance(node, ast.Name):
                 uses[node.id] = uses.get(node.id, 0) + 1
                 stores[node.id] = stores.get(node.id, 0) + isinstance(node.ctx, ast.Store)
-        loops: dict[str, int] = {}
-        for node in self._walk():
-            if isinstance(node, ast.For):
-                (target,) = _names(node.target)
-                loops[target.id] = loops.get(target.id, 0) + _uses(node, target.id)
         for block in _blocks(self._body):
             for k, statement in enumerate(block):
-                if isinstance(statement, ast.For) and loops[(own := _names(statement.target)[0].id)] == uses[own]:
-                    yield statement
                 if not isinstance(statement, ast.Assign) or len(statement.targets) > 1:
                     continue
                 names = _names(statement.targets[0])
@@ -221,31 +210,46 @@ class CFunction:
                 return self._assigned(node)
             case ast.AugAssign():
                 whole = isinstance(node.target, ast.Name) and node.target.id in self._ints
+                if isinstance(node.op, ast.Mod | ast.Pow):
+                    return [f"{self._text(node.target)} = {self._bare(_changed(node), not whole)};"]
                 return [f"{self._text(node.target)} {_OPERATORS[type(node.op)]}= {self._bare(node.value, not whole)};"]
             case ast.If():
                 other = ["} else {", *indented(self._statements(node.orelse))] if node.orelse else []
                 if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
                     first, *rest = self._statement(node.orelse[0])
                     return [
-                        f"if ({self._bare(node.test)}) {{",
+                        f"if ({self._condition(node.test)}) {{",
                         *indented(self._statements(node.body)),
                         f"}} else {first}",
                         *rest,
                     ]
-                return [f"if ({self._bare(node.test)}) {{", *indented(self._statements(node.body)), *other, "}"]
+                return [f"if ({self._condition(node.test)}) {{", *indented(self._statements(node.body)), *other, "}"]
             case ast.While():
-                return [f"while ({self._bare(node.test)}) {{", *indented(self._statements(node.body)), "}"]
-            case ast.For(iter=ast.Call(args=[end])):
-                (target,) = _names(node.target)
-                name, kind = c_name(target.id), "int " if id(node) in self._constants else ""
-                stop = f"{_RETURNED} == 0 && " if _sets_returned(node) else ""
-                head = f"for ({kind}{name} = 0; {stop}{name} < {self._text(end)}; {name}++) {{"
-                return [head, *indented(self._statements(node.body)), "}"]
+                test = self._condition(node.test)
+                test = f"{self._returned} == 0 && ({test})" if self._sets_returned(node) else test
+                return [f"while ({test}) {{", *indented(self._statements(node.body)), "}"]
+            case ast.For():
+                return self._loop(node)
             case ast.Expr():
                 return [f"{self._text(node.value)};"]
             case ast.Pass():
                 return []
         raise self._refused(node)
+
+    def _loop(self, node: ast.For) -> list[str]:
+        assert isinstance(node.iter, ast.Call), "as `translate` has it"
+        (target,), (*begin, end) = _names(node.target), node.iter.args
+        name, before = c_name(target.id), list[str]()
+        first, last = (self._whole(one) for one in (begin[0] if begin else ast.Constant(0), end))
+        if not last.isdecimal():  # as it was before the loop
+            before, last = [f"const int {name}_end = {last};"], f"{name}_end"
+        stop = f"{self._returned} == 0 && " if self._sets_returned(node) else ""
+        head = f"for (int {name} = {first}; {stop}{name} < {last}; {name}++) {{"
+        lines = [head, *indented(self._statements(node.body)), "}"]
+        return [*before, *lines] if not before else ["{", *indented([*before, *lines]), "}"]
+
+    def _sets_returned(self, node: ast.AST) -> bool:
+        return any(isinstance(one, ast.Name) and one.id == self._returned for one in ast.walk(node))
 
     def _assigned(self, node: ast.Assign) -> list[str]:
         if isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Tuple):
@@ -263,6 +267,8 @@ class CFunction:
             whole = isinstance(target, ast.Name) and target.id in self._ints
             declared = f"const {'int' if whole else 'real'} " if constant else ""
             lines.append(f"{declared}{self._text(target)} = {self._bare(value, not whole)};")
+            if isinstance(target, ast.Name) and target.id not in self._read and target.id != self._result:
+                lines.append(f"(void){c_name(target.id)};")
         return lines
 
     # --- expressions ---
@@ -273,29 +279,54 @@ class CFunction:
         inner = isinstance(node, ast.BinOp | ast.BoolOp | ast.Compare | ast.IfExp)
         return text[1:-1] if inner and text.startswith("(") and not text.startswith("(real)") else text
 
+    def _whole(self, node: ast.expr) -> str:
+        """An index, or an end of a loop."""
+        return self._bare(node) if self._is_whole(node) else f"(int){self._text(node, True)}"
+
+    def _truth(self, node: ast.expr) -> str:
+        """An expression of which only the truth counts."""
+        if isinstance(node, ast.BoolOp):
+            return f"({f' {_OPERATORS[type(node.op)]} '.join(map(self._truth, node.values))})"
+        return f"!({self._condition(node.operand)})" if _is_not(node) else self._text(node)
+
+    def _condition(self, node: ast.expr) -> str:
+        """As `_truth`, without the brackets around it."""
+        return self._truth(node)[1:-1] if isinstance(node, ast.BoolOp) else self._bare(node)
+
+    def _chosen(self, node: ast.BoolOp) -> str:
+        """The operand that `and` or `or` gives."""
+        if _is_truth(node):
+            return self._truth(node)
+        as_real = not self._is_whole(node)
+        *others, text = (self._text(one, as_real) for one in node.values)
+        for one, operand in zip(reversed(others), reversed(node.values[:-1]), strict=True):
+            sides = (text, one) if isinstance(node.op, ast.And) else (one, text)
+            text = f"({self._truth(operand)} ? {' : '.join(sides)})"
+        return text
+
     def _text(self, node: ast.expr, real: bool = False) -> str:
         """An expression, each operation in brackets; as a real number if `real`."""
         if real and self._is_whole(node) and not isinstance(node, ast.Constant):
             return f"(real){self._text(node)}"
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
-                return _number(float(value) if real else value)
+                return number(float(value) if real else value)
             case ast.Name() | ast.Attribute() | ast.Subscript():
                 return self._place(node, real)
             case ast.BinOp():
                 return self._operation(node)
             case ast.UnaryOp(op=ast.Not()):
-                return f"!({self._bare(node.operand)})"
+                return self._truth(node)
             case ast.UnaryOp():
                 return f"({_OPERATORS[type(node.op)]}{self._text(node.operand)})"
             case ast.BoolOp():
-                return f"({f' {_OPERATORS[type(node.op)]} '.join(self._text(value) for value in node.values)})"
+                return self._chosen(node)
             case ast.Compare():
                 return self._comparison(node)
             case ast.IfExp():
                 as_real = not self._is_whole(node)
                 sides = (self._text(one, as_real) for one in (node.body, node.orelse))
-                return f"({self._text(node.test)} ? {' : '.join(sides)})"
+                return f"({self._truth(node.test)} ? {' : '.join(sides)})"
             case ast.Call():
                 return self._call(node)
         raise self._refused(node)
@@ -304,12 +335,12 @@ class CFunction:
         """A name, a field, or an entry of an array."""
         if isinstance(node, ast.Name):
             value = self._function.constants.get(node.id)
-            return c_name(node.id) if value is None else _number(float(value) if real else value)
+            return c_name(node.id) if value is None else number(float(value) if real else value)
         if isinstance(node, ast.Subscript):
-            return f"{self._text(node.value)}[{self._bare(node.slice)}]"
+            return f"{self._text(node.value)}[{self._whole(node.slice)}]"
         assert isinstance(node.value, ast.Name)
         if node.value.id == "math":
-            return _number(getattr(math, node.attr))
+            return number(getattr(math, node.attr))
         return f"{c_name(node.value.id)}->{c_name(node.attr)}"
 
     def _comparison(self, node: ast.Compare) -> str:
@@ -329,8 +360,10 @@ class CFunction:
                 if power == 2
                 else f"REAL_POW({left}, {self._bare(node.right, True)})"
             )
-        if isinstance(node.op, ast.Mod) and as_real:
-            raise self._refused(node)
+        if isinstance(node.op, ast.Mod):
+            if as_real:
+                raise self._refused(node)
+            return f"modulo({self._bare(node.left)}, {self._bare(node.right)})"
         return f"({left} {_OPERATORS[type(node.op)]} {self._text(node.right, as_real)})"
 
     def _call(self, node: ast.Call, outputs: list[str] | None = None) -> str:
@@ -339,10 +372,8 @@ class CFunction:
             called = function.calls[node.func.id]
             given = zip(called.arguments, node.args, strict=True)
             arguments = [self._text(one) if name in called.roles else self._bare(one, True) for name, one in given]
-            return f"{c_name(called.name)}({', '.join([*arguments, *(outputs or [])])})"
+            return f"{self._structures.prefix}{called.name}({', '.join([*arguments, *(outputs or [])])})"
         if isinstance(node.func, ast.Attribute):
-            if node.func.attr not in (*_MATH, "isfinite"):
-                raise self._refused(node)
             name = "is_finite" if node.func.attr == "isfinite" else f"REAL_{node.func.attr.upper()}"
             return f"{name}({', '.join(self._bare(one, True) for one in node.args)})"
         assert isinstance(node.func, ast.Name)
@@ -371,22 +402,31 @@ class CFunction:
     # --- how long it can take ---
 
     def operations(self, bound: int, known: Mapping[str, int]) -> int:
-        """Most floating-point operations of a call: loops count as `bound`, called functions as `known`."""
+        """Most floating-point operations of a call: loops without a fixed end count as `bound`, called functions as
+        `known`."""
         return sum(self._count(statement, bound, known) for statement in self._body)
 
     def _count(self, node: ast.AST, bound: int, known: Mapping[str, int]) -> int:
-        own = int(isinstance(node, ast.BinOp | ast.UnaryOp | ast.Compare | ast.AugAssign | ast.Call | ast.IfExp))
+        own, turns = int(isinstance(node, _COUNTED)), 1
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in self._function.calls:
             own = known[self._function.calls[node.func.id].name]
-        inner = sum(self._count(one, bound, known) for one in ast.iter_child_nodes(node))
-        return own + inner * (bound if isinstance(node, ast.For | ast.While) else 1)
+        if isinstance(node, ast.For | ast.While):
+            turns = bound
+        if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
+            end = self._whole(node.iter.args[-1])
+            turns = int(end) if end.isdecimal() else bound
+        return own + turns * sum(self._count(one, bound, known) for one in ast.iter_child_nodes(node))
+
+
+_COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.IfExp)
 
 
 class _Returns:
     """Statements whose every `return` has become an assignment to the result, what follows it moved aside."""
 
-    def __init__(self, values: int, result: str) -> None:
+    def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
+        self._returned = returned
 
     def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
         """The statements of a function, or of a loop."""
@@ -397,15 +437,15 @@ class _Returns:
                 return [*done, *self._result(node, in_loop)]
             if isinstance(node, ast.If) and _has_return(node):
                 sides = (
-                    self.body(side if _ends(side) else [*side, *copy.deepcopy(rest)], in_loop)
+                    self.body(side if ends(side) else [*side, *copy.deepcopy(rest)], in_loop)
                     for side in (node.body, node.orelse)
                 )
                 return [*done, ast.If(node.test, next(sides) or [ast.Pass()], next(sides))]
             if isinstance(node, ast.For | ast.While) and _has_return(node):
-                begin = ast.Assign([ast.Name(_RETURNED, ast.Store())], ast.Constant(0))
+                begin = ast.Assign([ast.Name(self._returned, ast.Store())], ast.Constant(0))
                 node.body = self.body(node.body, in_loop=True)
                 after = self.body(rest, in_loop)
-                test = ast.Compare(ast.Name(_RETURNED, ast.Load()), [ast.Eq()], [ast.Constant(0)])
+                test = ast.Compare(ast.Name(self._returned, ast.Load()), [ast.Eq()], [ast.Constant(0)])
                 return [*done, begin, node, *([ast.If(test, after, [])] if after else [])]
             done.append(node)
         return done
@@ -418,7 +458,7 @@ class _Returns:
             else []
         )
         if in_loop:
-            found.append(ast.Assign([ast.Name(_RETURNED, ast.Store())], ast.Constant(1)))
+            found.append(ast.Assign([ast.Name(self._returned, ast.Store())], ast.Constant(1)))
         return found
 
 
@@ -426,16 +466,27 @@ def _has_return(node: ast.AST) -> bool:
     return any(isinstance(one, ast.Return) for one in ast.walk(node))
 
 
-def _sets_returned(node: ast.AST) -> bool:
-    return any(isinstance(one, ast.Name) and one.id == _RETURNED for one in ast.walk(node))
+def _unused(name: str, used: set[str]) -> str:
+    """A name that is not used yet."""
+    return name if name not in used else _unused(f"{name}_", used)
 
 
-def _ends(nodes: list[ast.stmt]) -> bool:
-    """Whether every way through statements ends in a return."""
-    last = nodes[-1] if nodes else None
-    if isinstance(last, ast.If):
-        return _ends(last.body) and _ends(last.orelse)
-    return isinstance(last, ast.Return)
+def _is_not(node: ast.expr) -> TypeGuard[ast.UnaryOp]:
+    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
+
+
+def _is_truth(node: ast.expr) -> bool:
+    """Whether an expression is 0 or 1."""
+    if isinstance(node, ast.BoolOp):
+        return all(map(_is_truth, node.values))
+    return isinstance(node, ast.Compare) or _is_not(node)
+
+
+def _changed(node: ast.AugAssign) -> ast.BinOp:
+    """What an augmented assignment gives."""
+    old: Any = copy.deepcopy(node.target)
+    old.ctx = ast.Load()
+    return ast.BinOp(old, node.op, node.value)
 
 
 def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
@@ -470,12 +521,18 @@ def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
             yield target, node.value
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A number in C."""
     if isinstance(value, bool | int):
         return str(int(value))
-    if math.isinf(value):
-        return f"({'-' if value < 0 else ''}REAL(HUGE_VAL))"
+    if not math.isfinite(value):
+        return "REAL(NAN)" if math.isnan(value) else f"({'-' if value < 0 else ''}REAL(HUGE_VAL))"
     return f"REAL({value!r})" if value >= 0 else f"(-REAL({-value!r}))"
+
+
+def commented(text: str) -> str:
+    """Text as it may stand in a comment."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def indented(lines: list[str]) -> list[str]:

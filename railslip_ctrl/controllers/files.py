@@ -56,6 +56,17 @@ def controller_kinds() -> Mapping[str, type[Controller]]:
     return MappingProxyType(dict(sorted(found.items())))
 
 
+def _check_kind(kind: type[Controller], where: str) -> None:
+    """InputError for a class that lacks what a kind has."""
+    for name in ("kind", "title", "source"):
+        if not isinstance(getattr(kind, name, None), str):
+            raise InputError(f"{where}: {kind.__name__} has no {name}; give it kind, title and source, texts")
+    if kind.step is Controller.step:
+        raise InputError(f"{where}: {kind.__name__} has no step; give it step(state, measurement, parameters)")
+    if not isinstance(inspect.getattr_static(kind, "step"), staticmethod):
+        raise InputError(f"{where}: {kind.__name__}.step is no static method; write @staticmethod above it")
+
+
 def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
     """Whether it is the class of a kind."""
     return inspect.isclass(thing) and issubclass(thing, Controller) and "kind" in vars(thing)
@@ -75,8 +86,12 @@ def structure_named(name: str | type[Controller]) -> type[Controller]:
     InputError for anything else.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
-        name = _from_python(Path(name))
+        path, name = Path(name), _from_python(Path(name))
+        if not is_kind(name):
+            raise InputError(f"structure: {file_name(path)} assigns no class of a kind to CONTROLLER; give one")
     if is_kind(name):
+        if name.loop is Controller.loop and name.linear is Controller.linear:
+            raise InputError(f"structure: {name.kind} cannot be tuned: {name.no_loop}; simulate and campaign run it")
         return name
     if name not in structures():
         raise InputError(f"structure: {shown(name)} is not known; choose one of {', '.join(structures())}")
@@ -130,6 +145,9 @@ def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller
 def _from_python(path: Path) -> Any:
     """What a Python file calls `CONTROLLER`; InputError, which names the file, for what is no controller."""
     found = record_in(path, "CONTROLLER", ())
+    own: Any = found if inspect.isclass(found) else type(found)
+    if issubclass(own, Controller):
+        _check_kind(own, f"{file_name(path)}: CONTROLLER")
     if isinstance(found, Controller) or is_kind(found) or (has_step(found) and not inspect.isclass(found)):
         return found
     if inspect.isclass(found) or not callable(linear_of(found)):

@@ -57,6 +57,9 @@ class Guard(Record):
     )
     lock_time: float = quantity("s", "time for which a wheel may stand", ge=0, default=0.1)
     moving_speed: float = quantity("m/s", "train speed below which a wheel may stand", ge=0, default=0.5)
+    ahead_share: float = quantity(
+        "1", "share of the train speed, beyond moving_speed, by which a wheel may be ahead", gt=0, default=0.2
+    )
 
     class State(Record):
         """What the guard remembers."""
@@ -88,11 +91,14 @@ _SAME_TIME = 1e-9
 def is_good(g: Any, m: Any, q: Any) -> Any:
     """1 if the controller may use a sample, else 0.
 
-    Bad is a speed that is not finite, negative or above the sensor's range, or a wheel speed that has not changed for
-    `stuck_time` while torque acts.
+    Bad is a speed that is not finite, negative or above the sensor's range; a wheel speed that has not changed for
+    `stuck_time` while torque acts; and a rim speed that is far above the train speed, as no brake makes it: one of the
+    sensors is wrong.
     """
     v, omega = m.train_speed, m.wheel_speed
     plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # NaN is not
+    if plausible > 0.0 and q.radius * omega > (1.0 + q.ahead_share) * v + q.moving_speed:
+        plausible = 0.0
     if plausible > 0.0 and omega > 0.0 and omega == g.last_wheel_speed and g.last_command > 0.0:
         g.same_time += q.period
     elif plausible > 0.0 and (omega != g.last_wheel_speed or omega == 0.0):
@@ -172,7 +178,10 @@ class ControlUnit:
         good, wanted = is_good(self._g, m, self._q), 0.0
         m = m._replace(applied_torque=taken(self._g, m, self._q))
         if good > 0.0:
-            wanted = self._step(self._x, m, self._p)
+            try:
+                wanted = self._step(self._x, m, self._p)
+            except (ArithmeticError, ValueError):  # what C gives as infinite or no number
+                wanted = math.nan
         torque = guarded(self._g, m, self._q, good, wanted)
         self._samples += 1
         return Command(float(torque), Status(int(self._g.status)))
@@ -191,5 +200,5 @@ def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str,
     law = control.model_law
     situation = Situation(rail, period, law.on(rail) if law is not None else None)
     held = math.nan if control.reference is None else control.reference.on(rail)
-    numbers = {**control.parameters(situation), **control.outside_numbers(situation)}
-    return {**numbers, "period": period, "reference_slip": held}
+    numbers = {**control.parameters(situation), **control.outside_numbers(situation), "reference_slip": held}
+    return {name: math.nan if value is None else value for name, value in numbers.items()} | {"period": period}

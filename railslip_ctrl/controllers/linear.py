@@ -91,9 +91,6 @@ class LinearControl(Controller):
 
     @model_validator(mode="after")
     def _can_run(self) -> Self:
-        if not self.least_torque < self.largest_torque:
-            least, most = self.least_torque, self.largest_torque
-            raise InputError(f"torque_max: {most:g} is not allowed; give a value > torque_min = {least:g} (N*m)")
         _ = self.system, self.as_run
         return self
 

@@ -329,6 +329,11 @@ def actuator_model(x: Any, p: Any, applied: float) -> None:
     x.history[k % ring] = x.torque_ahead
 
 
+def delay_of(x: Any, p: Any) -> Any:
+    """The dead time in samples; at most what the history, whose length is fixed, can hold."""
+    return min(p.dead_time / p.period, len(x.history) - 2.0)
+
+
 def torque_ago(x: Any, samples: float) -> Any:
     """The modelled torque a number of samples ago, N*m; 0 before the first, in between linear."""
     k, ring, whole = int(x.samples), len(x.history), int(samples)
@@ -344,7 +349,7 @@ def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
     if x.samples == 0.0:
         x.filtered_omega, x.filtered_sigma, x.filtered_speed, x.slow_speed = omega, sigma, v, v
     blend, slow = 1.0 - math.exp(-p.period / p.observer_time), 1.0 - math.exp(-p.period / p.deceleration_time)
-    acting = torque_ago(x, p.dead_time / p.period)
+    acting = torque_ago(x, delay_of(x, p))
     x.filtered_omega += blend * (omega - x.filtered_omega)
     x.filtered_torque += blend * (acting - x.filtered_torque)
     x.filtered_sigma += blend * (sigma - x.filtered_sigma)
@@ -361,7 +366,7 @@ def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
 
 def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
     """Slip velocity and train speed when a command of now acts, the adhesion torque as it is."""
-    count = p.dead_time / p.period
+    count = delay_of(x, p)
     under_way = 0.0
     for i in range(int(count)):
         under_way += torque_ago(x, float(i)) * p.period

@@ -17,7 +17,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import Complexes, Floats, check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
-from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
@@ -29,7 +29,6 @@ from .systems import (
     PIController,
     StateSpaceController,
     actuated_plant,
-    controller_system,
     linear_controller,
 )
 
@@ -142,12 +141,6 @@ class SampledController:
             rates[:1] = np.where(rates[:1] > 0, 1 / self.tracking_time, 0.0)
         return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
 
-    @property
-    def effective_tracking_time(self) -> float:
-        """Tt in use, s."""
-        rate = float(np.append(self._tracking_rates, 0.0)[0])
-        return 1 / rate if rate else math.inf
-
     def start(self, torque: float = 0.0) -> SimpleNamespace:
         """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
 
@@ -197,14 +190,6 @@ class SampledController:
         # every s - root has z + 1 (of Tustin's rule) or z (of the backward difference) below its line
         rest = np.full(system.relative_degree, -1.0 if self.rule is Rule.TUSTIN else 0.0)
         return Rational(np.append(zeros, rest), poles, float((system.gain * above / below).real))
-
-    @cached_property
-    def coefficients(self) -> tuple[Floats, Floats]:
-        """Numerator and denominator of C, powers of 1/z ascending (b0 + b1/z + ..., 1 + a1/z + ...), one length."""
-        c = self.transfer_function
-        numerator = np.atleast_1d(c.gain * np.real(np.poly(c.zeros)))
-        denominator = np.atleast_1d(np.real(np.poly(c.poles)))
-        return np.concatenate([np.zeros(denominator.size - numerator.size), numerator]), denominator
 
 
 def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
@@ -348,26 +333,9 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 # --- margins of sampled loops -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class SampledMargins:
-    """Margins of one design, each None where that loop is unstable.
-
-    - period, computation: h and the computing time between sample and command, s.
-    - continuous: of the continuous design, as if never sampled.
-    - equivalent: of the continuous design with h/2 (the hold) and the computing time as additional dead time.
-    - exact: of the sampled loop itself: zero-order hold and dead time exact.
-    """
-
-    period: float
-    computation: float
-    continuous: Margins | None
-    equivalent: Margins | None
-    exact: Margins | None
-
-
 @checked
 def sampled_loop(
-    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
+    plant: LinearPlant, controller: SampledController, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
     """The wheel-slip loop with a discrete controller, exact; `computation` (s) adds to the actuator's dead time."""
     extra = number("computation", computation, "s", ge=0)
@@ -382,7 +350,7 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Samp
     sampled = getattr(controller, "as_run", None)
     if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
         return None
-    return sampled_loop(sampled, plant, actuator)
+    return sampled_loop(plant, sampled, actuator)
 
 
 def sampled_peak(loop: SampledLoop) -> float:
@@ -405,51 +373,3 @@ def peak_near(loop: Any, omega: Floats) -> float:
         top = int(np.argmax(size))
         omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
     return float(size.max())
-
-
-@checked
-def continuous_equivalent(
-    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
-) -> DeadTimeLoop:
-    """The continuous loop that a sampled one resembles: h/2 for the hold, and `computation` (s), more dead time.
-
-    Agrees with `sampled_loop` to the order of h squared ([Astrom1997] 8 replaces the hold by this delay).
-    """
-    delay = actuator.dead_time + controller.period / 2 + number("computation", computation, "s", ge=0)
-    return DeadTimeLoop(controller_system(controller.design) * actuated_plant(plant, actuator), delay)
-
-
-@checked
-def sampled_margins(
-    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
-) -> SampledMargins:
-    """Margins of a design unsampled, by the continuous equivalent, and of the exact sampled loop."""
-    equivalent = continuous_equivalent(controller, plant, actuator, computation=computation)
-    exact = sampled_loop(controller, plant, actuator, computation=computation)
-    continuous = DeadTimeLoop(equivalent.system, actuator.dead_time)
-    found = (loop.margins() if loop.is_stable() else None for loop in (continuous, equivalent, exact))
-    return SampledMargins(controller.period, computation, *found)
-
-
-@checked
-def suggested_period(margins: Margins, *, share: float = 0.1, computation: float = 0.0) -> float:
-    """The period, s, at which hold and computing take `share` of the delay margin: h/2 + computation = share delay_s.
-
-    The hold delays by h/2 on average, and the delay margin is what the continuous design can bear. At the crossover
-    wc of that margin this costs `share` of the phase margin: h wc = 2 share * phase margin (rad). The rule of thumb
-    h wc = 0.15 to 0.5 of [Astrom1997] 8 is share 0.1 at phase margins from 43 deg; for the fragile loops below, this
-    one asks for a shorter period.
-
-    InputError: a share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
-    """
-    if not 0 < share < 1:
-        raise InputError(f"share: {share:g} is not allowed; give a value > 0 and < 1")
-    if not math.isfinite(margins.delay_s):
-        raise InputError("period: the delay margin is unbounded and sets none; choose it from the signals' bandwidth")
-    period = 2 * (share * margins.delay_s - number("computation", computation, "s", ge=0))
-    if period <= 0:
-        raise InputError(
-            f"computation: {computation:g} s is not allowed with a share of {share:g}; give less than "
-            f"{share * margins.delay_s:.3g} (s), or a larger share"
-        )
-    return period

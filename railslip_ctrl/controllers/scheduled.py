@@ -210,7 +210,7 @@ class Scheduled(Controller):
         error = parameters.reference_slip * speed - (speed - parameters.radius * measurement.wheel_speed)
         if not math.isfinite(error):
             return applied
-        last, i = int(parameters.speed_count) - 1, 0
+        last, i = int(min(parameters.speed_count, len(parameters.speeds))) - 1, 0
         while i < last and speed >= parameters.speeds[i + 1]:
             i += 1
         kp, ki = parameters.kp[i], parameters.ki[i]

@@ -242,13 +242,13 @@ def solve_map(x: Any, p: Any) -> None:
             x.factors[3 * i + 6] -= second * second / pivot
             x.adhesion[i + 2] -= second / pivot * x.adhesion[i]
     for back in range(knots):
-        i = knots - 1 - back
-        total = x.adhesion[i]
-        if i + 1 < knots:
-            total -= x.factors[3 * i + 1] * x.adhesion[i + 1]
-        if i + 2 < knots:
-            total -= x.factors[3 * i + 2] * x.adhesion[i + 2]
-        x.adhesion[i] = total / x.factors[3 * i]
+        k = knots - 1 - back
+        total = x.adhesion[k]
+        if k + 1 < knots:
+            total -= x.factors[3 * k + 1] * x.adhesion[k + 1]
+        if k + 2 < knots:
+            total -= x.factors[3 * k + 2] * x.adhesion[k + 2]
+        x.adhesion[k] = total / x.factors[3 * k]
 
 
 def peak_of_map(x: Any, p: Any) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity
@@ -95,13 +95,6 @@ class Sliding(Controller):
     def file_keys(self) -> dict[str, Any]:
         keys = super().file_keys()
         return keys if self.adhesion is None else {**keys, "adhesion": keys_of(self.adhesion)}
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Self:
-        if not self.least_torque < self.largest_torque:
-            least, most = self.least_torque, self.largest_torque
-            raise InputError(f"torque limits: low {least:g} and high {most:g} N*m are not allowed; give low < high")
-        return self
 
     @property
     def gains(self) -> LawGains:

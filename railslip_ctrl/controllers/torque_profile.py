@@ -10,7 +10,6 @@ from pydantic import model_validator
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import Record
 
 from .base import Controller
 
@@ -31,9 +30,6 @@ class TorqueProfile(Controller):
     times: tuple[float, ...] = quantity("s", "times, rising")
     torques: tuple[float, ...] = quantity("N*m", "torques at them")
 
-    class State(Record):
-        """It remembers nothing."""
-
     @model_validator(mode="after")
     def _rising(self) -> Self:
         if not self.times or len(self.times) != len(self.torques):
@@ -51,11 +47,11 @@ class TorqueProfile(Controller):
         last = len(parameters.times) - 1
         if measurement.time <= parameters.times[0]:
             return parameters.torques[0]
-        if measurement.time >= parameters.times[last]:
-            return parameters.torques[last]
         i = 0
-        while measurement.time >= parameters.times[i + 1]:
+        while i < last and measurement.time >= parameters.times[i + 1]:
             i += 1
+        if i >= last:
+            return parameters.torques[last]
         share = (measurement.time - parameters.times[i]) / (parameters.times[i + 1] - parameters.times[i])
         return parameters.torques[i] + share * (parameters.torques[i + 1] - parameters.torques[i])
 

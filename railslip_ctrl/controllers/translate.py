@@ -1,8 +1,9 @@
 """The step of a controller, read from its Python source and printed as the text of a kernel.
 
 A step is a function of (state, measurement, parameters) in named fields. It and the functions that it calls use numbers
-alone: assignments, `if`, `while`, `for ... in range(...)`, `return`; `min`, `max`, `abs`, `int`, `float`, `len`; the
-functions of `math`; and constants of their modules. `c_code` prints the same functions as C99.
+alone: assignments, `if`, `while`, `for ... in range(...)`, `return`; `min`, `max`, `abs`, `int`, `float`, `len`;
+functions of `math` (`MATH`); and constants of their modules. They write the state alone, and read it, the measurement
+and the parameters by their fields. `c_code` prints the same functions as C99.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import builtins
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from types import FunctionType, MappingProxyType
 from typing import Any, TypeVar
@@ -31,12 +32,20 @@ MEASURED = MappingProxyType({"time": "_t", "train_speed": "_v", "wheel_speed": "
 """Fields of a measurement (s, m/s, rad/s, N*m), and their names in a kernel."""
 
 BUILTINS = ("min", "max", "abs", "int", "float", "len", "range")
+MATH = {
+    **dict.fromkeys(("exp", "log", "sqrt", "fabs", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "isfinite"), 1),
+    **dict.fromkeys(("pow", "atan2", "hypot", "copysign"), 2),
+}
+"""Functions of `math` that Numba and C have too, by the number of their arguments."""
 _NODES = (
     *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
     *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
-    *(ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.expr_context, ast.operator, ast.unaryop, ast.boolop),
-    ast.cmpop,
+    *(ast.Name, ast.Attribute, ast.Subscript, ast.Tuple, ast.expr_context),
+    *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Mod, ast.Pow, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or),
+    *(ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq),
 )
+_LARGEST_WHOLE = 2**31 - 1
+"""Of a whole number that every language has."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,24 @@ def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) 
     if roles is None and len(arguments) < len(ROLES):
         raise InputError(f"{_place(step, 0)}: step takes {len(arguments)} arguments; give it {', '.join(ROLES)}")
     assert isinstance(step, FunctionType), "a kind's step is a static method"
-    return _read(step, dict(zip(arguments, ROLES, strict=True)) if roles is None else roles, {})
+    return _read(step, dict(zip(arguments, ROLES, strict=True)) if roles is None else roles, {}, ())
+
+
+def returned_values(function: Function) -> int:
+    """How many numbers a function returns."""
+    return max((_values(node) for node in ast.walk(function.node) if isinstance(node, ast.Return)), default=0)
+
+
+def _values(node: ast.Return) -> int:
+    return 0 if node.value is None else len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1
+
+
+def ends(nodes: Sequence[ast.stmt]) -> bool:
+    """Whether every way through statements ends in a return."""
+    last = nodes[-1] if nodes else None
+    if isinstance(last, ast.If):
+        return ends(last.body) and ends(last.orelse)
+    return isinstance(last, ast.Return)
 
 
 def _place(function: Any, line: int) -> str:
@@ -107,7 +133,15 @@ def _place(function: Any, line: int) -> str:
     return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
 
 
-def _read(function: FunctionType, roles: Mapping[str, str], known: dict[FunctionType, Function]) -> Function:
+def _read(
+    function: FunctionType,
+    roles: Mapping[str, str],
+    known: dict[FunctionType, Function],
+    above: tuple[FunctionType, ...],
+) -> Function:
+    """A function; `known` are those read before, `above` those that call it."""
+    if function in above:
+        raise InputError(f"{_place(function, 0)}: {function.__name__} calls itself; write a loop")
     if function in known:
         if dict(known[function].roles) != dict(roles):
             raise InputError(f"{_place(function, 0)}: {function.__name__} is called with other arguments elsewhere")
@@ -116,8 +150,12 @@ def _read(function: FunctionType, roles: Mapping[str, str], known: dict[Function
         text = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError):
         raise InputError(f"{function.__name__}: its source cannot be read; write it into a file") from None
-    (node,) = ast.parse(text).body
-    assert isinstance(node, ast.FunctionDef)
+    try:
+        node = ast.parse(text).body[0]
+    except SyntaxError:  # of a lambda in the middle of a line
+        node = ast.Pass()
+    if not isinstance(node, ast.FunctionDef):
+        raise InputError(f"{_place(function, 0)}: {function.__name__} cannot be translated; write it with def")
     doc = ast.get_docstring(node) or ""
     if doc:
         node.body = node.body[1:] or [ast.Pass()]
@@ -131,54 +169,129 @@ def _read(function: FunctionType, roles: Mapping[str, str], known: dict[Function
     known[function] = made
     if not made.is_outside:
         _check(made, function)
-        constants, calls = _names(made, function, known)
+        constants, calls = _names(made, function, known, (*above, function))
         made.calls.update(calls)
         object.__setattr__(made, "constants", constants)
     return made
 
 
 def _check(read: Function, function: FunctionType) -> None:
-    """Refuse what is not in the language of steps."""
-    locals_ = {one.id for one in ast.walk(read.node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
-    for name in (*locals_, *read.arguments):
+    """Refuse what is not in the language of steps, in which all languages agree."""
+    for node, why in _faults(read):
+        raise InputError(f"{_place(function, getattr(node, 'lineno', 1) - 1)}: {why}")
+
+
+def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
+    """What is not in the language of steps, and why."""
+    parts = list(ast.walk(read.node))
+    by_name = {id(one) for node in parts if isinstance(node, ast.Call) for one in node.args}
+    by_name |= {id(node.value) for node in parts if isinstance(node, ast.Attribute)}
+    stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    for name in (*stored, *read.arguments):
         if name.startswith("_"):
-            raise InputError(f"{_place(function, 0)}: {name!r} begins with _, which names of a step do not")
-    for node in ast.walk(read.node):
-        if not isinstance(node, _NODES) or (isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)):
-            line = getattr(node, "lineno", 1) - 1
-            raise InputError(
-                f"{_place(function, line)}: {type(node).__name__} cannot be translated; a step has assignments, if, "
-                "while, for, return and numbers"
-            )
+            yield read.node, f"{name!r} begins with _, which names of a step do not"
+    for node in parts:
+        kind = type(node).__name__
+        if not isinstance(node, _NODES) or (isinstance(node, ast.FunctionDef) and node is not read.node):
+            yield node, f"{kind} cannot be translated; a step has assignments, if, while, for, return and numbers"
+        if isinstance(node, ast.For | ast.While) and node.orelse:
+            yield node, f"{kind} with else cannot be translated; write it without"
+        if isinstance(node, ast.For):
+            yield from _loop_faults(node, parts)
+        if isinstance(node, ast.Constant):
+            yield from _constant_faults(node)
+        if isinstance(node, ast.Name) and node.id in read.roles and id(node) not in by_name:
+            yield node, f"{node.id} has fields alone; write {node.id}.NAME, or give it to a function"
+        if isinstance(node, ast.Attribute | ast.Subscript):
+            yield from _field_faults(node, read)
+        if isinstance(node, ast.Call):
+            yield from _call_faults(node)
+    yield from _return_faults(read, [node for node in parts if isinstance(node, ast.Return)])
+
+
+def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
+    """What a number may not be."""
+    if not isinstance(node.value, int | float):
+        yield node, f"{node.value!r} is no number; a step has numbers alone"
+    elif isinstance(node.value, int) and node.value > _LARGEST_WHOLE:
+        yield node, f"{node.value} is too large for a whole number; write {float(node.value)!r}"
+
+
+def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
+    """What a call may not be."""
+    if isinstance(node.func, ast.Attribute) and MATH.get(node.func.attr) != len(node.args):
+        yield node, f"{ast.unparse(node)} cannot be translated; of math a step has {', '.join(MATH)}"
+
+
+def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
+    """What the returns of a function may not be."""
+    if len({_values(node) for node in returns}) > 1:
+        yield returns[-1], "it returns one number here and another count of them elsewhere; return as many"
+    if returned_values(read) and not ends(read.node.body):
+        yield read.node, f"{read.name} may end without a return; end it with one"
+
+
+def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterator[tuple[ast.AST, str]]:
+    """What a field, or an entry of one, may not be."""
+    field_ = node.value if isinstance(node, ast.Subscript) else node
+    if isinstance(node.ctx, ast.Store) and (not isinstance(field_, ast.Attribute) or read.role(field_.value) != STATE):
+        yield node, f"{ast.unparse(node)} is written; a step writes the state alone"
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.UnaryOp):
+        yield node, f"{ast.unparse(node)} counts from the end; write it with len(...)"
+
+
+def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
+    """What a `for` of a function with `parts` may not be."""
+    call, target = loop.iter, loop.target
+    is_range = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"
+    if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
+        yield loop, f"for {ast.unparse(target)} in {ast.unparse(call)}: write it with range(END) or range(START, END)"
+        return
+    uses = [one for one in parts if isinstance(one, ast.Name) and one.id == target.id]
+    mine = [one for each in parts if _is_loop(each, target.id) for one in ast.walk(each)]
+    stores = [one for one in ast.walk(loop) if one in uses and isinstance(one.ctx, ast.Store)]
+    if len(stores) > 1 or any(one not in mine for one in uses):
+        yield loop, f"{target.id} is used outside its loop or changed in it; take another name there"
+
+
+def _is_loop(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.For) and isinstance(node.target, ast.Name) and node.target.id == name
 
 
 def _names(
-    read: Function, function: FunctionType, known: dict[FunctionType, Function]
+    read: Function, function: FunctionType, known: dict[FunctionType, Function], above: tuple[FunctionType, ...]
 ) -> tuple[dict[str, float | int | bool], dict[str, Function]]:
     """The constants and the functions that a function uses, by name."""
-    stored = {one.id for one in ast.walk(read.node) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    parts = list(ast.walk(read.node))
+    stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
     own = stored | set(read.arguments)
-    called = {
-        one.func.id: one for one in ast.walk(read.node) if isinstance(one, ast.Call) and isinstance(one.func, ast.Name)
-    }
     constants: dict[str, float | int | bool] = {}
     calls: dict[str, Function] = {}
-    for one in ast.walk(read.node):
+    for one in parts:
         if not isinstance(one, ast.Name) or one.id in own or one.id in constants or one.id in calls:
             continue
+        where = _place(function, one.lineno - 1)
         value = function.__globals__.get(one.id, getattr(builtins, one.id, None))
         value = getattr(value, "py_func", value)
-        if isinstance(value, FunctionType) and one.id in called:
-            arguments = zip(inspect.signature(value).parameters, called[one.id].args, strict=False)
-            roles = {name: role for name, given in arguments if (role := read.role(given)) is not None}
-            calls[one.id] = _read(value, roles, known)
+        called = [node for node in parts if isinstance(node, ast.Call) and _is_name(node.func, one.id)]
+        if isinstance(value, FunctionType) and called:
+            names = tuple(inspect.signature(value).parameters)
+            if any(len(node.args) != len(names) for node in called):
+                raise InputError(f"{where}: {one.id} takes {len(names)} arguments; give as many, in order")
+            found = [{name: read.role(given) for name, given in zip(names, node.args, strict=True)} for node in called]
+            if any(roles != found[0] for roles in found):
+                raise InputError(f"{where}: {one.id} is called with other arguments elsewhere")
+            roles = {name: role for name, role in found[0].items() if role is not None}
+            calls[one.id] = _read(value, roles, known, above)
         elif isinstance(value, bool | int | float):
             constants[one.id] = value
         elif value is not math and not (one.id in BUILTINS and value is getattr(builtins, one.id)):
-            raise InputError(
-                f"{_place(function, one.lineno - 1)}: {one.id!r} is no number, no function of a step and not of math"
-            )
+            raise InputError(f"{where}: {one.id!r} is no number, no function of a step and not of math")
     return constants, calls
+
+
+def _is_name(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
 
 
 # --- the text of a kernel ---------------------------------------------------------------------------------------------
@@ -280,7 +393,8 @@ class _Printer(ast.NodeTransformer):
     def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self._function.constants and isinstance(node.ctx, ast.Load):
             value = self._function.constants[node.id]
-            return ast.parse(repr(value) if not math.isinf(value) else f"{'-' * (value < 0)}math.inf", mode="eval").body
+            text = repr(value) if math.isfinite(value) else f"{'-' * (value < 0)}math.{abs(value)!s}"
+            return ast.parse(text, mode="eval").body
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
@@ -298,7 +412,8 @@ class _Printer(ast.NodeTransformer):
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         place, name, array = self._array(node.value)
         self._arrays[name] = place
-        index = ast.BinOp(ast.Name(f"_at_{name}", ast.Load()), ast.Add(), self.visit(node.slice))
+        whole = ast.Call(ast.Name("int", ast.Load()), [self.visit(node.slice)], [])  # a parameter may say it
+        index = ast.BinOp(ast.Name(f"_at_{name}", ast.Load()), ast.Add(), whole)
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
@@ -326,6 +441,8 @@ class _Printer(ast.NodeTransformer):
             return ast.Name(f"_len_{name}", ast.Load())
         called = self._function.calls.get(node.func.id) if isinstance(node.func, ast.Name) else None
         others = [self.visit(one) for one in node.args if self._function.role(one) is None]
+        if isinstance(node.func, ast.Name) and node.func.id == "range":
+            others = [ast.Call(ast.Name("int", ast.Load()), [one], []) for one in others]  # as above
         if called is None:
             return ast.Call(node.func, others, [])
         name = called.name if called.is_outside else _prefixed(called.name)

@@ -290,16 +290,22 @@ def _compiled(function: Any, count: int, name: str) -> Any:
 
 def _compile_failure(function: Any, error: BaseException) -> str:
     """File and line of the user's code that Numba stopped at, and its reason in a line."""
+    reason = numba_reason(error)
+    missing = re.match(r"NameError: name '(\w+)'", reason)
+    code = function.py_func.__code__
+    where = (_use_of(missing[1], function) if missing else None) or _stopped_at(str(error))
+    where = where or (code.co_filename, code.co_firstlineno)
+    return f"{place(*where)}: Numba cannot compile step: {reason}"
+
+
+def numba_reason(error: BaseException) -> str:
+    """Why Numba cannot compile something, in a line."""
     told = [line.strip() for line in str(error).splitlines()]
     told = [line for line in told if line and not line.startswith(("Failed", "-", "File", "During"))]
     reason = next(iter(told), "")
     if reason.endswith(":"):  # of a call, which the next line shows
         reason += " " + " ".join(told[1:2]).removeprefix(">>> ")
-    missing = re.match(r"NameError: name '(\w+)'", reason)
-    code = function.py_func.__code__
-    where = (_use_of(missing[1], function) if missing else None) or _stopped_at(str(error))
-    where = where or (code.co_filename, code.co_firstlineno)
-    return f"{place(*where)}: Numba cannot compile step: {' '.join(reason.split())[:200]}"
+    return " ".join(reason.split())[:200]
 
 
 def _stopped_at(text: str) -> tuple[str, int] | None:

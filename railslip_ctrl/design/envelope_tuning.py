@@ -77,7 +77,7 @@ def by_rule(
     a result, with its reason."""
     asked = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **asked)
-    judgement = judge(control, envelope, nominal)
+    judgement = judge(envelope, control, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
     worst = float(judgement.ms[used].max(initial=0.0))
     reason = "" if worst <= ms_max else f"its gains go by rules, with which Ms is {worst:.4g}, not <= {ms_max:g}"
@@ -211,7 +211,7 @@ def sampled_below(
         run = SampledController(design, run_period(design, period))
         if ms_max is None or actuator.dead_time > MOST_PERIODS * run.period:
             break
-        ms = [sampled_peak(sampled_loop(run, plant, actuator)) for plant in looked_at]
+        ms = [sampled_peak(sampled_loop(plant, run, actuator)) for plant in looked_at]
         if max(ms) <= ms_max:
             break
         looked_at = [plant for plant, one in zip(looked_at, ms, strict=True) if one > _NEAR * max(ms)]
@@ -229,7 +229,7 @@ def judged_design(
     nominal: bool = False,
 ) -> Design:
     """A tuned controller of a kind, as it brakes, with its judgement."""
-    judgement = judge_points(run, envelope, points, nominal=nominal)
+    judgement = judge_points(envelope, run, points, nominal=nominal)
     operating = [plant.point for plant in operating_plants(points)]
     hand_over = hand_over_of(judgement)
     control = braking_control(

@@ -408,14 +408,14 @@ class Judgement:
 
 
 @checked
-def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgement:
+def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgement:
     """Judge a linear controller over an envelope, the dead times exact.
 
+    - envelope: what the controller must hold.
     - controller: linear system; from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop`
       takes it; a continuous one that does not say how it is run is, every 10 ms by Tustin's rule. One that has a
       `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such as a
       seeking controller, at that of each law.
-    - envelope: what it must hold.
     - nominal: the operating points alone, without the tolerances around them.
 
     Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
@@ -431,7 +431,7 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
         inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
         envelope = envelope.at(speeds=sorted({*envelope.speeds, *inside}))
         points = envelope.points(nominal=nominal, held=controller.held_slip)
-        return judge_points(controller, envelope, points, nominal=nominal)
+        return judge_points(envelope, controller, points, nominal=nominal)
     held = getattr(controller, "reference", None)
     if envelope.reference is None and isinstance(held, ReferenceSlip):
         envelope = envelope.at(reference=held)
@@ -440,7 +440,7 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
         design = linear_controller(controller)
         if isinstance(design, PIController) or design.period is None:
             controller = SampledController(design, run_period(design))
-    return judge_points(controller, envelope, envelope.points(nominal=nominal), nominal=nominal)
+    return judge_points(envelope, controller, envelope.points(nominal=nominal), nominal=nominal)
 
 
 def finds_slip(controller: Any) -> bool:
@@ -448,7 +448,7 @@ def finds_slip(controller: Any) -> bool:
     return isinstance(controller, Controller) and controller.finds_slip
 
 
-def judge_points(controller: Any, envelope: Envelope, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
+def judge_points(envelope: Envelope, controller: Any, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
     """As `judge`, at points made before by `Envelope.points`."""
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 

@@ -534,7 +534,7 @@ def _trial(choice: StructureChoice, nominal: bool) -> Trial:
     assert choice.design is not None, "a choice of the best tier is a design"
     design, judgement = choice.design, choice.design.judgement
     if nominal:
-        judgement = judge(judgement.controller, judgement.envelope, nominal=True)
+        judgement = judge(judgement.envelope, judgement.controller, nominal=True)
         choice = replace(choice, design=replace(design, judgement=judgement))
     assert isinstance(design.controller, PI), "as select tunes them"
     plain = design.controller.system
@@ -575,7 +575,7 @@ def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Riv
         return Rival(name, None, stops(control, blank, every_law=False), reason)
     runs = isinstance(controller, Controller)  # of a file: as that says
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
-    judgement = judge(design, envelope, nominal=nominal)
+    judgement = judge(envelope, design, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, judgement, stops(control, judgement, every_law=False))
 
@@ -601,7 +601,7 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
         for slip in slips:
             envelope = judged.envelope.at(rails=(rail,))
             there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
-            found = judge_points(judged.controller, envelope, there, nominal=True)
+            found = judge_points(envelope, judged.controller, there, nominal=True)
             mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
             most = max(most, float(found.ms[mine].max()))
         if slips:
@@ -672,7 +672,7 @@ def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) 
         design = found.design
         if design is None:
             continue
-        judgement = judge(design.judgement.controller, faster)
+        judgement = judge(faster, design.judgement.controller)
         if judgement.robust_from_kmh != min(envelope.speeds):
             continue
         runs = stops(as_run(design.judgement.controller.design, judgement, hand_over_of(judgement)), judgement)

@@ -14,7 +14,7 @@ import numpy as np
 
 from railslip_ctrl.controllers.base import Controller, Situation
 from railslip_ctrl.controllers.files import as_control
-from railslip_ctrl.controllers.user_step import ADDRESS, StepControl
+from railslip_ctrl.controllers.user_step import ADDRESS, StepControl, numba_reason
 from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import by_content, dataclass
@@ -255,10 +255,16 @@ class Simulator:
             c[ADDRESS] = call.address
         settings = kernel_.Settings(**{**plan.settings, "random_hold": hold})
         events = kernel_.Events(*plan.events)
-        status, written = kernel_.run(
-            settings, events, forces, noise, plan.p.copy(), c, plan.chosen.copy(), plan.tables, plan.limits, y, x,
-            log, every, summary,
-        )  # fmt: skip
+        try:
+            status, written = kernel_.run(
+                settings, events, forces, noise, plan.p.copy(), c, plan.chosen.copy(), plan.tables, plan.limits, y, x,
+                log, every, summary,
+            )  # fmt: skip
+        except Exception as error:
+            if not type(error).__module__.startswith("numba."):
+                raise
+            why = numba_reason(error)
+            raise InputError(f"controller {self.controller.label}: Numba cannot compile its step: {why}") from None
         if call is not None:
             v, omega = y[layout.V], (y[layout.V] - y[layout.SIGMA]) / self.scenario.vehicle.wheel.radius
             ended = _OUTCOMES[status] is Outcome.NOT_FINITE
@@ -379,16 +385,16 @@ class Plan:
 
 
 class _Laws:
-    """Adhesion laws in use, each with its table and domain once."""
+    """Adhesion laws in use under a wheel load, N, each with its table and domain once."""
 
-    def __init__(self, top_speed: float, wheel_load: float) -> None:
-        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, dict[AdhesionLaw, int]()
+    def __init__(self, top_speed: float) -> None:
+        self._top_speed, self._laws = top_speed, dict[tuple[AdhesionLaw, float], int]()
 
-    def number(self, law: AdhesionLaw) -> int:
-        return self._laws.setdefault(law, len(self._laws))
+    def number(self, law: AdhesionLaw, wheel_load: float) -> int:
+        return self._laws.setdefault((law, wheel_load), len(self._laws))
 
     def tables(self) -> Floats:
-        tables = [adhesion_table(law, self._wheel_load) for law in self._laws]
+        tables = [adhesion_table(law, wheel_load) for law, wheel_load in self._laws]
         joined = np.zeros((len(tables), max(table.size for table in tables)))
         for row, table in zip(joined, tables, strict=True):
             row[: table.size] = table
@@ -398,19 +404,21 @@ class _Laws:
         """Slip velocity that each law must stay below, m/s, on a grid of speeds; `_NO_LIMIT` where none."""
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
-        rows = [[self._top_speed, *(min(law.domain_limit(v)[0] * v, _NO_LIMIT) for v in speeds)] for law in self._laws]
+        rows = [
+            [self._top_speed, *(min(law.domain_limit(v)[0] * v, _NO_LIMIT) for v in speeds)] for law, _ in self._laws
+        ]
         return np.array(rows)
 
 
 def make_plan(scenario: Scenario, controller: Controller, start: Any, period: float) -> Plan:
     """Parameters, events, laws and controller of a run as arrays; `start` is the controller's state, `period` in s."""
-    laws = _Laws(scenario.initial_speed, scenario.vehicle.wheel_load)
+    laws, vehicle = _Laws(scenario.initial_speed), scenario.vehicle
     rail, factor = scenario.rail, scenario.adhesion_factor
-    vehicle = scenario.vehicle
+    load, believed_load = vehicle.wheel_load, getattr(controller, "wheel_load", vehicle.wheel_load)
     law = scenario.law(rail, factor)
     p = np.array(plant_parameters(law, vehicle))
     c = _controller_row(scenario, controller, start, Situation(rail, period, _assumed(scenario, controller, rail)))
-    chosen = np.array([laws.number(law), laws.number(_assumed(scenario, controller, rail))])
+    chosen = np.array([laws.number(law, load), laws.number(_assumed(scenario, controller, rail), believed_load)])
     ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
     events = layout.Events(
         time=np.array([math.inf if e.time is None else e.time for e in ordered]),
@@ -426,11 +434,11 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
             rail, factor = event.rail or rail, factor if event.adhesion_factor is None else event.adhesion_factor
             law = scenario.law(rail, factor)
             row_p[layout.P_LAW :] = law.parameters()
-            row_chosen[0] = laws.number(law)
+            row_chosen[0] = laws.number(law, load)
         if event.rail is not None:
             assumed = _assumed(scenario, controller, rail if controller.model_follows_rail else scenario.rail)
             row_c[:] = _controller_row(scenario, controller, start, Situation(rail, period, assumed))
-            row_chosen[1] = laws.number(assumed)
+            row_chosen[1] = laws.number(assumed, believed_load)
     samples = math.ceil(scenario.longest_time / period - 1e-9)
     return Plan(_settings(scenario, period), events, p, c, chosen, laws.tables(), laws.limits(), samples)
 

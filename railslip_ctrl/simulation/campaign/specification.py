@@ -519,7 +519,11 @@ class Campaign:
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in changes.items():
             records[owner] = replaced(records[owner], change)
-        return records[0], tuple(records[1:])
+        scenario, nominal = records[0], self.scenario
+        if scenario.beliefs != nominal.beliefs:  # the controllers believe the nominal vehicle, whatever is drawn of it
+            believed, before = scenario.beliefs.of(nominal.vehicle), nominal.believed_vehicle
+            records[1:] = [control.believing(believed, before) for control in records[1:]]
+        return scenario, tuple(records[1:])
 
     def _check_points(self) -> None:
         points = self.grid_points
