@@ -155,18 +155,18 @@ def tolerated(name: str) -> Tolerated | None:
         return None
     whole = rs.Envelope(rs.PARK2008, laws=LAWS[:3])
     fast = whole.at(speeds=[one for one in whole.speeds if one >= SLOWEST], slip=1, radius=1, dead_time=1, lag=1)
-    nominal = rs.judge(control, fast, nominal=True)
+    nominal = rs.judge(fast, control, nominal=True)
     gain = nominal.least("gain_decrease", largest=True)[0], nominal.least("gain_increase")[0]
 
     def largest(axis: str) -> float:
         good, bad = 0.0, 1.0
         while bad - good > 0.005:
             error = 0.5 * (good + bad)
-            kept = rs.judge(control, fast.at(**{axis: (1 - error, 1 + error)})).stable.all()
+            kept = rs.judge(fast.at(**{axis: (1 - error, 1 + error)}), control).stable.all()
             good, bad = (error, bad) if kept else (good, error)
         return good
 
-    return Tolerated(gain, largest("dead_time"), largest("lag"), rs.judge(control, whole).robust_from_kmh)
+    return Tolerated(gain, largest("dead_time"), largest("lag"), rs.judge(whole, control).robust_from_kmh)
 
 
 def cells(found: Tolerated | None) -> tuple[str, str, str, str]:

@@ -54,7 +54,7 @@ def run() -> Design:
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), phi 0.75 theta K, observer 0.34 theta.
     control = rs.Predictive.for_vehicle(VEHICLE)
     # 2. The exact loop within the layer, at every operating point, with the tolerances of the brake.
-    judgement = rs.judge(control, rs.Envelope(VEHICLE, laws=LAW))
+    judgement = rs.judge(rs.Envelope(VEHICLE, laws=LAW), control)
     # 3. The conditions of the sliding mode, over a box of speed, slip and load, by interval arithmetic.
     proof = predictive.verify_predictive(VEHICLE, predictive.RailAdhesion(LAW))
     # 4. Stops, and the torque from which a released wheel certainly does not lock.

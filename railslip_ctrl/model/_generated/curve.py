@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "fce9eb98cb49d86dd618c3eb39fe215817956dd2a10a21d6702e385db9ecdaf5"
+SOURCES_SHA256 = "caf22ed9331cb47ddfd757289de710bd7aa80b7799d6410eee87e5726264200a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

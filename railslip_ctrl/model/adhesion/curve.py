@@ -82,7 +82,7 @@ def _curve_function() -> Any:
 
 
 # The integrand decays by exp(-_DEPTH) over the range integrated: to less than the rounding of the result. On such a
-# range this many nodes of Gauss-Legendre leave less than rounding too, also with parameters far from the published ones.
+# range this many nodes of Gauss-Legendre leave less than rounding too, also far from the published parameters.
 _DEPTH = 37.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 _BACK = 1.0 - _NODES  # how far a node lies before the end of the range, in halves of it
