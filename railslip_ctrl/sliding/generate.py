@@ -49,7 +49,7 @@ def main() -> None:
     for name, text in {**texts, LAW_FILE.name: generate_law()}.items():
         target = LAW_FILE.parent / name
         target.write_text(text, encoding="utf-8")
-        print(target.relative_to(PACKAGE))
+        print(target.relative_to(LAW_FILE.parents[2]))
 
 
 if __name__ == "__main__":
