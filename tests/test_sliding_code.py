@@ -370,7 +370,7 @@ def test_each_adhesion_law_is_derived_and_its_c_has_no_allocation_no_loop_and_no
     for word in ("malloc", "calloc", "realloc", "free", "for", "while", "do", "goto"):
         assert not re.search(rf"\b{word}\b", text)
     functions = dict(re.findall(r"\b(\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S))
-    assert {"control", "law_step", "guarded", "railslip_asmc_init", "railslip_asmc_step"} < set(functions)
+    assert {"slip_control", "slip_law_step", "guarded", "railslip_asmc_init", "railslip_asmc_step"} < set(functions)
     called = {one: set(re.findall(r"\b(\w+)\(", body)) & set(functions) for one, body in functions.items()}
     order = list(functions)
     assert all(order.index(other) < order.index(one) for one, others in called.items() for other in others)

@@ -31,7 +31,7 @@ from .translate import MATH, MEASURED, MEASUREMENT, PARAMETERS, STATE, Function,
 if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
-_PREFIX = "control_"
+_PREFIX = "slip_"
 """Before the names of a step's functions, which may be those of other functions of the program or of C."""
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
