@@ -21,7 +21,7 @@ from railslip_ctrl.core.records import dataclass
 
 from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Response, limits, phase_crossover
 from .margins import SHAPES, Margins
-from .rational import DOUBLE_BITS, fraction
+from .rational import DOUBLE_BITS, fraction, nearest_double
 from .stability import root_count
 
 Enclosure = tuple[float, float]
@@ -587,7 +587,8 @@ class _Delayed:
     def _direction(self) -> _Sum:
         """D without its zeros at s = 0."""
         terms = [
-            (float(tau), [float(c) for c in reversed(one.coeffs())] or [0.0]) for tau, one in self._den.derivatives[0]
+            (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
+            for tau, one in self._den.derivatives[0]
         ]
         found = self._den
         while found.at(arb(0))[0].is_zero():

@@ -62,6 +62,11 @@ def fraction(value: float) -> fmpq:
     return fmpq(*float(value).as_integer_ratio())
 
 
+def nearest_double(value: fmpq) -> float:
+    """The double nearest to a fraction; `float` of one asks for python-flint above 0.8."""
+    return int(value.p) / int(value.q)
+
+
 def coefficients(ascending: Iterable[float | str]) -> fmpq_poly:
     """The polynomial of coefficients that are doubles, or fractions as text."""
     return fmpq_poly([fmpq(*map(int, c.split("/"))) if isinstance(c, str) else fraction(c) for c in ascending])
@@ -145,7 +150,7 @@ def _only_root(polynomial: fmpq_poly) -> arb | None:
     """The positive root where the coefficients change sign once, so that it is the only one and simple (Descartes), in
     a ball of the precision of the context; None where doubles do not lead to it."""
     try:
-        terms = [(k, float(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
+        terms = [(k, nearest_double(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
         (_, first), (degree, last) = terms[0], terms[-1]
         x = abs(first / last) ** (1 / degree)
         for _ in range(_NEWTON_STEPS):  # ln of the ratio of both parts by ln x, whose slope is between 1 and the degree
