@@ -47,7 +47,7 @@ PRINTED = {
         "least K, at e = 0 , 1 and 3 sigma 484.5 and 910.6 N m", "least K, whole run, 1 and 3 sigma 887.2 and",
         "takes 6.5 s to vanish", "takes 23.3 s to vanish", "K is far too small to make it slide"),
     "analysis/errata": (0, "12 agree, 21 do not"),
-    "analysis/lyapunov_asmc": (1, "12 of 29 conditions do not hold in SI", "As published (M, J and B times 3.6) the"),
+    "analysis/lyapunov_asmc": (1, "12 of 28 conditions do not hold in SI", "As published (M, J and B times 3.6) the"),
     # rms errors in N*m by formula, simulated, and in adhesion: Table 3 has 0.0138
     "analysis/observer_tradeoff": (3, "printed (27): 100 % of a step of the brake torque", "corrected: 0 % of a step",
         "380 383 0.0256 corrected", "234 236 0.0158 Kalman", "132 132 0.0089"),
