@@ -278,7 +278,8 @@ def remember(x: Any, p: Any, v: float) -> Any:
     x.calm += p.period
     begins = x.returning == 0.0 and x.waiting <= 0.0 and x.handed_over == 0.0 and known and fallen and far
     if begins and x.torque_limit > 0.0 and x.calm < _SOON * reaction:
-        x.swings, x.slip_limit, x.torque_limit, x.reference_slip = 1.0, 1.0, 0.0, max(x.top_slip, x.reference_slip)
+        x.swings, x.slip_limit, x.torque_limit = 1.0, 1.0, 0.0
+        x.reference_slip = max(x.top_slip, x.reference_slip)
     elif begins and x.swings == 0.0:
         x.returning, x.starting, x.farthest, x.crossing, x.crossed_torque = 1.0, 0.0, 0.0, 0.0, 0.0
         x.slip_limit = min(_BACK * x.top_slip, x.slip_limit)

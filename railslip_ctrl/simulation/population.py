@@ -147,7 +147,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
         "lugre": lugre,
     }
 )
-"""Random adhesion laws by name; "changing": one hump, whose adhesion is another from somewhere on."""
+"""Random adhesion laws by name; "changing": one hump, from dry to wet or back."""
 
 
 # --- stops ------------------------------------------------------------------------------------------------------------
@@ -166,8 +166,8 @@ def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) ->
     high = full_brake_torque(vehicle)
     changes: dict[str, object] = {"limits": BrakeLimits(torque_max=high)}
     if family == "changing":
-        event = Event(distance=rng.uniform(20.0, 150.0), adhesion_factor=_log_uniform(rng, 0.4, 2.5))
-        changes["events"] = (event,)
+        first, then = (Rail.DRY, Rail.WET) if rng.uniform() < 0.5 else (Rail.WET, Rail.DRY)
+        changes |= {"rail": first, "events": (Event(distance=rng.uniform(20.0, 150.0), rail=then),)}
     if errors:
         changes |= _wrong(np.random.default_rng((seed, 1)), vehicle, high)
     return scenario.with_changes(**changes)
