@@ -2,9 +2,9 @@
 
 Each seed gives a random vehicle and a random rail. Each stop, from 100 to 5 km/h, is compared with the attainable one,
 or with the clairvoyant one where the rail changes on the way. In the second column the sensors, the brake and the
-beliefs of every second stop are wrong. A family is one of `population.FAMILIES`, "one hump" unless given.
+beliefs of every second stop are wrong. A third argument names one of `population.FAMILIES`, "one hump" unless given.
 
-    python analysis/population.py [SEEDS, 200 unless given] [FIRST SEED, 9000 unless given] [FAMILY]
+    python analysis/population.py [SEEDS, 200 unless given] [FIRST SEED, 9000 unless given]
 """
 
 from __future__ import annotations
