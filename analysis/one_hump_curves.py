@@ -18,55 +18,18 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from railslip_ctrl import PARK2008, Actuator, InputError, Vehicle
+from railslip_ctrl import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import identify_curve
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_class
+from railslip_ctrl.simulation.population import Peak, one_hump, peak_of, random_vehicle
 
 CURVES = 200
 V0 = 100.0 * KMH
 TESTS = 3  # a log
 RATE = 0.116  # 1/s, of the torque over wheel load times one metre: 4 kN*m/s of the published vehicle
 SILENT = {"random_force": 0.0, "wheel_noise": 0.0}
-
-
-@dataclass(frozen=True)
-class Peak:
-    """Slip ratio and adhesion coefficient of the peak of a curve."""
-
-    slip: float
-    mu: float
-
-
-def one_hump(generator: np.random.Generator) -> tuple[AdhesionLaw, Peak]:
-    """A random adhesion curve with one hump, as a table, and its peak.
-
-    Up to the peak mu rises as 1 - (1 - x)^a over x, the slip by that of the peak; beyond it falls to a plateau as
-    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of that.
-    """
-    slip = math.exp(generator.uniform(math.log(0.008), math.log(0.15)))
-    mu, a, plateau = generator.uniform(0.05, 0.35), generator.uniform(1.5, 4.0), generator.uniform(0.35, 0.95)
-    w = math.exp(generator.uniform(math.log(0.5), math.log(6.0)))
-    up, down = np.linspace(0.0, 1.0, 25), np.geomspace(1e-2, 1.0 / slip - 1.0, 45)
-    x = np.concatenate([up, 1.0 + down])
-    shares = np.concatenate([1.0 - (1.0 - up) ** a, plateau + (1.0 - plateau) / (1.0 + (down / w) ** 2)])
-    slips = np.append(slip * x[:-1], 1.0)
-    held = ReferenceSlip(dry=0.8 * slip, wet=0.8 * slip)
-    law = law_class("table").model_validate({"slip": tuple(slips), "mu": tuple(mu * shares), "reference": held})
-    return law, Peak(slip, mu)
-
-
-def random_vehicle(generator: np.random.Generator) -> Vehicle:
-    """Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, brake of 0.06 to 0.3 s and a lag."""
-    load = math.exp(generator.uniform(math.log(30e3), math.log(120e3)))
-    wheel = {"radius": generator.uniform(0.36, 0.46), "inertia": generator.uniform(40.0, 150.0)}
-    dead_time = math.exp(generator.uniform(math.log(0.06), math.log(0.3)))
-    lag = math.exp(generator.uniform(math.log(0.15), math.log(0.8)))
-    of_load = {"mass": load / 9.81, "mass_loaded": load / 9.81, "wheel_load": load, "wheel_load_loaded": load}
-    changed = {"wheel": PARK2008.wheel.model_copy(update=wheel), "actuator": Actuator(dead_time=dead_time, lag=lag)}
-    return PARK2008.model_copy(update={"name": "random", **of_load, **changed})
 
 
 @dataclass(frozen=True)
@@ -90,7 +53,8 @@ def found_in(seed: int, *, noisy: bool) -> Found:
     """The log of the curve of a seed, identified."""
     generator = np.random.default_rng(seed)
     vehicle = random_vehicle(generator)
-    law, true = one_hump(generator)
+    law = one_hump(generator)
+    true = peak_of(law, V0, vehicle.wheel_load)
     noise = {} if noisy else SILENT
     rows = run_tests(RigTest(vehicle, law, V0, rate=RATE * vehicle.wheel_load, **noise), tests=TESTS, seed=seed)
     try:

@@ -105,6 +105,7 @@ ROOMS = {
     "simulation/campaign/": "campaign",
     "simulation/bound": "simulation_engine seeking",
     "simulation/kernel": "simulation_engine",
+    "simulation/population": "population",
     "simulation/run": "simulation_engine step_objects",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""

@@ -135,7 +135,7 @@ def test_seeking(ran):
     assert found.certified_ms[0] * (1 - 1e-12) <= found.judgement.worst.ms <= found.certified_ms[1] * (1 + 1e-12)
     rows = {(row.law, row.rail): row for row in found.rows}
     assert rows["curve", "dry"].distance == pytest.approx(141.8, abs=1.0)  # of one seed
-    assert rows["curve", "wet"].distance == pytest.approx(258.7, abs=1.5)
+    assert rows["curve", "wet"].distance == pytest.approx(256.6, abs=1.5)
     for row in found.rows:
         assert row.bound < row.attainable < row.distance < 1.07 * row.attainable  # of one seed; 1.06 on beam wet
     assert (found.certified_ms[0], found.judgement.worst.ms) == pytest.approx((1.92538, 1.92538), abs=1e-5)

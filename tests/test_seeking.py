@@ -30,7 +30,7 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.simulation import BrakeLimits, Event, Simulator, simulate, stop
+from railslip_ctrl.simulation import Beliefs, BrakeLimits, Event, Simulator, simulate, stop
 from railslip_ctrl.simulation.bound import attainable_stop, clairvoyant_stop
 
 CONTROL = Seeking.for_vehicle(PARK2008)
@@ -237,14 +237,14 @@ def test_the_hand_over_holds_a_share_and_less_of_a_slip_that_has_run_away(p, sta
     assert command(8, 0.07, 0.07) == command(8, 0.5, 0.5) == pytest.approx(0.8**2 * share[8] * mean)
 
 
-@pytest.mark.parametrize(("kmh", "longest"), [(4, 3.0), (13, 7.0), (15, 12.0)])
+@pytest.mark.parametrize(("kmh", "longest"), [(4, 3.0), (13, 9.0), (15, 12.0)])
 def test_a_stop_that_begins_near_the_hand_over_holds_what_a_poor_rail_does(kmh, longest):
     """84 % of an adhesion coefficient of 0.1, and less below; a start that began just above has learned nothing."""
     slow = stop(PARK2008, "wet", adhesion="bristle").with_changes(initial_speed=kmh / 3.6, final_speed=2 / 3.6)
     run = simulate(slow, CONTROL, seed=0)
     assert (run.stopped, run.locked_fraction, run.braking_time < longest) == (True, 0.0, True)
-    if kmh < 14:
-        share = 0.84 - 0.64 * ((14 - kmh) / 12) ** 2
+    if kmh < 14 / step.MOST_WEAK:  # the hand-over speed of so poor a rail
+        share = 0.84 - 0.64 * ((14 - step.MOST_WEAK * kmh) / 12) ** 2
         held = share * 0.1 * PARK2008.wheel_load * PARK2008.wheel.radius
         assert run.signals.command.max() == pytest.approx(held, rel=0.005)  # noise of the speed
 
@@ -261,7 +261,7 @@ def test_a_wheel_that_locks_at_the_hand_over_is_let_go():
 # --- the loop -------------------------------------------------------------------------------------------------------
 
 
-def test_a_start_takes_no_more_than_throws_the_wheel_by_half_its_speed_in_a_dead_time(p, state):
+def test_a_start_takes_no_more_than_throws_the_wheel_by_a_share_of_its_speed_in_a_dead_time(p, state):
     """Of a weak brake its largest torque; a heavy vehicle with a strong one locked on a weak rail in 16 of 16 stops."""
     v, held, g = 20.0, 3000.0, CONTROL
     state.starting, state.holding_torque, state.filtered_speed = 1.0, held, v
@@ -270,11 +270,79 @@ def test_a_start_takes_no_more_than_throws_the_wheel_by_half_its_speed_in_a_dead
     thrown = (
         PARK2008.wheel.radius / g.wheel_inertia * (step.fast_start(state, strong, v, 0.0, 0.11) - held) * g.dead_time
     )
-    assert thrown == pytest.approx(0.5 * v)
+    assert thrown == pytest.approx(0.4 * v)
     heavy = load_vehicle(DESIGNS / "desiro_classic.toml")
     control = Seeking.for_vehicle(heavy)
     wet = stop(heavy, "wet", adhesion="beam").with_changes(limits=BrakeLimits(torque_max=control.torque_max))
     assert simulate(wet, control, seed=0).locked_fraction == 0
+
+
+def test_the_free_wheel_calibrates_radius_and_noise(p, state):
+    """Mean of v/(r omega), and the variances of both speeds, over the samples of the free wheel."""
+    rng = np.random.default_rng(2)
+    speeds, turns = 27.0 + 0.05 * rng.normal(size=400), 27.0 / 0.42 + 0.1 * rng.normal(size=400)
+    for k, (v, omega) in enumerate(zip(speeds, turns, strict=True)):
+        state.samples = float(k)
+        step.calibrate(state, p, v, omega)
+    assert state.rolling == pytest.approx(0.42 / PARK2008.wheel.radius, rel=3e-4)  # three standard errors
+    assert state.jitter == pytest.approx(np.var(turns), rel=1e-9)
+    assert state.roughness == pytest.approx(0.05**2 + (0.42 * 0.1) ** 2, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("slip", "torque", "rate", "returning"),
+    [
+        (0.08, 1500.0, 1.0, 1.0),
+        (0.08, 1900.0, 1.0, 0.0),  # adhesion is as high as it was
+        (0.025, 1500.0, 1.0, 0.0),  # the slip is not far past the peak
+    ],
+)
+def test_slip_returns_where_adhesion_has_fallen_far_past_a_narrow_peak(p, state, slip, torque, rate, returning):
+    v = 20.0
+    state.top_torque, state.top_slip, state.reference_slip, state.slip_rate = 2000.0, 0.02, 0.11, rate
+    state.filtered_speed, state.filtered_sigma, state.sigma_ahead, state.slip_ahead = v, slip * v, slip * v, slip * v
+    state.remembered_slip, state.remembered_torque, state.adhesion_torque = slip, torque, torque - 50.0
+    step.remember(state, p, v)
+    assert state.returning == returning
+    if returning:
+        assert state.reference_slip == pytest.approx(0.82 * 0.02)
+        assert state.torque_limit == pytest.approx(0.95 * state.top_torque)
+
+
+def test_a_peak_is_remembered_only_while_slip_rises(p, state):
+    """The adhesion of bristles swings, and is highest as slip falls."""
+    state.filtered_speed, state.filtered_sigma, state.reference_slip = 20.0, 0.4, 0.11
+    state.adhesion_torque, state.slip_rate = 2000.0, -1.0
+    step.remember(state, p, 20.0)
+    assert state.top_slip == 0.0
+    state.slip_rate = 1.0
+    step.remember(state, p, 20.0)
+    assert state.top_slip == state.remembered_slip > 0.0
+
+
+def test_after_a_return_no_more_is_held_than_the_peak_had(p, state):
+    """The torque limit and the train's deceleration, however far the slip is below its reference."""
+    state.torque_limit, state.top_torque, state.deceleration = 1900.0, 2000.0, 2.0
+    state.filtered_speed, state.filtered_sigma, state.torque_ahead = 20.0, 0.1, 1000.0
+    most = 1900.0 + PARK2008.effective_inertia / PARK2008.wheel.radius * 2.0
+    gain = CONTROL.reaching_rate + CONTROL.switching_gain / CONTROL.layer
+    expected = 1000.0 + CONTROL.lag * gain * (most - 1000.0)
+    assert step.limited(state, p, 1e5, 0.015) == pytest.approx(expected)
+    assert step.limited(state, p, 500.0, 0.015) == pytest.approx(expected)  # with less slip than the reference
+    state.remembered_slip = 0.02
+    assert step.limited(state, p, 500.0, 0.015) == 500.0
+
+
+@pytest.mark.parametrize("scale", [0.98, 1.02])
+def test_a_wrong_radius_or_train_speed_locks_no_wheel(scale):
+    """On Polach's dry rail 2 % locked 12 of 12 stops without calibration."""
+    scenario = stop(PARK2008, "dry", adhesion="polach").with_changes(
+        beliefs=Beliefs(radius=scale * PARK2008.wheel.radius), limits=BrakeLimits(torque_max=9000.0)
+    )
+    wrong = Seeking.for_vehicle(scenario.believed_vehicle)
+    right, found = simulate(scenario, CONTROL, seed=0), simulate(scenario, wrong, seed=0)
+    assert found.locked_fraction == 0
+    assert found.braking_distance == pytest.approx(right.braking_distance, rel=0.05)
 
 
 def test_zeros_removed_at_the_origin():

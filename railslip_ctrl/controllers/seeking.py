@@ -1,8 +1,8 @@
 """The seeking controller: it finds the peak of adhesion and is told neither rail nor mass nor adhesion curve.
 
-The parts, in the order in which a sample runs them: model of the actuator, adhesion-torque observer, predictor over the
-dead time, map of adhesion and peak seeking, then fast start or inner loop, low-speed hand-over, re-adhesion. In their
-formulas x is the state and p the parameters.
+The parts, in the order in which a sample runs them: calibration, model of the actuator, adhesion-torque observer,
+predictor over the dead time, map of adhesion and peak seeking, memory, then fast start, return, or inner loop with
+low-speed hand-over and re-adhesion. In their formulas x is the state and p the parameters.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RIG_WHEEL_LOAD
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 
 from .predictive import (
@@ -55,7 +56,23 @@ _LOW_REFERENCE, _HIGHER = 0.4, 3.0  # of the first reference, below which one is
 # such a ratio, share of the first reference and time, s, where it is less low: it may be right, as past beam's wet peak
 _STIFFER, _FAIR_REFERENCE, _FAIR_TIME = 1.7, 0.8, 1.0
 _REACHED = 0.85  # of the reference: with less slip the map does not lower it, if it is not low
-_MOST_THROWN = 0.5  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
+_MOST_THROWN = 0.4  # slip that a start's torque adds in a dead time: with more a heavy wheel locks on a weak rail
+_ROLLING = 0.6  # of the dead time, for which the wheel rolls free for certain, with a brake 30 % quicker than believed
+_NOISE, _NOISE_HOLD = RANDOM_FORCE / RIG_WHEEL_LOAD, 0.02  # deviation of the random adhesion coefficient; s, its hold
+# memory, times in reaction times (dead time and observer): mean of slip and adhesion; fading of the highest adhesion
+_MEMORY, _FADING = 0.25, 8.0
+_GONE = 0.85  # of the highest adhesion: with less, at a multiple of its slip, the peak has been passed
+_FAR_PAST, _CERTAIN = 2.0, 3.0  # that multiple, of the slip predicted, and the deviations of its noise beyond
+_NARROW = 0.03  # slip of the highest adhesion, below which slip returns: past a wider peak the law brings it back
+_BACK, _HELD, _FILLED = 0.82, 0.95, 0.9  # after a return: of the slip, and of the adhesion, of the peak; at first
+_WAIT = 2.0  # reaction times of this first share
+_SOON = 6.0  # reaction times: a return so soon after another is of an adhesion that swings, and not past a peak
+_RECOVERS = 0.05  # logarithm of these limits gained, over that of the train speed lost: adhesion rises as it slows
+_STIFF_SHARE, _RAISED = 0.8, 8.0  # of the reference, with less slip the torque limit rises; in reaction times
+_RESOLVED = 0.5  # reaction times within which slip passes the peak on its way back, if its adhesion is to be measured
+_RISEN = 1.05  # of the highest adhesion: with more the rail has changed
+_SURE = 3.0  # noise deviations, of slip: a step of the start's elasticity is longer
+WEAK, MOST_WEAK = 0.3, 1.6  # adhesion coefficient that the hand-over speed is for; by what it is divided at most
 _TINY = 1e-9  # of the map: weight of a knot never visited
 _WEIGHED_TIME = 0.01  # s, that weighs 1 in the map, against its curvature
 _LOWEST_SLIP = 1e-4  # whose logarithm is taken
@@ -113,6 +130,24 @@ class Seeking(Predictive):
         slip_scatter: float = quantity("1", "variance of the slip ratio", default=0.0)
         adhesion_scatter: float = quantity("N^2*m^2", "variance of the adhesion torque", default=0.0)
         stiff_time: float = quantity("s", "time for which slip scattered little", default=0.0)
+        rolling: float = quantity("1", "v/(r omega) of the free wheel", default=1.0)
+        roughness: float = quantity("m^2/s^2", "variance of the slip velocity of the free wheel", default=0.0)
+        turning: float = quantity("rad/s", "mean speed of the free wheel", default=0.0)
+        jitter: float = quantity("rad^2/s^2", "its variance", default=0.0)
+        remembered_slip: float = quantity("1", "mean of the slip ratio over a short time", default=0.0)
+        remembered_torque: float = quantity("N*m", "mean of the adhesion torque over that time", default=0.0)
+        top_slip: float = quantity("1", "slip ratio of the highest adhesion", default=0.0)
+        top_torque: float = quantity("N*m", "highest adhesion torque, fading", default=0.0)
+        slip_ahead: float = quantity("m/s", "predicted slip velocity, filtered", default=0.0)
+        slip_limit: float = quantity("1", "largest reference slip after a return", default=1.0)
+        torque_limit: float = quantity("N*m", "largest holding torque after a return; 0: none", default=0.0)
+        returning: float = quantity("1", "1: slip returns from past the peak", default=0.0)
+        farthest: float = quantity("1", "largest slip ratio of the return", default=0.0)
+        crossing: float = quantity("s", "time near the peak on the way back", default=0.0)
+        crossed_torque: float = quantity("N*m", "highest adhesion torque there", default=0.0)
+        calm: float = quantity("s", "time since the last return", default=0.0)
+        swings: float = quantity("1", "1: adhesion swings, and no slip returns", default=0.0)
+        waiting: float = quantity("s", "rest of the time for which less is held after a return", default=0.0)
         weights: tuple[float, ...] = quantity("1", "of the map: normal matrix, diagonal and next to it", default=())
         sums: tuple[float, ...] = quantity("1", "of the map: right-hand side", default=())
         factors: tuple[float, ...] = quantity("1", "of the map: factors of the matrix", default=())
@@ -134,20 +169,28 @@ class Seeking(Predictive):
             return applied
         if state.samples == 0.0:
             state.reference_slip = parameters.first_slip
-            state.starting = 1.0 if v >= parameters.hand_over_speed else 0.0
             state.mean_holding = ASSUMED * parameters.wheel_load * parameters.radius
+            state.starting = 1.0 if above_hand_over(state, parameters, v) >= parameters.hand_over_speed else 0.0
+        if omega > 0.0 and state.samples * parameters.period < _ROLLING * parameters.dead_time:
+            calibrate(state, parameters, v, omega)
+        omega *= state.rolling
         sigma = v - parameters.radius * omega
         reference = state.reference_slip * fading(parameters, v)
         actuator_model(state, parameters, applied)
         observe(state, parameters, v, omega, reference)
         predict(state, parameters, v, sigma, reference)
         seek(state, parameters, reference)
-        if state.starting > 0.0:
-            if v >= parameters.hand_over_speed and state.starting > 1.0:
+        noise = remember(state, parameters, v)
+        if state.returning > 0.0:
+            torque = come_back(state, parameters, noise)
+        elif state.starting > 0.0:
+            speed = above_hand_over(state, parameters, v)
+            if speed >= parameters.hand_over_speed and state.starting > 1.0:
                 state.mean_holding += parameters.period / MEAN_TIME * (state.holding_torque - state.mean_holding)
             torque = fast_start(state, parameters, v, sigma, reference)
         else:
-            torque = hand_over(state, parameters, v, sliding_torque(state, parameters, reference), reference)
+            torque = limited(state, parameters, sliding_torque(state, parameters, reference), reference)
+            torque = hand_over(state, parameters, above_hand_over(state, parameters, v), torque, reference)
             readhesion(state, parameters, v, sigma / v, reference)
         state.samples += 1.0
         return min(max(torque, 0.0), parameters.torque_max)
@@ -180,6 +223,106 @@ class Seeking(Predictive):
 
 
 # --- the parts of a sample ----
+
+
+def calibrate(x: Any, p: Any, v: float, omega: float) -> None:
+    """The scale of the train speed over the believed radius, of the free wheel, and the noise of both speeds."""
+    ratio, n = v / (p.radius * omega), x.samples + 1.0
+    kept = (n - 1.0) / n
+    x.roughness = kept * (x.roughness + (v * (1.0 - x.rolling / ratio)) ** 2 / n)
+    x.jitter = kept * (x.jitter + (omega - x.turning) ** 2 / n)
+    x.turning += (omega - x.turning) / n
+    x.rolling += (ratio - x.rolling) / n
+
+
+def above_hand_over(x: Any, p: Any, v: float) -> Any:
+    """The train speed as the hand-over sees it: slip is held down to a lower speed where there is less adhesion."""
+    held = x.mean_holding / (p.wheel_load * p.radius)
+    return v * min(max(WEAK / max(held, 1e-3), 1.0), MOST_WEAK)
+
+
+def measured_noise(x: Any, p: Any, variance: float) -> Any:
+    """Deviation behind the observer's filter of white noise of a variance."""
+    return math.sqrt(variance * p.period / (2.0 * p.observer_time))
+
+
+def remember(x: Any, p: Any, v: float) -> Any:
+    """Slip and torque of the highest adhesion; a return begins where adhesion falls far past that slip.
+
+    Gives the deviation of the predicted slip velocity, m/s. Only a slip that rises tells of a peak: with bristles
+    adhesion swings, and is highest as slip falls.
+    """
+    reaction = p.dead_time + p.observer_time
+    blend = 1.0 - math.exp(-p.period / (_MEMORY * reaction))
+    x.remembered_torque += blend * (x.adhesion_torque - x.remembered_torque)
+    x.remembered_slip += blend * (x.filtered_sigma / x.filtered_speed - x.remembered_slip)
+    x.slip_ahead += (1.0 - math.exp(-p.period / p.observer_time)) * (x.sigma_ahead - x.slip_ahead)
+    force = _NOISE * p.wheel_load * p.radius**2 / p.wheel_inertia  # m/s^2
+    turning = p.radius * p.dead_time / p.observer_time  # of the wheel speed's noise, by the observed adhesion
+    noise = math.sqrt(
+        force**2 * _NOISE_HOLD * reaction + measured_noise(x, p, x.roughness + turning**2 * x.jitter) ** 2
+    )
+    if x.remembered_torque > x.top_torque and x.slip_rate >= 0.0:
+        x.top_torque, x.top_slip = x.remembered_torque, x.remembered_slip
+    elif x.returning == 0.0:
+        x.top_torque += p.period / (_FADING * reaction) * (x.remembered_torque - x.top_torque)
+    slower = _RECOVERS * p.period * max(x.deceleration, 0.0) / v
+    x.slip_limit = min(x.slip_limit * (1.0 + slower), 1.0)
+    low = 1.0 - max(x.remembered_slip, 0.0) / (_STIFF_SHARE * x.reference_slip)
+    if x.returning == 0.0 and x.waiting <= 0.0 and low > 0.0 and x.reference_slip * v > 2.0 * noise:
+        slower += p.period / (_RAISED * reaction) * low
+    x.torque_limit *= 1.0 + slower
+    known = x.top_torque > 0.4 * ASSUMED * p.wheel_load * p.radius and 0.0 < x.top_slip < _NARROW
+    fallen = x.adhesion_torque < x.remembered_torque < _GONE * x.top_torque
+    far = x.slip_ahead > _FAR_PAST * x.top_slip * v + _CERTAIN * noise and x.filtered_sigma > 1.5 * x.top_slip * v
+    x.calm += p.period
+    begins = x.returning == 0.0 and x.waiting <= 0.0 and x.handed_over == 0.0 and known and fallen and far
+    if begins and x.torque_limit > 0.0 and x.calm < _SOON * reaction:
+        x.swings, x.slip_limit, x.torque_limit = 1.0, 1.0, 0.0
+        x.reference_slip = max(x.top_slip, x.reference_slip)
+    elif begins and x.swings == 0.0:
+        x.returning, x.starting, x.farthest, x.crossing, x.crossed_torque = 1.0, 0.0, 0.0, 0.0, 0.0
+        x.slip_limit = min(_BACK * x.top_slip, x.slip_limit)
+        most = _HELD * x.top_torque
+        x.torque_limit = min(most, x.torque_limit) if x.torque_limit > 0.0 else most
+    x.reference_slip = min(x.reference_slip, x.slip_limit)
+    return noise
+
+
+def quickly(x: Any, p: Any, torque: float) -> Any:
+    """The command with which the torque ahead of the dead time comes to a torque, by the gain of the law's layer."""
+    return towards(x, p, (torque - x.torque_ahead) * (p.reaching_rate + p.switching_gain / p.layer))
+
+
+def come_back(x: Any, p: Any, noise: float) -> Any:
+    """The torque that brings the slip back below the peak in a reaction time. If slip passes the peak slowly enough,
+    its adhesion is measured anew: the rail may have changed."""
+    reaction = p.dead_time + p.observer_time
+    goal = x.reference_slip * x.speed_ahead
+    x.farthest = max(x.farthest, x.remembered_slip)
+    if x.remembered_slip < min(2.0 * x.top_slip, 0.7 * x.farthest):
+        x.crossing += p.period
+        x.crossed_torque = max(x.crossed_torque, x.remembered_torque)
+    if x.slip_ahead > 1.2 * goal + 2.0 * noise:
+        return quickly(x, p, x.holding_torque - p.wheel_inertia / p.radius / reaction * (x.sigma_ahead - goal))
+    if x.crossing > _RESOLVED * reaction and x.crossed_torque < x.top_torque:
+        x.top_torque = x.crossed_torque
+        x.torque_limit = _HELD * x.top_torque
+    x.returning, x.waiting, x.low_time, x.calm = 0.0, _WAIT * reaction, 0.0, 0.0
+    x.mean_torque, x.quick_torque = _FILLED * x.top_torque, _FILLED * x.top_torque
+    return quickly(x, p, _FILLED * x.top_torque)
+
+
+def limited(x: Any, p: Any, torque: float, reference: float) -> Any:
+    """After a return, the torque limit as long as the slip is below its reference, and no more at any slip: a torque
+    below the highest adhesion cannot run past the peak."""
+    x.waiting = max(x.waiting - p.period, 0.0)
+    if x.torque_limit == 0.0:
+        return torque
+    held = min(x.torque_limit, _FILLED * x.top_torque) if x.waiting > 0.0 else x.torque_limit
+    most = quickly(x, p, held + p.wheel_inertia / p.radius * x.deceleration)
+    low = max(x.remembered_slip, x.filtered_sigma / x.filtered_speed) < reference
+    return most if low else min(torque, most)
 
 
 def learn(x: Any, p: Any) -> None:
@@ -286,7 +429,9 @@ def fast_start(x: Any, p: Any, v: float, sigma: float, reference: float) -> Any:
     more with it."""
     if sigma + p.start_lead * x.slip_rate >= min(p.start_slip, 0.85 * reference) * v:
         x.starting = 0.0
-    slip, step = x.filtered_sigma / x.filtered_speed, _LOG_STEP if x.starting == RISEN else 1e-3
+    slip = x.filtered_sigma / x.filtered_speed
+    blurred = _SURE * measured_noise(x, p, x.roughness) / max(x.filtered_sigma, _LOWEST_SLIP * v)
+    step, slow_step = max(_LOG_STEP if x.starting == RISEN else 1e-3, blurred), max(_SLOW_STEP, blurred)
     every = int(_FLAT_TIME / p.period + 0.5)
     due = every < 2 or int(x.samples) % every == 0
     if due and x.adhesion_torque > 0.1 * p.wheel_load * p.radius and slip > _LOWEST_SLIP:
@@ -298,7 +443,7 @@ def fast_start(x: Any, p: Any, v: float, sigma: float, reference: float) -> Any:
             x.flat_samples = x.flat_samples + 1.0 if flat else 0.0
             x.last_log_torque, x.last_log_slip = log_torque, log_slip
         gained, stepped = log_torque - x.step_log_torque, log_slip - x.step_log_slip
-        if x.step_log_slip == 0.0 or not -_SLOW_STEP <= stepped <= _SLOW_STEP:
+        if x.step_log_slip == 0.0 or not -slow_step <= stepped <= slow_step:
             rose = x.step_log_slip != 0.0 and stepped > 0.0 and slip > SLOW_FROM
             if rose and gained < _SLOW_ELASTICITY * stepped:
                 x.slow = 1.0
@@ -310,8 +455,7 @@ def fast_start(x: Any, p: Any, v: float, sigma: float, reference: float) -> Any:
     throw = _MOST_THROWN * v / max(p.dead_time, p.period) * p.wheel_inertia / p.radius  # N*m beyond what holds
     most = min(p.torque_max, x.holding_torque + throw)
     if x.slow > 0.0:
-        rate = (SLOW_SHARE * x.holding_torque - x.torque_ahead) * (p.reaching_rate + p.switching_gain / p.layer)
-        most = min(most, towards(x, p, rate))
+        most = min(most, quickly(x, p, SLOW_SHARE * x.holding_torque))
     if x.starting > 1.0:
         return min(most, p.again_share * max(x.mean_holding, x.holding_torque))
     return most
@@ -352,15 +496,21 @@ def readhesion(x: Any, p: Any, v: float, slip: float, reference: float) -> None:
     else:  # what rises as the slip comes back from past the peak is no news of the rail
         x.mean_torque = x.quick_torque
     rises = x.quick_torque > 1.08 * x.mean_torque and slip < 0.85 * reference
+    if x.torque_limit > 0.0:  # after a return a rise is above the highest adhesion before it
+        rises = rises and x.waiting <= 0.0 and x.quick_torque > _RISEN * x.top_torque
     # with a slip above a low reference: the wheel spins up, and adhesion is more than any torque on its way can hold
     spins = p.wheel_inertia / p.radius * x.slip_rate < -0.2 * x.mean_torque
-    if spins and 0.85 * reference < slip < _LOW_SLIP * p.first_slip:
+    if x.waiting <= 0.0 and spins and 0.85 * reference < slip < _LOW_SLIP * p.first_slip:
         rises = x.adhesion_torque > max(1.08 * x.mean_torque, 1.03 * x.torque_ahead)
     if v <= _START_SPEED * p.fade_speed:
         return
-    doubt(x, p)
+    if x.torque_limit > 0.0:
+        x.low_time = 0.0
+    else:
+        doubt(x, p)
     if x.low_time > p.dead_time or rises:
         x.starting, x.flat_samples, x.last_log_slip, x.low_time = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
+        x.slip_limit, x.torque_limit, x.top_torque = 1.0, 0.0, x.remembered_torque
         if rises:
             x.reference_slip = max(x.reference_slip, p.first_slip)
         x.slow, x.step_log_slip, x.mean_slip = 0.0, 0.0, 0.0

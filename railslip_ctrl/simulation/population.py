@@ -1,0 +1,197 @@
+"""A population of vehicles, rails and sensors on which no controller was tuned: one random stop for each seed.
+
+Development uses seeds below `CHECK`, checks use seeds from there up. One seed gives the same vehicle and rail with and
+without errors of the sensors and the brake.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from railslip_ctrl.controllers.base import PERIOD
+from railslip_ctrl.controllers.linear import full_brake_torque
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_class
+from railslip_ctrl.model.adhesion.polach import Polach
+from railslip_ctrl.model.numeric import peak
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
+
+from .scenario import Beliefs, BrakeLimits, Event, Measurement, Scenario, stop
+
+CHECK = 9000
+"""First seed of the check."""
+
+SPEED_SCALE, RADIUS, GAIN, BRAKE = 0.02, 0.02, 0.15, 0.3
+"""Largest relative errors: measured train speed, believed radius, torque gain, believed dead time and lag."""
+
+SPEED_NOISE = 0.05
+"""Standard deviation of the measured train speed, m/s, for each sample."""
+
+TEETH = (80, 200)
+"""Fewest and most teeth of the wheel-speed encoder."""
+
+PITCH_ERROR = 0.01
+"""Standard deviation of an edge of the encoder, in tooth pitches. The speed is the angle over the time between the
+first and the last edge of a sampling period."""
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Slip ratio and adhesion coefficient of the peak of a curve."""
+
+    slip: float
+    mu: float
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+def random_vehicle(rng: np.random.Generator) -> Vehicle:
+    """Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, dead time 0.06 to 0.3 s, lag 0.15 to
+    0.8 s."""
+    load = _log_uniform(rng, 30e3, 120e3)
+    wheel = {"radius": rng.uniform(0.36, 0.46), "inertia": rng.uniform(40.0, 150.0)}
+    dead_time = _log_uniform(rng, 0.06, 0.3)
+    lag = _log_uniform(rng, 0.15, 0.8)
+    of_load = {"mass": load / 9.81, "mass_loaded": load / 9.81, "wheel_load": load, "wheel_load_loaded": load}
+    changed = {"wheel": PARK2008.wheel.model_copy(update=wheel), "actuator": Actuator(dead_time=dead_time, lag=lag)}
+    return PARK2008.model_copy(update={"name": "random", **of_load, **changed})
+
+
+# --- rails ------------------------------------------------------------------------------------------------------------
+
+
+def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
+    """A random adhesion curve with one hump, as a table; the wheel load does not matter.
+
+    Up to the peak mu rises as 1 - (1 - x)^a over x, the slip by that of the peak; beyond it falls to a plateau as
+    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of that.
+    """
+    slip = _log_uniform(rng, 0.008, 0.15)
+    mu, a, plateau = rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0), rng.uniform(0.35, 0.95)
+    w = _log_uniform(rng, 0.5, 6.0)
+    down = np.geomspace(1e-2, 1.0 / slip - 1.0, 45)
+    return _table(slip, mu, a, down, plateau + (1.0 - plateau) / (1.0 + (down / w) ** 2))
+
+
+def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
+    """As `one_hump`, with a peak at slip 0.008 to 0.03 and a plateau that rises again, to 0.7 to 1.1 of the peak at
+    slip 0.25."""
+    slip, mu, a = _log_uniform(rng, 0.008, 0.03), rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0)
+    plateau, w, again = rng.uniform(0.5, 0.95), _log_uniform(rng, 0.5, 6.0), rng.uniform(0.7, 1.1)
+    down = np.geomspace(1e-2, 1.0 / slip - 1.0, 45)
+    fallen = plateau + (1.0 - plateau) / (1.0 + (down / w) ** 2)
+    rising = np.clip((1.0 + down) * slip / 0.25, 0.0, 1.0)
+    return _table(slip, mu, a, down, fallen + np.maximum(again - fallen, 0.0) * rising)
+
+
+def _table(slip: float, mu: float, a: float, down: np.ndarray, shares: np.ndarray) -> AdhesionLaw:
+    up = np.linspace(0.0, 1.0, 25)
+    slips = np.append(slip * np.concatenate([up, 1.0 + down])[:-1], 1.0)
+    values = mu * np.concatenate([1.0 - (1.0 - up) ** a, shares])
+    return law_class("table").model_validate({"slip": tuple(slips), "mu": tuple(values), "reference": _held(slip)})
+
+
+def _held(slip: float) -> ReferenceSlip:
+    return ReferenceSlip(dry=0.8 * slip, wet=0.8 * slip)
+
+
+def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
+    """Polach's law between and about his dry and wet sets, the contact ellipse grown with the wheel load."""
+    axis = 6e-3 * (wheel_load / PARK2008.wheel_load) ** (1 / 3)
+    k = _log_uniform(rng, 0.2, 1.0)
+    return Polach(
+        **{"kA": k, "kS": k * rng.uniform(0.3, 0.5), "mu0": rng.uniform(0.1, 0.5), "A": rng.uniform(0.3, 0.6)},
+        **{"Bw": _log_uniform(rng, 0.1, 0.8), "a": axis, "b": axis, "reference": _held(0.03)},
+    )
+
+
+def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
+    """Burckhardt's curve as high as that of a rail: c1 0.06 to 0.35, 1/c2 0.002 to 0.04, c3 0.2 to 0.7 of c1."""
+    c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
+    return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _held(0.05)})
+
+
+def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
+    """The bristle model: mu 0.08 to 0.35 at rest, gone at slip velocities of 30 to 90 m/s, stiffness 0.5 to 2 times the
+    published one of the load."""
+    mu, gamma = rng.uniform(0.08, 0.35), _log_uniform(rng, 30.0, 90.0)
+    alpha = 2.2e4 * wheel_load / PARK2008.wheel_load * _log_uniform(rng, 0.5, 2.0)
+    given = {"alpha": alpha, "beta": gamma / (mu * wheel_load), "gamma": gamma, "reference": _held(0.1)}
+    return law_class("bristle").model_validate(given)
+
+
+def lugre(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
+    """The LuGre model: mu 0.08 to 0.35 at rest, 0.4 to 0.9 of it when sliding, Stribeck velocity 1 to 6 m/s, stiffness
+    0.5 to 2 times 22 kN/m of the published load, relative damping 0.3 to 1 of the wheel on it."""
+    mu, vs = rng.uniform(0.08, 0.35), _log_uniform(rng, 1.0, 6.0)
+    share = wheel_load / PARK2008.wheel_load
+    given = {"alpha": 2.2e4 * share * _log_uniform(rng, 0.5, 2.0), "alpha1": 310.0 * share, "alpha2": 21.0 * share}
+    given |= {"Fs": mu * wheel_load, "Fc": rng.uniform(0.4, 0.9) * mu * wheel_load, "vs": vs}
+    return law_class("lugre").model_validate({**given, "reference": _held(0.1)})
+
+
+FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = MappingProxyType(
+    {
+        "one hump": one_hump,
+        "changing": one_hump,
+        "two stage": two_stage,
+        "polach": polach,
+        "burckhardt": burckhardt,
+        "bristle": bristle,
+        "lugre": lugre,
+    }
+)
+"""Random adhesion laws by name; "changing": one hump, from dry to wet or back."""
+
+
+# --- stops ------------------------------------------------------------------------------------------------------------
+
+
+def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
+    """The stop of a seed from 100 to 5 km/h, with the brake's full torque as its limit.
+
+    - family: of `FAMILIES`.
+    - errors: whether sensors, brake and beliefs are wrong, by uniform draws within the errors named above.
+    """
+    rng = np.random.default_rng(seed)
+    vehicle = random_vehicle(rng)
+    law = FAMILIES[family](rng, vehicle.wheel_load)
+    scenario = stop(vehicle, Rail.DRY, adhesion=law)
+    high = full_brake_torque(vehicle)
+    changes: dict[str, object] = {"limits": BrakeLimits(torque_max=high)}
+    if family == "changing":
+        first, then = (Rail.DRY, Rail.WET) if rng.uniform() < 0.5 else (Rail.WET, Rail.DRY)
+        changes |= {"rail": first, "events": (Event(distance=rng.uniform(20.0, 150.0), rail=then),)}
+    if errors:
+        changes |= _wrong(np.random.default_rng((seed, 1)), vehicle, high)
+    return scenario.with_changes(**changes)
+
+
+def _wrong(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
+    """A train speed that is wrong by a factor is, but for the metre, a radius believed wrong by its inverse."""
+    scale, radius, gain = (1.0 + rng.uniform(-one, one) for one in (SPEED_SCALE, RADIUS, GAIN))
+    dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)
+    teeth = rng.integers(*TEETH, endpoint=True)
+    edge = PITCH_ERROR * 2.0 * math.pi / teeth
+    actuator = vehicle.actuator
+    return {
+        "limits": BrakeLimits(torque_max=high, torque_gain=gain),
+        "beliefs": Beliefs(
+            radius=vehicle.wheel.radius * radius / scale,
+            dead_time=actuator.dead_time * dead_time,
+            lag=actuator.lag * lag,
+        ),
+        "measurement": Measurement(speed_noise=SPEED_NOISE, wheel_noise=math.sqrt(2.0) * edge / PERIOD),
+    }
+
+
+def peak_of(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
+    """The peak of a law at a speed, m/s, under a wheel load, N."""
+    top = peak(law, speed, wheel_load)
+    return Peak(top.slip, top.coefficient)
