@@ -3,7 +3,8 @@
 Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says
 what a run is and reads its files; `kernel` is the integration loop: its source text is assembled with those of an
 adhesion law and a controller and compiled by Numba, so that neither costs a call. `bound` has the stop that no
-controller can beat, and compares runs with it; `campaign` makes many; `embedded` writes a controller's C99 program.
+controller can beat, and compares runs with it; `campaign` makes many; `population` draws random vehicles and rails;
+`embedded` writes a controller's C99 program.
 """
 
 from __future__ import annotations
