@@ -20,7 +20,7 @@ from railslip_ctrl.loop import stability
 from railslip_ctrl.loop.certificate import CertificateError, certify
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, monotone_root
 from railslip_ctrl.loop.margins import _PeakSearch, by_distance, heights
-from railslip_ctrl.loop.rational import pade
+from railslip_ctrl.loop.rational import fraction, nearest_double, pade
 
 S = ct.tf("s")
 MODES = Rational([0.5, -2 + 3j, -2 - 3j], [0.3, -0.1 + 4j, -0.1 - 4j, 0.2 + 1j, 0.2 - 1j], 3.0)
@@ -438,3 +438,10 @@ def test_only_parts_of_the_axis_below_the_peaks_are_shown_to_be(kind):
                 assert factor > 1 or not below
                 shown += len(below)
     assert shown > 300
+
+
+def test_a_fraction_becomes_the_double_nearest_to_it():
+    for value in (1 / 3, -2.5, 1e-300, 6.02e23, 5e-324, 0.0):
+        assert nearest_double(fraction(value)) == value
+    third = fraction(1.0) / fraction(3.0)
+    assert (nearest_double(third), nearest_double(-third)) == (1 / 3, -1 / 3)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 QUICK_TIME = 0.05  # s
 
-_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: more add at most 5 % to Ms
+_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: sampling then adds up to 5 % to Ms with the brake as believed
 _SPARE = 3  # samples of the torque history beyond the dead time
 
 FADED = 0.7
@@ -192,7 +192,7 @@ class Predictive(Controller):
 
         - vehicle: its wheel, wheel load and actuator count; its mass does not.
         - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less, with which sampling
-          adds at most 5 % to Ms. A longer one is refused.
+          adds up to 5 % to Ms with the brake as believed, and more with tolerances. A longer one is refused.
 
         InputError: a brake without dead time, or a period beyond that.
         """

@@ -30,7 +30,7 @@ from railslip_ctrl.model.vehicle import Actuator
 from .envelope import Case, Envelope, EnvelopePoints
 from .specification import is_robust
 
-UNSAMPLED = "the loop is continuous: sampling, which adds at most 5 % to its Ms, is not judged"
+UNSAMPLED = "the loop is continuous; sampling is not judged: it adds up to 5 % to Ms, and more to Ms with tolerances"
 """What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
