@@ -7,6 +7,7 @@ import math
 import re
 import sys
 
+import mpmath
 import numpy as np
 import pytest
 import sympy as sp
@@ -117,9 +118,31 @@ def test_curve_is_odd_and_nan_outside_its_domain() -> None:
     np.testing.assert_array_equal(curve_force(-slip, *p), -curve_force(slip, *p))
     many = np.linspace(0.0, 1.0, 700).reshape(7, 100)  # several blocks, the last not full
     alone = [float(curve_force(slip, *p)) for slip in many.flat]
-    np.testing.assert_allclose(curve_force(many, *p), np.reshape(alone, many.shape), rtol=1e-14)
+    np.testing.assert_allclose(curve_force(many, *p), np.reshape(alone, many.shape), rtol=2e-13)  # as stated
     found = curve_force(np.array([0.83, -0.9, 0.82, 0.0, -0.82]), *fast)
     assert np.isnan(found).tolist() == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize(
+    "factors", [(1, 1, 1, 1), (9.4, 3.7, 0.45, 0.3), (0.08, 0.2, 2.6, 5.0), (14.0, 0.1, 0.7, 0.06)]
+)
+def test_curve_is_its_integral_far_from_the_published_parameters(factors) -> None:
+    """In steps, and one by one in falling order, against mpmath's quadrature."""
+    *own, v0 = published_law("curve", DRY, 100.0).parameters()
+    alpha, beta, gamma, R = p = [float(value * factor) for value, factor in zip(own, factors, strict=True)]
+    slip = np.linspace(0.0, min(1.0, 0.99 * gamma / v0), 4097)
+    rising, falling = curve_force(slip, *p, v0), curve_force(slip[::-1], *p, v0)[::-1]
+    np.testing.assert_allclose(falling, rising, rtol=2e-13)
+    for i in (1, 2, 40, 700, 4096):
+        with mpmath.workdps(40):
+            s = mpmath.mpf(float(slip[i] * v0))
+
+            def grown(t, s=s):
+                return mpmath.mpf(alpha) * beta / R * (gamma * mpmath.log((gamma - t) / (gamma - s)) - (s - t))
+
+            parts = [s * k / 16 for k in range(17)]
+            integral = alpha / R * mpmath.quad(lambda t, grown=grown: t * mpmath.exp(-grown(t)), parts)
+        assert (rising[i], falling[i]) == pytest.approx((float(integral),) * 2, rel=2e-13)
 
 
 def test_beam_closed_form_is_the_integral_of_its_equations() -> None:

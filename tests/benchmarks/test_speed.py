@@ -280,8 +280,8 @@ def test_a_pi_of_a_plant_without_dead_time_is_tuned_as_soon_as_with_1_ms(asked):
     assert best[0.0] / best[1e-3] <= 1.2
 
 
-@pytest.mark.parametrize(("names", "most"), [(3, 1.3), (1, 1.6)], ids=["three quantities", "adhesion alone"])
-def test_a_run_of_a_campaign_costs_little_more_than_the_run(names, most):
+@pytest.mark.parametrize("names", [3, 1], ids=["three quantities", "adhesion alone"])
+def test_a_run_of_a_campaign_costs_little_more_than_the_run(names):
     """The published run with another dry and wet adhesion table each; they are two thirds of what is left over."""
     scenario, calls = built_in_scenario("park2008"), dict[Any, Callable[[], Any]]()
     campaign = Campaign(scenario, (published_controller("pi"),), 20, QUANTITIES[:names])
@@ -298,7 +298,7 @@ def test_a_run_of_a_campaign_costs_little_more_than_the_run(names, most):
     best = interleaved(calls, 20, as_in_a_campaign)
     run, ours = (250 * sum(best[kind, i] for i in range(4)) for kind in ("run", "campaign"))
     print(f"\na run {run:.1f} ms, in a campaign {ours:.1f} ms, ratio {ours / run:.2f}")
-    assert ours / run <= most
+    assert ours / run <= 1.3
 
 
 def test_5000_points_are_judged_in_two_seconds():

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "caf22ed9331cb47ddfd757289de710bd7aa80b7799d6410eee87e5726264200a"
+SOURCES_SHA256 = "9537ebd9a12fd77579af208d9c180afb0c82937d0d19d2727e2e7561d0231f5c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
