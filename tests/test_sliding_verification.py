@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.optimize import newton
 
 from railslip_ctrl import PARK2008, Actuator, Rail
-from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.report.verification import conclusion_text, evidence
 from railslip_ctrl.sliding.law import NOT_HOLDING, PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import actuator_effects as effects
@@ -39,6 +39,35 @@ SOLVED = [
 RELEASED = [(Rail.DRY, 1.0, 400.0, 3.60, -0.016, 0.286), (Rail.WET, 1.0, 400.0, 3.23, -0.009, 0.198)]
 
 
+def slip_response(loop, omega):
+    """From the relay's output to sigma at frequencies > 0, rad/s."""
+    s = 1j * np.asarray(omega, dtype=float)
+    zeros, poles = loop.plant.transfer_function()
+    actuator = np.exp(-s * loop.actuator.dead_time) / (loop.actuator.lag * s + 1.0)
+    return actuator / (np.polyval(poles, s) / np.polyval(np.atleast_1d(zeros), s) + actuator * loop.controller()(s))
+
+
+def surface_response(loop, omega):
+    """W, from the relay's output to -s, at frequencies > 0, rad/s."""
+    s = 1j * np.asarray(omega, dtype=float)
+    return (s + loop.gains.rho) / s * slip_response(loop, omega)
+
+
+def linear_cycle(loop):
+    """Period, s, and slip amplitude of each N*m of K, of the relay's own cycle without load: Tsypkin's locus.
+
+    The square wave K (4/pi) sum sin(n omega t)/n over odd n makes s = 0 at its switches where
+    sum Im W(j n omega)/n = 0.
+    """
+    odd, phase = np.arange(1.0, 400.0, 2.0), np.linspace(0.0, np.pi, 512, endpoint=False)
+    pole = loop.linear_loop(relay_gain=loop.largest_relay_gain).closed_loop_poles(2)[0]  # on the axis
+    omega = newton(lambda x: np.sum(surface_response(loop, odd * x).imag / odd), abs(pole.imag))
+    waves = 4 / np.pi * np.exp(1j * np.outer(phase, odd)) / odd
+    surface, sigma = ((waves @ one(loop, odd * omega)).imag for one in (surface_response, slip_response))
+    assert np.all(-surface[1:] > 0.0)  # two switches a period
+    return 2 * math.pi / omega, np.max(np.abs(sigma)) / loop.plant.point.speed
+
+
 @pytest.mark.parametrize(("rail", "scale", "K", "period", "low", "high"), [*SOLVED, *RELEASED])
 def test_the_relay_s_own_cycle_is_that_of_other_methods(rail, scale, K, period, low, high):
     loop = published_loop(rail, inertia_scale=scale).with_gains(K=K)
@@ -48,7 +77,7 @@ def test_the_relay_s_own_cycle_is_that_of_other_methods(rail, scale, K, period, 
     assert cycle.slip_range == pytest.approx((low, high), abs=4e-3 if released else 2e-4)
     assert cycle.held != released
     # the linearised cycle, without load, is near where the swing is small and the relay does more than carry the load
-    linear_period, each = loop.linear_cycle()
+    linear_period, each = linear_cycle(loop)
     if cycle.amplitude < 0.3 * loop.plant.point.slip and 2 * loop.load < K:
         assert linear_period == pytest.approx(period, rel=0.05)
         assert K * each == pytest.approx(cycle.amplitude, rel=0.1)
@@ -72,7 +101,7 @@ def test_integrator_with_dead_time_has_the_textbook_cycle():
     plant = replace(base.plant, point=point, A=np.zeros((1, 1)))
     loop = replace(base, plant=plant, gains=LawGains(K=70.0, D=1e-6, rho=1e-6))
     loop = replace(loop, actuator=Actuator(dead_time=0.15, lag=0.0))
-    period, slip = loop.linear_cycle()
+    period, slip = linear_cycle(loop)
     assert period == pytest.approx(0.6, rel=1e-5)
     assert slip * point.speed == pytest.approx(plant.gain * 0.15, rel=2e-3)  # the series of a triangle
 
@@ -95,8 +124,8 @@ def test_response_of_the_loop_solves_the_equations_of_the_law(rail):
             [[s - A[0, 0], -A[0, 1], -r / J, 0], [-A[1, 0], s - A[1, 1], 0, 0], [0, 0, 1, -ga], [-command, 0, 0, 1]]
         )
         sigma = np.linalg.solve(matrix, [0, 0, 0, 1])[0]
-        assert loop.slip_response(omega) == pytest.approx(sigma, rel=1e-9)
-        assert loop.surface_response(omega) == pytest.approx(-surface * sigma, rel=1e-9)
+        assert slip_response(loop, omega) == pytest.approx(sigma, rel=1e-9)
+        assert surface_response(loop, omega) == pytest.approx(-surface * sigma, rel=1e-9)
 
 
 @pytest.mark.parametrize(("dead_time", "lag", "degree"), [(0.0, 0.0, 1), (0.0, 0.6, 2), (0.15, 0.0, 1), (0.15, 0.6, 2)])
@@ -104,7 +133,7 @@ def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
     loop = replace(published_loop(Rail.DRY), actuator=Actuator(dead_time=dead_time, lag=lag))
     existence, omega = loop.sliding_existence(), 1e6
     assert (existence["exists"], existence["relative_degree"]) == (dead_time == lag == 0, degree)
-    size = abs(complex(loop.surface_response(omega))) * omega**degree
+    size = abs(complex(surface_response(loop, omega))) * omega**degree
     assert size == pytest.approx(existence["high_frequency_gain"], rel=1e-4)
 
 
@@ -114,13 +143,10 @@ def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without()
     assert without_actuator(loop).is_stable(adaptation=k)
     for relay_gain in np.linspace(0.0, 20.0, 11):
         assert loop.unstable_poles(relay_gain=relay_gain, adaptation=k) == 2
-    assert effects.survivable_excursion(loop) == 0.0
-    # on the static curve, as published, it is unstable where the relay is small beside s
+    # on the static curve, as published, without the relay
     curve = published_loop(Rail.DRY, inertia_scale=3.6, adhesion="curve")
     assert not curve.is_stable(adaptation=k)
     assert without_actuator(curve).is_stable(adaptation=k)
-    gain = 4 * 70 / (math.pi * effects.survivable_excursion(curve))
-    assert [curve.is_stable(relay_gain=f * gain, adaptation=k) for f in (0.999, 1.001)] == [False, True]
 
 
 @pytest.mark.parametrize(("rail", "scale"), READINGS)
@@ -135,7 +161,6 @@ def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
     assert abs(loop.linear_loop(adaptation=found.k).closed_loop_poles(2)[0].real) < 1e-6
     for name, value in (("rho", found.rho), ("D", found.D)):
         assert [loop.with_gains(**{name: value * (1 + x)}).is_stable() for x in (-1e-6, 1e-6)] == [True, False]
-    assert found.K * loop.linear_cycle()[1] == pytest.approx(0.02, rel=1e-9)
 
 
 def test_cycles_that_do_not_exist():
@@ -146,9 +171,6 @@ def test_cycles_that_do_not_exist():
     assert (relay_cycle(unstable), unstable.largest_relay_gain) == (None, 0.0)
     assert effects.survivors(unstable).layer == math.inf
     assert without_actuator(loop).largest_relay_gain == math.inf
-    for none in (unstable, without_actuator(loop)):
-        with pytest.raises(DomainError, match="no relay gain takes the loop from stable to unstable"):
-            none.linear_cycle()
 
 
 def test_the_range_of_a_stable_gain_is_found_where_it_begins_late():
@@ -183,12 +205,11 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     assert "2 unstable poles (ideal actuator: 0)" in evidence(conditions[ADAPTIVE])
     dry, wet = findings["effects"]
     assert "cycles with 4.09 s and a slip amplitude of 0.0990" in evidence(conditions[ACTUATOR_CONDITIONS[1]])
-    limits = [(one.K, one.layer, one.rho, one.D, one.k) for one in (dry.survivors, wet.survivors)]
-    assert limits[0] == pytest.approx((9.617, 4.486, 2.192, 21.11, 1.032e-8), rel=1e-3)
-    assert limits[1] == pytest.approx((53.43, 0.7320, 4.469, 101.1, 1.060e-7), rel=1e-3)
+    limits = [(one.layer, one.rho, one.D, one.k) for one in (dry.survivors, wet.survivors)]
+    assert limits[0] == pytest.approx((4.486, 2.192, 21.11, 1.032e-8), rel=1e-3)
+    assert limits[1] == pytest.approx((0.7320, 4.469, 101.1, 1.060e-7), rel=1e-3)
     told = conclusion_text("paper", findings)
     for left in (dry.survivors, wet.survivors):
-        assert f"K <= {left.K:.1f} N*m" in told
         assert f"{left.layer:.3f} m/s at K = 70 N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g}" in told
     assert "verify --law predictive" in told
     # how near the as-published adaptation is to unstable, by the exact root count on either side

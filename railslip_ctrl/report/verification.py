@@ -15,7 +15,6 @@ from rich.text import Text
 
 from railslip_ctrl.core.templates import filled, texts
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.verification.actuator_effects import SLIP_AMPLITUDE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.verdict import Condition, Verification
 
@@ -30,7 +29,7 @@ _LAWS = {
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"predictive": "lag and dead time throughout"}
-_CONSTANTS = {"inf": math.inf, "KMH": KMH, "SLIP_AMPLITUDE": SLIP_AMPLITUDE}
+_CONSTANTS = {"inf": math.inf, "KMH": KMH}
 
 
 def statement(condition: Condition) -> str:

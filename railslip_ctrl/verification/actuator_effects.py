@@ -26,12 +26,10 @@ from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
 from .fixed_step import FixedRun, simulate_behind
 from .rails import RailAdhesion
-from .relay_loop import SLOWEST, SurfaceLoop, bisected, stable_up_to
+from .relay_loop import SLOWEST, SurfaceLoop, stable_up_to
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
 
-SLIP_AMPLITUDE = 0.02  #: half of the slip's swing, a ratio, within which a relay is to hold the wheel
-_RELAY_SAMPLES = 11  # relay gains tried between 0 and the largest stable one, for the most favourable
 _OFFSET = 0.05  # of the reference, where runs start above it
 _SETTLING, _MEASURED = 30.0, 20.0  # s, times the inertia scale: some 8 and 5 periods of the relay's cycle
 _LONGEST = 60.0  # s, times the inertia scale: longer than any stop
@@ -64,55 +62,31 @@ def largest_adaptation(loop: SurfaceLoop) -> float:
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
-def survivable_excursion(loop: SurfaceLoop) -> float:
-    """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back: describing function, [Gelb1968].
-
-    inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
-    """
-
-    def helps(relay_gain: float) -> bool:
-        return loop.is_stable(relay_gain=relay_gain, adaptation=loop.gains.k1)
-
-    if helps(0.0):
-        return math.inf
-    top = loop.largest_relay_gain
-    helped = next(filter(helps, np.linspace(0.0, top, _RELAY_SAMPLES).tolist()), None) if top < math.inf else None
-    if helped is None:
-        return 0.0
-    return 4 * loop.gains.K / (math.pi * bisected(lambda gain: not helps(gain), 0.0, helped))
-
-
 @dataclass(frozen=True)
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
-    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. K: N*m,
-    for a cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it smaller; 0 where no K gives a stable
-    cycle, inf where none oscillates. k; rho, 1/s; D, N*m/(m/s); layer: smallest without limit cycle at the gains' own
-    K, m/s; inf where there is no bound, or no layer. excursion: see `survivable_excursion`, m/s.
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k; rho,
+    1/s; D, N*m/(m/s); layer: smallest without limit cycle at the gains' own K, m/s; inf where there is no bound, or no
+    layer.
     """
 
     stable: bool
     k: float
-    K: float
     rho: float
     D: float
     layer: float
-    excursion: float
 
 
 def survivors(loop: SurfaceLoop) -> Survivors:
-    """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
+    """Bisect each gain on exact stability."""
     gains, stable, gain = loop.gains, loop.is_stable(), loop.largest_relay_gain
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop) if stable else 0.0,
-        # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
-        K=SLIP_AMPLITUDE / loop.linear_cycle()[1] if 0.0 < gain < math.inf else gain,
         rho=stable_up_to(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
         D=gains.D + gain if stable else 0.0,  # a relay gain is a D
         layer=gains.K / gain if gain > 0 else math.inf,
-        excursion=survivable_excursion(loop),
     )
 
 
@@ -202,11 +176,6 @@ class ActuatorEffect:
         """For tables: adhesion, rail and inertia scale."""
         point = self.loop.plant.point
         return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
-
-    @property
-    def linear_amplitude(self) -> float:
-        """Slip amplitude of the cycle of the linearised loop without load."""
-        return SLIP_AMPLITUDE * self.loop.gains.K / self.survivors.K
 
     @property
     def holds_the_wheel(self) -> bool:

@@ -16,11 +16,9 @@ G = (s + rho)/s and s_surface = -G sigma,
 With an ideal actuator and Q_m = Q the adhesion cancels: W = (r/J)/(s + (r/J) D), [Park2008] (37). With the actuator
 Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's unstable pole is back.
 
-A relay gain N acts as D does. The relay's own cycle without load, every harmonic counted, is Tsypkin's locus
-([Tsypkin1984]): the square wave K (4/pi) sum sin(n omega t)/n over odd n makes s = 0 at its switches where
-sum Im W(j n omega)/n = 0. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds (J/r) w int s dt
-to the torque, w = k (Ta^2 + 12.96 omega^2) in SI: with an ideal actuator s'' + (r/J) D s' + w s = 0, an oscillator that
-only D damps; with the actuator the integral path costs phase the loop does not have.
+A relay gain N acts as D does. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds
+(J/r) w int s dt to the torque, w = k (Ta^2 + 12.96 omega^2) in SI: with an ideal actuator s'' + (r/J) D s' + w s = 0,
+an oscillator that only D damps; with the actuator the integral path costs phase the loop does not have.
 """
 
 from __future__ import annotations
@@ -32,10 +30,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.arguments import Complexes, Floats
-from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
@@ -48,9 +45,6 @@ OMEGA_UNIT_FACTOR = PUBLISHED_LAW.k2 / PUBLISHED_LAW.k1
 SLOWEST = 1e-4  # 1/s: rate of the relay's gain, or square of the adaptation's, that is tried first: hours of a stop
 _RATIO, _STEPS = 1.2, 76  # steps in which a gain is raised until the loop is lost: up to a factor of 1e6
 _TOLERANCE = 1e-9  # relative, of a bisection: far above the rounding of the root count
-# W falls at least as 1/omega^2 with the lag, so that s misses about 1/(2 n^2) of itself beyond n harmonics
-_ODD = np.arange(1.0, 400.0, 2.0)
-_SAMPLES = 1024  # times in a period at which peaks are looked for: misses a crest by less than 1e-5 of it
 
 
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
@@ -63,14 +57,12 @@ def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
     if first is None:
         return 0.0
     lost = next((n for n in range(first + 1, _STEPS) if not stable(gains[n])), None)
-    return math.inf if lost is None else bisected(stable, gains[lost - 1], gains[lost])
-
-
-def bisected(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """Largest value between `low`, where it holds, and `high`, where it does not, to 1e-9."""
+    if lost is None:
+        return math.inf
+    low, high = gains[lost - 1], gains[lost]
     while high - low > _TOLERANCE * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        low, high = (middle, high) if stable(middle) else (low, middle)
     return low
 
 
@@ -148,21 +140,6 @@ class SurfaceLoop:
         """Whether the linear loop is stable, by the exact root count; arguments as of `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
-    # -- what the relay sees ------------------------------------------------------------------------------
-
-    def surface_response(self, omega: ArrayLike) -> Complexes:
-        """W(j omega) from the relay's output to -s, (m/s)/(N*m); omega > 0, rad/s, any shape."""
-        s = 1j * np.asarray(omega, dtype=float)
-        return np.asarray((s + self.gains.rho) / s * self.slip_response(omega))
-
-    def slip_response(self, omega: ArrayLike) -> Complexes:
-        """From the relay's output to sigma, (m/s)/(N*m): W/G; omega > 0, rad/s, any shape."""
-        s = 1j * np.asarray(omega, dtype=float)
-        zeros, poles = self._wheel
-        inverse_wheel = np.polyval(poles, s) / np.polyval(zeros, s) / self.plant.gain
-        actuator = np.exp(-s * self.actuator.dead_time) / (self.actuator.lag * s + 1.0)
-        return np.asarray(actuator / (inverse_wheel + actuator * self.controller()(s)))
-
     def sliding_existence(self) -> dict[str, Any]:
         """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why.
 
@@ -182,21 +159,3 @@ class SurfaceLoop:
         A boundary layer wider than K over it no longer oscillates.
         """
         return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)
-
-    def linear_cycle(self) -> tuple[float, float]:
-        """Period, s, and slip amplitude of each N*m of K, of the relay's own cycle without load, to about 1e-5.
-
-        DomainError where no relay gain takes the loop from stable to unstable, or s changes sign between two switches.
-        """
-        from scipy.optimize import newton
-
-        if not 0.0 < self.largest_relay_gain < math.inf:
-            raise DomainError("limit cycle: no relay gain takes the loop from stable to unstable, so there is none")
-        pole = self.linear_loop(relay_gain=self.largest_relay_gain).closed_loop_poles(2)[0]  # on the axis
-        omega = float(newton(lambda x: float(np.sum(self.surface_response(_ODD * x).imag / _ODD)), abs(pole.imag)))
-        phase = np.linspace(0.0, np.pi, _SAMPLES // 2, endpoint=False)
-        waves = 4 / np.pi * np.exp(1j * np.outer(phase, _ODD)) / _ODD
-        surface, sigma = ((waves @ one(_ODD * omega)).imag for one in (self.surface_response, self.slip_response))
-        if np.any(-surface[1:] <= 0.0):  # half of the period; the other half is its mirror
-            raise DomainError("limit cycle: there is none with two switches a period, as s changes sign in between")
-        return 2 * math.pi / omega, float(np.max(np.abs(sigma)) / self.plant.point.speed)
