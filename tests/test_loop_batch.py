@@ -161,8 +161,8 @@ def test_empty_batches_and_loops_of_different_structure():
     ({"poles": [[-1.0, np.nan], [-1.0, -2.0]]}, "not finite"),
     ({"dead_time": [0.1, -0.2]}, "dead time: -0.2 s"),
     ({"dead_time": [0.1, np.nan]}, "dead time: nan s"),
-    ({"poles": [[-1.0, -2.0], [-1.0 + 1j, -2.0 - 1j]]}, "poles: complex ones without their conjugates"),
-    ({"zeros": [[-1.0], [-1.0 + 1j]]}, "zeros: complex ones without their conjugates"),
+    ({"poles": [[-1.0, -2.0], [-1.0 + 1j, -2.0 - 1j]]}, "poles: .*conjugate"),
+    ({"zeros": [[-1.0], [-1.0 + 1j]]}, "zeros: .*conjugate"),
 ])  # fmt: skip
 def test_unsuitable_arrays_are_refused(change, match):
     arguments = {"zeros": 2 * [[-1.0]], "poles": 2 * [[-1.0, -2.0]], "gain": [1.0, 1.0], "dead_time": [0.1, 0.1]}

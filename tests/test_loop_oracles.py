@@ -88,7 +88,7 @@ def test_poles_without_dead_time_of_a_loop_that_passes_all_frequencies(gain):
 
 def test_poles_that_the_root_count_contradicts_are_not_returned(monkeypatch):
     monkeypatch.setattr(stability, "count_right_of", lambda *_: SimpleNamespace(marginal=False, right=7.0))
-    with pytest.raises(stability.SpectrumError, match="could not be confirmed"):
+    with pytest.raises(stability.SpectrumError, match=r"root count .* rightmost"):
         DeadTimeLoop(1 / S, 1.0).closed_loop_poles(2)
 
 
@@ -277,7 +277,7 @@ def test_neutral_loop_is_decided_by_its_chain():
     assert (chain.unstable_closed_loop_poles, low, high < 1 / 1.1) == (np.inf, 0.0, True)
     with pytest.raises(UnstableLoopError, match="infinitely many"):
         chain.margins()
-    with pytest.raises(InputError, match="chain of poles"):
+    with pytest.raises(InputError, match=r"\|G\(inf\)\| = 1\.1 >= 1"):
         chain.closed_loop_poles()
     # without dead time a gain > 1 at infinity is fine, but any dead time destroys it
     assert DeadTimeLoop(3 * (S + 2) / (S + 1)).margins().delay_s == 0.0
@@ -292,7 +292,7 @@ def test_neutral_loop_is_decided_by_its_chain():
     ("1/s", 0.0, "str is not a linear system"),
     (ct.tf([float("nan")], [1, 1]), 0.0, "not finite"),
     (float("inf"), 0.0, "not finite"),
-    (signal.ZerosPolesGain([], [-1 + 1j], 1), 0.0, "without their conjugates"),
+    (signal.ZerosPolesGain([], [-1 + 1j], 1), 0.0, "conjugate"),
     (ct.frd([1, 2, 3], [1, 2, 3]), 0.0, "not a linear system"),
 ])  # fmt: skip
 def test_unsuitable_systems_are_refused(system, dead_time, match):

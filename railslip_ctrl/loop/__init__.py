@@ -1,10 +1,11 @@
-"""The loop with its exact dead time: root count, margins, certificates. Knows nothing of slip.
+"""Feedback loops with exact dead time: root count, margins, certificates, time responses.
 
-Imports `core`. Begin with `deadtime`: `DeadTimeLoop(system, dead_time)` and its `margins()`. It stands on `rational`
-(transfer functions, their exact polynomials and realisations), `crossings` (where |L| = 1 or L < 0), `stability`
-(root count, rightmost poles), `margins`, `certificate` (enclosures by balls) and `responses` (in time). `batch` has
-margins of many such loops at once. Other loops: `sampled` (discrete controllers) and `quasi` (controllers with delays
-of their own; `quasi_batch`, many at once) compute theirs from bounds on ln L, by `bounded`.
+The room knows nothing about slip and imports only `core`. Begin with `deadtime`: `DeadTimeLoop(system, dead_time)` and
+its `margins()`. It uses `rational` (transfer functions, their exact polynomials and realisations), `crossings`
+(frequencies with |L| = 1 or L < 0), `stability` (root count, rightmost poles), `margins`, `certificate` (enclosures by
+ball arithmetic) and `responses` (time responses). `batch` computes the margins of many dead-time loops at once.
+Two other kinds of loop get their margins from bounds on ln L (`bounded`): `sampled` has discrete controllers; `quasi`
+has controllers with internal delays, and `quasi_batch` many of them at once.
 """
 
 from .certificate import Certificate, CertificateError

@@ -1,11 +1,11 @@
 """Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
 
-The method is that of the scalar engine (`crossings`, `stability`, `margins`), on the points of all loops at once
-(`Points`). Bounds on the second derivative of ln L between them decide that no gain crossover, no phase crossover
-that would limit a margin, and no peak more than 0.1 % higher than the one reported hides there: so root count, gain,
-phase and delay margins are sure, and peaks are to 0.1 %, down to the lowest and up to the highest point, 1e4 beyond
-every feature. The peaks themselves are refined to rounding. A loop in which rounding, or bounds after some
-subdivisions, leave a decision open is handed to the scalar engine, so that there the results are equal by construction.
+The method is that of the scalar engine (`crossings`, `stability`, `margins`), applied to the frequency points of all
+loops at once (`Points`). Bounds on the second derivative of ln L between two points exclude a hidden gain crossover, a
+hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported one. Root count and gain,
+phase and delay margins are therefore certain, and peaks accurate to 0.1 %, between the lowest and the highest point,
+a factor 1e4 beyond every feature. The reported peaks are refined to rounding. If rounding or the bounds leave a
+decision open, the scalar engine computes that loop.
 """
 
 from __future__ import annotations
@@ -29,40 +29,41 @@ from .rational import Rational
 Indices = NDArray[np.intp]
 Spans = tuple[Floats, Floats]
 
-DELICATE = 1e-9  #: a quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it
+#: Distance to a threshold below which the scalar engine decides; rounding is 1e-6 of it.
+DELICATE = 1e-9
 
-_NODES_PER_DECADE = 5  # extrema that show are located exactly, and bounds tell what does not show
+_NODES_PER_DECADE = 5  # enough: visible extrema are located exactly, bounds exclude or find the others
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
-_REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
-_FAR, _NODES_FAR_OUT = 1e3, 2  # of which the outer part, where L is all but its asymptote, has fewer
-_WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
-_EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
-_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
-_PHASE_STEP = 0.5  # rad, of a piece searched for a peak
-_MOST_PARTS = 500
-_MOST_HALVINGS = 6  # of a piece on which |L| may cross 1 unseen; a loop that has one left is delicate
-_BLOCK = 1024  # points evaluated together: few calls where they are few, and in the cache where they are many
-_CHUNK = 512  # loops worked on together: their points stay in the cache, and NumPy's cost per call is shared
-_ON_LEVEL = 1e-12  # as `DELICATE`, for values at nodes, which come near a threshold by accident more often
+_REACH = 1e4  # factor from the lowest and highest feature to the outermost nodes
+_FAR, _NODES_FAR_OUT = 1e3, 2  # outer factor of `_REACH` with fewer nodes per decade: L is nearly its asymptote there
+_WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow down its whole chunk
+_EXTREME = 1e60  # rad/s; frequencies above it, or below its reciprocal, could overflow when squared
+_LEAST_DAMPING = 1e-7  # |Re|/|Im| below which a root is treated as on the axis
+_PHASE_STEP = 0.5  # rad, largest change of phase over one part in the search for a peak
+_MOST_PARTS = 500  # of one piece in the search for a peak; the scalar engine takes loops that need more
+_MOST_HALVINGS = 6  # of a piece with a possible hidden gain crossover, before the scalar engine takes the loop
+_BLOCK = 1024  # points evaluated in one call: few enough to stay in the processor's cache
+_CHUNK = 512  # loops solved together: their points stay in the cache, and NumPy's cost per call is shared
+_ON_LEVEL = 1e-12  # like `DELICATE`, for values at nodes, which are near a threshold by accident more often
 _OF_GAIN, _OF_PEAKS = (
     tuple(f"{name}{end}" for name in names for end in ("", "_frequency"))
     for names in (("gain_increase", "gain_decrease"), ("ms", "mt", "disk"))
 )
-_PEAK_SURE = 1e-3  # relative: no peak exceeds the one reported by more
-_PARTS, _MOST_ROUNDS = 4, 8  # of a piece that may hold more, before the loop is done alone
-_PEAK_GAIN = 1e-10  # a piece whose bound exceeds the attained peak by less, relatively, is not searched
+_PEAK_SURE = 1e-3  # largest relative excess of any peak over the reported one
+_PARTS, _MOST_ROUNDS = 4, 8  # parts of an undecided piece, and rounds of division before the scalar engine decides
+_PEAK_GAIN = 1e-10  # a piece is searched if its bound exceeds the highest value by more than this, relatively
 
 
 @dataclass(frozen=True)
 class BatchMargins:
-    """Margins of n loops; every field has shape (n,), and each means what it means in `Margins`.
+    """Margins of n loops; every field has shape (n,) and the meaning it has in `Margins`.
 
     - stable: array of bool
     - unstable_poles: closed-loop poles with real part >= 0, exactly counted.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt, disk: margins (factors, deg, s, peaks of |S| and |T|,
-      balanced disk margin); NaN for a loop that is not stable.
+      balanced disk margin); NaN for an unstable loop.
     - gain_increase_frequency, gain_decrease_frequency, phase_frequency, delay_frequency, ms_frequency, mt_frequency,
-      disk_frequency: where, rad/s.
+      disk_frequency: frequencies of these margins, rad/s.
     """
 
     stable: Flags
@@ -87,9 +88,11 @@ class BatchMargins:
 
 
 def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, Complexes, Floats, Floats]:
-    """Arguments of `batch_margins` from n transfer functions of one structure and a dead time, s, or one each.
+    """Arrays for `batch_margins` from n transfer functions of one structure.
 
-    Raises InputError where the numbers of zeros or of poles differ, or the dead times are not one per loop.
+    - dead_times: s; one for all loops, or one per loop.
+
+    InputError: the numbers of zeros or poles differ, or the number of dead times is not that of the loops.
     """
     shapes = {(g.zeros.size, g.poles.size) for g in loops}
     if len(shapes) > 1:
@@ -112,16 +115,16 @@ def batch_margins(
     gain_margins: bool = True,
     peaks: bool = True,
 ) -> BatchMargins:
-    """All margins of L(s) = gain prod(s - zeros)/prod(s - poles) exp(-dead_time s), loop by loop.
+    """Compute all margins of n loops L(s) = gain prod(s - zeros)/prod(s - poles) exp(-dead_time s).
 
     - zeros, poles: array of complex, shapes (n, mz) and (n, mp), mz < mp; 1/s; complex ones in conjugate pairs. A pole
       cancelled by a zero still counts for stability.
     - gain: array (n,); ratio of the leading coefficients.
     - dead_time: array (n,); s, >= 0.
-    - gain_margins, peaks: false leaves the gain margins, or `ms`, `mt`, `disk` and where they are, NaN: the rest takes
-      half the time.
+    - gain_margins, peaks: if false, the gain margins, or `ms`, `mt`, `disk`, and their frequencies are NaN; this
+      halves the time.
 
-    InputError: shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead
+    InputError: inconsistent shapes, a loop that is not strictly proper, a number that is not finite, a negative dead
     time, or complex roots without their conjugates.
     """
     loops = _checked(zeros, poles, gain, dead_time)
@@ -131,10 +134,10 @@ def batch_margins(
     plain = np.flatnonzero(~delicate)
     for start in range(0, plain.size, _CHUNK):
         index = plain[start : start + _CHUNK]
-        asked = gain_margins, peaks
-        delicate[index] = _solve(loops.take(index), low[index], high[index], index, results, asked)
+        requested = gain_margins, peaks
+        delicate[index] = _solve(loops.take(index), low[index], high[index], index, results, requested)
     for i in np.flatnonzero(delicate):
-        fill_alone(loops.alone(int(i)), int(i), results)
+        fill_alone(loops.single(int(i)), int(i), results)
     for group, wanted in ((_OF_GAIN, gain_margins), (_OF_PEAKS, peaks)):
         if not wanted:
             results |= {name: np.full(n, np.nan) for name in group}
@@ -143,7 +146,7 @@ def batch_margins(
 
 
 def fill_alone(loop: DeadTimeLoop, i: int, results: dict[str, Floats]) -> None:
-    """Put the margins of loop number i, by the scalar engine, into `results`, the fields of `BatchMargins`."""
+    """Compute loop number i by the scalar engine and write its margins into `results`, the `BatchMargins` fields."""
     margins = loop.margins() if loop.is_stable() else None
     for name, column in results.items():
         column[i] = getattr(margins, name, np.nan)
@@ -156,8 +159,8 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
     n = k.size
     if not (k.ndim == tau.ndim == 1 and z.ndim == p.ndim == 2 and tau.size == z.shape[0] == p.shape[0] == n):
         raise InputError(
-            f"shapes: zeros {z.shape}, poles {p.shape}, gain {k.shape}, dead time {tau.shape} do not belong "
-            "together; give (n, mz), (n, mp), (n,), (n,)"
+            f"shapes: zeros {z.shape}, poles {p.shape}, gain {k.shape}, dead time {tau.shape} are inconsistent; "
+            "give (n, mz), (n, mp), (n,), (n,)"
         )
     if z.shape[1] >= p.shape[1]:
         raise InputError(
@@ -174,27 +177,29 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
         scaled = roots / np.maximum(np.abs(roots).max(axis=1, initial=0.0), 1e-300)[:, None]
         odd = [np.abs((scaled**power).sum(axis=1).imag) > 1e-9 for power in range(1, roots.shape[1] + 1)]
         if np.any(odd):
-            raise InputError(f"{name}: complex ones without their conjugates; give conjugate pairs")
+            raise InputError(f"{name}: a complex value has no conjugate partner; give conjugate pairs")
     roots = np.concatenate([z, p], axis=1).T
     sign = np.repeat([1.0, -1.0], [z.shape[1], p.shape[1]])
     return Loops(np.ascontiguousarray(roots.real), np.ascontiguousarray(roots.imag), sign, k, tau)
 
 
 def _solve(
-    loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats], asked: tuple[bool, bool]
+    loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats], requested: tuple[bool, bool]
 ) -> Flags:
-    """Fill `results` at `index` for these loops, gain margins and peaks as `asked`; returns which of them are delicate
-    and to be done again alone."""
+    """Fill `results` at `index` for these loops; return True for each loop that the scalar engine must compute.
+
+    `requested`: whether gain margins and peaks are computed.
+    """
     points, bent, delicate = monotone(loops, low, high)
     n = index.size
     at = points.changes(points.size)
     crossovers, falling = located(loops, points, at, lambda found, _: found.size), points.size[at] > 0
-    # a node on |L| = 1, or |L| not yet small at the last node, would upset the count
+    # the root count is wrong if a node lies on |L| = 1 or |L| >= 1 at the last node
     delicate[points.row[np.abs(points.size) < _ON_LEVEL]] = True
     first = np.flatnonzero(np.diff(points.row, prepend=-1))
     last = np.append(first[1:], points.row.size) - 1
     delicate |= points.size[last] >= 0
-    # the root count of `stability`: closed-loop poles in the right half plane from the turns of L at the crossovers
+    # as in `stability`: the turns of L at the crossovers give the closed-loop poles in the right half plane
     turns = np.round(crossovers.phase / (2 * np.pi))
     distance = np.pi - np.abs(crossovers.phase - 2 * np.pi * turns)
     delicate[crossovers.row[distance <= DELICATE * (1 + np.abs(crossovers.phase))]] = True
@@ -205,12 +210,12 @@ def _solve(
     if not stable.any():
         return delicate
     found = _crossover_margins(crossovers, n)
-    if any(asked):
-        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]
+    if any(requested):
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # a piece's bound holds on parts
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
-    for part in (part for part, wanted in zip((_gain_margins, _peaks), asked, strict=True) if wanted):
+    for part in (part for part, wanted in zip((_gain_margins, _peaks), requested, strict=True) if wanted):
         values, doubtful = part(loops, points, bent, spans, n)
         found |= values
         delicate |= doubtful
@@ -220,7 +225,7 @@ def _solve(
 
 
 def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Floats, Indices]:
-    """Smallest of the `values` that belong to each of n rows, and its number; `default` and -1 for a row without."""
+    """Smallest of the `values` of each of n rows, and its index; `default` and -1 for a row without values."""
     order = np.lexsort((values, rows))
     present, position = np.unique(rows[order], return_index=True)
     smallest, number = np.full(n, default), np.full(n, -1)
@@ -230,12 +235,12 @@ def _extreme(values: Floats, rows: Indices, n: int, default: float) -> tuple[Flo
 
 
 def _where(omega: Floats, number: Indices) -> Floats:
-    """omega[number], NaN for number -1."""
+    """Frequencies omega[number], NaN for number -1."""
     return np.append(omega, np.nan)[number]
 
 
 def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
-    """Phase and delay margins; rows of unstable loops mean nothing."""
+    """Phase and delay margins; rows of unstable loops are meaningless."""
     angle = np.mod(crossovers.phase + np.pi, 2 * np.pi)
     phase, phase_at = _extreme(np.degrees(np.minimum(angle, 2 * np.pi - angle)), crossovers.row, n, np.inf)
     delay, delay_at = _extreme(angle / crossovers.omega, crossovers.row, n, np.inf)
@@ -248,13 +253,13 @@ def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
 
 
 def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Gain margins, and the loops where one hangs on rounding."""
+    """Gain margins; and True for each loop in which rounding or the bounds leave one undecided."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     delicate = np.zeros(n, dtype=bool)
     delicate[points.row[np.abs(off) < _ON_LEVEL * (1 + np.abs(points.phase))]] = True
     dc = loops.dc_gain()
-    # a pole that leaves through the origin is a limit too
+    # a closed-loop pole that passes through the origin is a gain limit too
     real = (dc < 0) & np.isfinite(dc)
     at_zero = np.where(real, np.log(np.where(real, -dc, 1.0)), np.nan)
     found, limits = {}, []
@@ -269,7 +274,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
     nearest = np.array(limits)
 
     def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
-        """Pieces that may hold phase crossovers that their ends do not show, nearer to |L| = 1 than those found."""
+        """Pieces with possible hidden phase crossovers nearer to |L| = 1 than those found."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
@@ -279,15 +284,18 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
 
 
 def _undecided(
-    loops: Loops, points: Points, bent: Floats, left: Indices, may: Callable[[Points, Points, Floats, Spans], Indices]
+    loops: Loops, points: Points, bent: Floats, left: Indices, test: Callable[[Points, Points, Floats, Spans], Indices]
 ) -> Flags:
-    """The loops with a piece, of those `left`, of which bounds do not exclude what it `may` hold after some rounds of
-    parting it; `may` has the points, those of each piece, bends and ranges."""
+    """True for each loop with a piece that stays undecided after `_MOST_ROUNDS` rounds of division.
+
+    `left` are the undecided pieces; `test` returns those still undecided, from the points, the points by piece, their
+    `bends` and their `ranges`.
+    """
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
             break
         points, pieces, bent = parted(loops, points, bent, left, np.full(left.size, _PARTS))
-        left = may(points, pieces, bent, ranges(pieces, bent))
+        left = test(points, pieces, bent, ranges(pieces, bent))
     doubtful = np.zeros(loops.gain.size, dtype=bool)
     doubtful[points.row[left]] = True
     return doubtful
@@ -296,8 +304,8 @@ def _undecided(
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
     """Smallest abs ln|L| at a phase crossover with |L| > 1 (`side` 1) or |L| < 1 (-1), and its frequency, rad/s.
 
-    On a piece |L| is monotone and does not cross 1, so that of all its phase crossovers only the one nearest to
-    the end where |L| is closer to 1 can count; and of all pieces only those that may beat the best of the others.
+    On a piece |L| is monotone and does not cross 1. Therefore only its phase crossover nearest to the end where |L| is
+    closer to 1 can limit the gain. Pieces that cannot come below the best of the others are skipped.
     """
     first, last = levels(points)
     size, row = points.size, points.row[:-1]
@@ -314,8 +322,8 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
 
 
 def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Suprema of |S|, |T| and |S - 1/2|, and the loops whose pieces turn too far to be searched here."""
-    dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # 1e100 for an integrator gives the limit
+    """Suprema of |S|, |T| and |S - 1/2|; and True for each loop that the scalar engine must compute."""
+    dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # with an integrator 1e100 gives the limit of |S|, |T|
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -324,7 +332,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     _raise(peak, omega, heights(points.loop()), points.row, points.omega)
     (lowest, highest), rows = spans[0], points.row[:-1]
     with np.errstate(divide="ignore"):
-        most = -1 / np.expm1(-np.maximum(np.maximum(lowest, -highest), 0))  # of |S| and |T|, whatever the phase
+        most = -1 / np.expm1(-np.maximum(np.maximum(lowest, -highest), 0))  # bound on |S| and |T| for any phase
     sizes = np.array([most - (lowest > 0), most - (highest < 0), most - 0.5])
     at = np.flatnonzero((rows == points.row[1:]) & (sizes > peak[:, rows]).any(axis=0))
     may_rise = box_bounds(spans[0][:, at], spans[1][:, at] / np.pi) > peak[:, rows[at]] * (1 + _PEAK_GAIN)
@@ -341,7 +349,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     a, b = np.array(SHAPES)[kind].T
 
     def rise(found: Points, index: Indices) -> Floats:
-        """The logarithmic slope of the response of each piece's own kind, but for positive factors."""
+        """Logarithmic slope of the response that peaks on each piece, up to a positive factor."""
         loop = found.loop()
         slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
         return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
@@ -352,7 +360,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     most = peak * (1 + _PEAK_SURE)
 
     def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
-        """Pieces that may hold a higher one."""
+        """Pieces with a possible higher peak."""
         boxes = bounds(pieces, spans)
         return np.flatnonzero(exceeding(pieces, bent[0], boxes, heights(points.loop()), most[:, points.row[:-1]]))
 
@@ -364,7 +372,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
-    """Replace peaks (3, n) and where they are by those of the `values` (3, N), of loops `rows`, that are higher."""
+    """Raise peaks (3, n), and move `omega` (3, n), to the higher ones among `values` (3, N) of the loops `rows`."""
     for best, where, value in zip(peak, omega, values, strict=True):
         before = best[rows]
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
@@ -374,13 +382,13 @@ def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequenci
 
 # -- points, ordered by loop and frequency -------------------------------------------------------------------------
 
-# They divide each loop's axis into pieces, from a point to the next of the same loop, on which ln|L| and the phase are
-# monotone as far as nodes tell, and within bounds by their second derivatives in any case.
+# Points divide each loop's frequency axis into pieces, each from a point to the next of the same loop. On a piece ln|L|
+# and the phase are monotone as far as the nodes show; bounds on their second derivatives hold in any case.
 
 
 @dataclass(frozen=True)
 class Loops:
-    """n loops: roots of shape (m, n), `sign` (m,) +1 for zeros and -1 for poles, gain and dead time (n,)."""
+    """Arrays of n loops: roots (m, n), `sign` (m,) +1 for zeros and -1 for poles, gain and dead time (n,)."""
 
     real: Floats
     imag: Floats
@@ -391,8 +399,8 @@ class Loops:
     def take(self, index: Indices) -> Loops:
         return Loops(self.real[:, index], self.imag[:, index], self.sign, self.gain[index], self.dead_time[index])
 
-    def alone(self, i: int) -> DeadTimeLoop:
-        """Loop number i."""
+    def single(self, i: int) -> DeadTimeLoop:
+        """Loop number i as a `DeadTimeLoop`."""
         roots = self.real[:, i] + 1j * self.imag[:, i]
         rational = Rational(roots[self.sign > 0], roots[self.sign < 0], float(self.gain[i]))
         return DeadTimeLoop(rational, float(self.dead_time[i]))
@@ -413,7 +421,7 @@ class Loops:
             return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
 
     def evaluate(self, omega: Floats, row: Indices) -> Points:
-        """L(j omega) of loop number `row`, in logarithmic form; arrays (N,). The formulas are those of `Rational`."""
+        """L(j omega) of loop number `row` in logarithmic form, arrays (N,), by the formulas of `Rational`."""
         log_gain, turned = np.log(np.abs(self.gain)), np.where(self.gain < 0, np.pi, 0.0)
         values = np.empty((4, omega.size))
         for start in range(0, omega.size, _BLOCK):
@@ -433,7 +441,7 @@ class Loops:
 
 @dataclass(frozen=True)
 class Points:
-    """Frequencies ordered by loop, then ascending: ln|L| and the continuous phase there, with their slopes; (N,)."""
+    """Frequencies ordered by loop, then ascending, with ln|L|, continuous phase and their slopes; arrays (N,)."""
 
     row: Indices
     omega: Floats
@@ -446,7 +454,7 @@ class Points:
         return Points(*(one[chosen] for one in self._columns()))
 
     def inserted(self, at: Indices, others: Points) -> Points:
-        """With `others` put in behind the points number `at`."""
+        """Insert `others` after the points number `at`."""
         size = self.row.size
         order = np.insert(np.arange(size), at + 1, np.arange(size, size + at.size))
         pairs = zip(self._columns(), others._columns(), strict=True)
@@ -456,7 +464,7 @@ class Points:
         return self.row, self.omega, self.size, self.size_slope, self.phase, self.phase_slope
 
     def changes(self, value: Floats) -> Indices:
-        """Numbers of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
+        """Indices of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
         signs = np.sign(value)
         return np.flatnonzero((signs[:-1] * signs[1:] < 0) & (self.row[:-1] == self.row[1:]))
 
@@ -466,12 +474,12 @@ class Points:
             return responses(self.loop(), self.size_slope + 1j * self.phase_slope)
 
     def loop(self) -> Complexes:
-        """L(j omega)."""
+        """L(j omega) as complex numbers."""
         return np.asarray(np.exp(np.clip(self.size, -300, 300) + 1j * self.phase))
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
-    """Lowest and highest node of each loop, rad/s, and which loops are not for the vectorised way, each (n,)."""
+    """Lowest and highest node of each loop, rad/s, and True where the scalar engine must compute it; each (n,)."""
     real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
     sizes = np.hypot(real, imag)
     finite = sizes > 0
@@ -480,7 +488,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
         slope = loops.at_origin(-1) - loops.at_origin(1)
         inverse = np.where(finite, 1.0 / (real + 1j * imag), 0.0)
         curvature = 0.5 * (sign @ (inverse * inverse).real)
-        # where the asymptotes of |G| at high and at low frequency cross 1
+        # frequencies at which the high- and low-frequency asymptotes of |G| cross 1
         top = np.exp(np.log(np.abs(gain)) / -sign.sum())
         bottom = np.where(slope != 0, np.exp(level / slope), np.sqrt(np.maximum(-level / curvature, 0.0)))
         scales = np.array([*sizes, top, bottom, 1.0 / loops.dead_time])
@@ -495,7 +503,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
-    """Points that resolve every feature of each loop, asymptotes included."""
+    """Points from `low` to `high` that resolve every feature of each loop."""
     begin, end = low * _FAR, high / _FAR
     parts = [
         _spaced(*ends)
@@ -517,13 +525,13 @@ def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
 
 
 def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
-    """Equal in ratio from `low` to `high`, (n,): shape (n, m), as dense as asked or denser."""
+    """Points with equal ratios from `low` to `high`, shape (n, m), at least `per_decade` a decade."""
     ratio = (high / low)[:, None]
     return np.asarray(low[:, None] * ratio ** np.linspace(0.0, 1.0, int(per_decade * np.log10(ratio.max())) + 2))
 
 
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
-    """The points within the pieces number `at` where `function`, of points and places in `at`, is zero."""
+    """Zeros of `function` within the pieces number `at`; it takes points and their indices into `at`."""
     rows, all_of_them = points.row[at], np.arange(at.size)
     omega = bracketed_roots(
         lambda x, i: function(loops.evaluate(x, rows[i]), i),
@@ -535,8 +543,10 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
-    """Points from `low` to `high`, rad/s, (n,), with all extrema of ln|L| and of the phase that show between nodes; the
-    `bends` from each to the next; and the loops where |L| all but touches 1, or may cross it unseen between two."""
+    """Points between which ln|L| and the phase are monotone as far as nodes show, their `bends`, and delicate loops.
+
+    `low` and `high`: rad/s, (n,). A loop is delicate if |L| nearly touches 1 or a gain crossover may be hidden.
+    """
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)
     extrema = located(loops, points, at, lambda found, _: found.size_slope)
@@ -561,12 +571,12 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
 
 
 def _repeated(bent: Floats, at: Indices) -> Indices:
-    """The numbers of the pieces, those `at` twice."""
+    """Indices of all pieces, those in `at` twice."""
     return np.insert(np.arange(bent.shape[1]), at, at)
 
 
 def bends(loops: Loops, points: Points) -> Floats:
-    """Bounds on |d^2 ln L/d omega^2| and on its imaginary part from each point to the next, (2, N)."""
+    """Bounds on |d^2 ln L/d omega^2| and on its imaginary part over each piece, (2, N)."""
     found = np.empty((2, points.omega.size))
     for start in range(0, points.omega.size, _BLOCK):
         part = slice(start, start + _BLOCK)
@@ -578,16 +588,16 @@ def bends(loops: Loops, points: Points) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             each = 1 / (square + near * near)
             found[0, part] = each.sum(axis=0)
-            # 2 real offset/distance^4
+            # of each root the imaginary part is 2 real offset/distance^4
             found[1, part] = (each * np.fmin(2 * np.abs(real) * far * each, 1)).sum(axis=0)
     return found
 
 
 def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
-    """On which of the pieces number `at` |L| may cross 1 other than its ends show: neither of two bounds excludes it.
+    """True for each of the pieces number `at` on which neither of two bounds excludes a hidden gain crossover.
 
-    With |d^2 ln|L|/d omega^2| <= m the slope keeps the sign of both ends if |s1| + |s2| > m h, and ln|L| its own if
-    |y1| + |y2| > h max|slope|.
+    With |d^2 ln|L|/d omega^2| <= m on a piece of width h, the slope has one sign if |s1| + |s2| > m h, and ln|L| has
+    one sign if |y1| + |y2| > h max|slope|; s and y are slope and ln|L| at the ends.
     """
     low, high = points.omega[at], points.omega[at + 1]
     turn = bend[at] * (high - low)
@@ -599,15 +609,18 @@ def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
 
 
 def levels(points: Points) -> tuple[Floats, Floats]:
-    """First and last k with arg L = pi + 2 pi k on each piece, arrays (N - 1,); first > last where there is none."""
+    """First and last integer k with arg L = pi + 2 pi k on each piece, arrays (N - 1,); first > last if none."""
     turns = (points.phase - np.pi) / (2 * np.pi)
     lower, upper = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
     return np.ceil(lower), np.floor(upper)
 
 
 def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
-    """Lowest and highest ln|L| and phase on each piece, whether monotone there or not, each (2, N - 1); 0 between
-    loops. A function leaves the range of its ends by at most h^2/8 of its second derivative."""
+    """Lowest and highest ln|L| and phase on each piece, each (2, N - 1); 0 between loops.
+
+    On a piece of width h a function leaves the range of its end values by at most h^2/8 times the bound on its second
+    derivative.
+    """
     width, same, found = np.diff(points.omega), points.row[:-1] == points.row[1:], []
     for value, slope, bend in ((points.size, points.size_slope, bent[0]), (points.phase, points.phase_slope, bent[1])):
         with np.errstate(invalid="ignore", over="ignore"):
@@ -620,14 +633,16 @@ def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
-    """`margins.box_bounds` over each piece from its `ranges`, shape (3, N - 1); 0 between loops."""
+    """Upper bounds on |S|, |T| and |S - 1/2| over each piece by `margins.box_bounds`, (3, N - 1); 0 between loops."""
     return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
 
 
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
-    """On which pieces |S|, |T| or |S - 1/2|, `values` at the points, may exceed `most`, (3, N - 1): neither their
-    `boxes` nor the bounds by the second derivative exclude it, which is -S T (l' + l^2 (S - T)) of S and T alike,
-    l = d ln L/d omega."""
+    """True for each piece on which |S|, |T| or |S - 1/2| may exceed `most`, (3, N - 1).
+
+    Two bounds are tried: `boxes`, and the `values` at the ends plus a bound on the second derivative. That of S and of
+    T is -S T (l' + l^2 (S - T)) up to sign, with l = d ln L/d omega.
+    """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
     width, (s, t, d), bend = points.omega[at + 1] - points.omega[at], boxes[:, at], bend[at]
@@ -640,8 +655,10 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """The pieces number `at` in so many equal parts each, ends included; the same numbered by piece, so that neighbours
-    from different pieces are not taken for a piece; and their bends."""
+    """Points that divide the pieces number `at` into `parts` equal parts each, the same numbered by piece, and bends.
+
+    Numbering by piece (`row` is the piece) keeps neighbours from different pieces apart.
+    """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]
     low, high = points.omega[at][piece], points.omega[at + 1][piece]

@@ -1,7 +1,7 @@
-"""Loops whose ln L is bounded over parts of the axis, not decided by polynomials: crossovers, gain limits, peaks.
+"""Crossovers, gain limits and peaks of loops from bounds on ln L over intervals of frequency, without polynomials.
 
-A subclass gives L with its slope, and about any frequency how far ln L can be from linear; `BoundedLoop` parts the axis
-until nothing can hide between two frequencies.
+A subclass gives L, its slope, and a bound on how far ln L deviates from its linear expansion. `BoundedLoop` divides the
+frequency axis until no crossover and no peak can be hidden between two neighbouring frequencies.
 """
 
 from __future__ import annotations
@@ -21,17 +21,21 @@ from .crossings import bracketed_roots
 from .deadtime import Loop, unstable_error
 from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
 
-ROUNDING = 1e-12  # of ln L, many times what is seen
-_ONE = 1e-9  # ln|L| that counts as 0 all along an interval
-_SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
-_PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
-_NARROWEST = 1e-7  # half of an interval over its frequency: no further into a zero or pole of L on the axis
+ROUNDING = 1e-12  # bound on the rounding of ln L, many times the largest observed
+_ONE = 1e-9  # bound on |ln|L|| over an interval below which |L| counts as 1 on all of it
+_SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
+_PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
+_NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
 _ENDS = np.array([0.0, np.inf])
 
 
 class Expansion(NamedTuple):
-    """ln L about middles of intervals: value and slope, (n,), and what ln L and ln|L| can be from linear, or inf, by
-    `bounds(half)`, of half widths (n,); the first holds for complex frequencies too, in the disk of that radius."""
+    """Linear expansion of ln L about the middles of n intervals, with bounds on the remainder.
+
+    - value, slope: array (n,); ln L and its derivative, s.
+    - bounds: function of the half widths, (n,), rad/s: largest deviations of ln L and of ln|L| from their linear parts,
+      or inf. The first also holds for complex frequencies in the disk of that radius.
+    """
 
     value: Complexes
     slope: Complexes
@@ -39,9 +43,9 @@ class Expansion(NamedTuple):
 
 
 class BoundedLoop(Loop):
-    """A `Loop` with margins by bounds between frequencies, all in rad/s."""
+    """A `Loop` whose margins come from bounds on ln L between frequencies (rad/s)."""
 
-    _to_infinity: ClassVar[bool] = False  # whether the axis goes on to infinity, where L is 0
+    _to_infinity: ClassVar[bool] = False  # True if the frequency axis reaches to infinity, where L is 0
 
     @property
     @abstractmethod
@@ -49,7 +53,7 @@ class BoundedLoop(Loop):
         """L at frequency 0; infinite with an integrator."""
 
     def dcgain(self) -> float:
-        """L at frequency 0, as python-control has it of a system; infinite with an integrator."""
+        """L at frequency 0, under the name python-control uses; infinite with an integrator."""
         return self.dc_gain
 
     @abstractmethod
@@ -58,11 +62,11 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """Frequencies, ascending, from which to part further: from below every feature to where L ends or is small."""
+        """First frequencies of the division, ascending: from below every feature to where L ends or is small."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:
-        """The expansion of ln L about frequencies, (n,)."""
+        """Expand ln L about frequencies, (n,)."""
 
     @abstractmethod
     def _first_phase(self, omega: Floats) -> Floats:
@@ -70,11 +74,11 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _added_delay(self) -> tuple[float, float]:
-        """Least added dead time that destabilises, s, and where, rad/s; inf and NaN if none does."""
+        """Least added dead time that destabilises, s, and its frequency, rad/s; inf and NaN if none does."""
 
     @abstractmethod
-    def _unstable_words(self) -> tuple[str, str]:
-        """What the loop is and its unstable poles."""
+    def _unstable_description(self) -> tuple[str, str]:
+        """Kind of the loop and description of its unstable poles, for the error message."""
 
     def response(self, omega: ArrayLike) -> Complexes:
         """L, complex, of the shape of `omega` (rad/s, > 0; up to pi/h of a sampled loop)."""
@@ -90,13 +94,15 @@ class BoundedLoop(Loop):
     def gain_crossovers(self) -> Floats:
         nodes = self._nodes(peaks=False)
         size = np.log(np.abs(self.response(nodes)))
-        told = np.abs(size) > ROUNDING  # else its sign says nothing, as near 0 where L(0) = 1
-        return self._roots(nodes[told], size[told], lambda value: np.log(np.abs(value)))
+        certain = np.abs(size) > ROUNDING  # below it the sign is rounding, as at low frequency if L(0) = 1
+        return self._roots(nodes[certain], size[certain], lambda value: np.log(np.abs(value)))
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
-        the nearest to 1 in ratio; None if there is none."""
+        """Interval of loop-gain factors with a stable loop, or None.
+
+        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
+        """
         nodes = self._nodes(peaks=False)
         factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
         for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
@@ -106,13 +112,13 @@ class BoundedLoop(Loop):
         return None
 
     def margins(self) -> Margins:
-        """All margins, as the record of `DeadTimeLoop`.
+        """All margins, in the same record as those of `DeadTimeLoop`.
 
-        Frequencies are > 0; pi/h stands for infinity in a sampled loop. Crossovers and peaks are bracketed by
-        frequencies between which bounds show that none is hidden, and refined to rounding.
+        Frequencies are > 0; pi/h stands for infinity in a sampled loop. Crossovers and peaks are bracketed between
+        frequencies at which bounds exclude hidden ones, then refined to rounding.
         """
         if not self.is_stable():
-            raise unstable_error(*self._unstable_words(), self.root_count.right, self.stabilizing_gain_range)
+            raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
         nodes = self._nodes()
         response, slope = self.response_and_slope(nodes)
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
@@ -134,13 +140,13 @@ class BoundedLoop(Loop):
             phase_crossover_gains=np.array([factor for factor, _ in limits]),
         )
 
-    # -- how ---------------------------------------------------------------------------------------------------
+    # -- division of the frequency axis ------------------------------------------------------------------------
 
     def _nodes(self, peaks: bool = True) -> Floats:
-        """Frequencies, ascending, between any two of which nothing is hidden.
+        """Frequencies, ascending, between which no crossover and, with `peaks`, no peak is hidden.
 
-        |L| - 1 and the phase less 180 deg each cross 0 at most once, and |S|, |T| and |S - 1/2| rise or fall, or stay
-        below what they are at one of the nodes; halves of an interval are looked at until their bounds show it.
+        Between two neighbours |L| - 1 and the phase minus 180 deg each cross 0 at most once. |S|, |T| and |S - 1/2| are
+        monotone there, or below their value at another node. Intervals are halved until bounds prove this.
         """
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
@@ -148,7 +154,7 @@ class BoundedLoop(Loop):
         while omega.size:
             logarithm, slope, bounds = self._expand(omega)
             (rest, level), (twice, _) = bounds(half), bounds(2 * half)
-            slack = twice / half  # of the slope, by Cauchy's estimate
+            slack = twice / half  # bound on the change of the slope, by Cauchy's estimate
             apart, change = np.abs(logarithm.real), np.abs(slope.real) * half + level
             sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
             off = np.remainder(logarithm.imag, 2 * np.pi) - np.pi
@@ -168,28 +174,28 @@ class BoundedLoop(Loop):
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:
-        """|S|, |T| and |S - 1/2| at the frequencies of `_ENDS`, (3, 1 or 2); with an integrator any large |L| does."""
+        """|S|, |T| and |S - 1/2| at the frequencies `_ENDS`, (3, 1 or 2); |L| = 1e100 stands for an integrator."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
         return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
-        """Refined zeros of a real function of L between nodes where it changes sign."""
+        """Refined zeros of a real function of L between nodes at which `values` change sign."""
         at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
         return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
-        """Loop-gain factors that put a pole on the boundary of stability, each with its frequency, by frequency."""
+        """Loop-gain factors that put a pole on the stability boundary, each with its frequency, by frequency."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
         found = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(found))).tolist(), found.tolist(), strict=True))
         return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
 
     def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> Peaks:
-        """Largest |S|, |T| and |S - 1/2| from frequency 0 to the last node, and where, rad/s."""
+        """Largest |S|, |T| and |S - 1/2| from frequency 0 to the last node, and their frequencies, rad/s."""
         sizes, rises = responses(response, slope)
         inner = sizes[:, 1:-1]
         kinds, left = np.nonzero((inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]))
-        left += rises[kinds, left + 1] > 0  # the peak lies on the side to which the response still rises
+        left += rises[kinds, left + 1] > 0  # the peak lies on the side to which the response rises
 
         def rise(omega: Floats, index: NDArray[np.intp]) -> Floats:
             return responses(*self.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
@@ -201,7 +207,7 @@ class BoundedLoop(Loop):
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
-    """How far ln of S, T and S - 1/2 can be from linear, (3, n), where ln L changes by `linear` and at most `rest`."""
+    """Largest deviations of ln S, ln T and ln(S - 1/2) from linear, (3, n), if ln L changes by `linear` plus `rest`."""
     grown = np.expm1(linear + rest)
 
     def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))
@@ -209,7 +215,7 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
         return np.asarray(np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved)
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # 1 + L by L, or L times 1 + 1/L by 1/L: whichever is less
+        # expand 1 + L in L, or as L (1 + 1/L) in 1/L: the smaller bound holds
         plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
         minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
         found = [

@@ -1,8 +1,9 @@
-"""Certificates: the stability and the margins of a dead-time loop as enclosures by ball arithmetic.
+"""Certificates: stability and margins of a dead-time loop as enclosures by ball arithmetic.
 
 Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
-axis is covered by parts, on each of which a bound lies below the upper end of the enclosure; the lower end is attained.
-Of a loop with delays inside the controller, whose |L| = 1 no polynomial has, all follows from such parts (`_Delayed`).
+frequency axis is divided into parts; on each part a bound lies below the upper end of the enclosure. The lower end is
+attained. For a loop with delays inside the controller no polynomial has the solutions of |L| = 1; every enclosure
+follows from bounds on parts of the axis (`_Delayed`).
 """
 
 from __future__ import annotations
@@ -28,41 +29,41 @@ Enclosure = tuple[float, float]
 
 WIDTH = 1e-9  #: largest relative width of an enclosure
 
-_BITS = (80, 320, 1280, 4000)
-_ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained
-_BESIDE = 1e-6  # relative: how far a peak may be from where doubles see it
-_NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is cut first
-_MOST_PARTS = 50_000
-_FARTHEST = arb(2) ** 1000  # rad/s
+_BITS = (80, 320, 1280, 4000)  # precisions tried, in this order
+_ABOVE = 0.4 * WIDTH  # relative distance from a peak's attained value to the upper end of its enclosure
+_BESIDE = 1e-6  # largest relative distance of a peak's frequency from its value in doubles
+_NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is divided first
+_MOST_PARTS = 50_000  # parts of the axis before the next precision is tried
+_FARTHEST = arb(2) ** 1000  # rad/s; largest frequency, still a double
 _STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
 
 
 class CertificateError(RailslipError, ArithmeticError):
-    """A margin could not be enclosed as narrowly as a certificate asks."""
+    """A margin could not be enclosed to the relative width of a certificate, 1e-9."""
 
 
 class _TooWideError(Exception):
-    """At this precision a ball does not decide."""
+    """A ball of the current precision is too wide for a decision."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is certain of a loop; each enclosure is (lowest, highest), at most 1e-9 wide relatively.
+    """Proved stability and margins of a loop; each enclosure is (lowest, highest), of relative width <= 1e-9.
 
-    It holds for the coefficients, matrices or roots, the gain and the dead time as the doubles they were given as.
+    It holds for the exact values of the doubles given: coefficients, matrices or roots, gain and dead time.
 
-    - stable: whether every closed-loop pole lies left of the imaginary axis.
-    - marginal: whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`; False where
-      infinitely many poles are not left of it.
+    - stable: true if every closed-loop pole lies left of the imaginary axis.
+    - marginal: true if a closed-loop pole lies on the imaginary axis or is indistinguishable from it at `bits`; false
+      if infinitely many poles are not left of it.
     - unstable_poles: number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
-    - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root
+    - gain_crossovers: enclosures of all frequencies with |L| = 1, rad/s; these and the phases there decide the root
       count.
     - bits: precision of the balls: their relative width is 2^-bits.
-    - parts: parts of the axis on each of which |S| and |T| were bounded; 0 without dead time, where roots of
-      polynomials give their peaks.
+    - parts: number of parts of the axis on which |S| and |T| were bounded; 0 without dead time, where roots of
+      polynomials give the peaks.
     - gain_increase, gain_decrease, phase_deg, delay_s, ms, mt: enclosures of the margins of `Margins`: factors, deg, s,
-      peaks of |S| and |T|; both ends inf where a margin has no bound; a gain decrease from 0 to 1e-9 where an
-      integrator is there to rounding alone. None for a loop that is not stable.
+      peaks of |S| and |T|; both ends are inf for a margin without bound. The gain decrease is from 0 to 1e-9 if
+      rounding hides an integrator. None for an unstable loop.
     """
 
     stable: bool
@@ -80,9 +81,10 @@ class Certificate:
 
 
 def certify(response: Response, margins: Margins | None) -> Certificate:
-    """The certificate of a loop; `margins` are those of a stable one, None for another.
+    """Compute the certificate of a loop; `margins` are its margins, or None if it is unstable.
 
-    Raises CertificateError where `_BITS` do not do, which means a loop on the boundary for all that a double can tell.
+    Raises CertificateError if the highest precision does not suffice: a double cannot tell such a loop from the
+    stability boundary.
     """
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
@@ -100,19 +102,19 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
                 phase, delay = _crossover_margins(response, bits)
                 (ms, mt), parts = _peaks(response, margins, bits)
                 found = [_narrow(one) for one in (up, down, phase, delay, ms, mt)]
-                # stable, so that the limits of the gain lie on either side of 1
+                # the loop is stable: the gain limits lie on either side of 1
                 found[:2] = (max(found[0][0], 1.0), found[0][1]), (found[1][0], min(found[1][1], 1.0))
                 return Certificate(True, False, 0.0, crossovers, bits, parts, *found)
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits do not enclose every margin to {WIDTH:g}; the loop is as near to the boundary "
-        "of stability as a double can tell; change the gain"
+        f"certificate: {_BITS[-1]} bits do not enclose every margin to a relative width of {WIDTH:g}; in doubles the "
+        "loop is on the stability boundary; change the gain"
     )
 
 
 def _ends(ball: arb) -> Enclosure:
-    """The ends of a ball as doubles, outward."""
+    """The ends of a ball as doubles, rounded outward."""
     if not ball.is_finite():
         return math.inf, math.inf
     low, high = float(ball.lower()), float(ball.upper())
@@ -122,6 +124,7 @@ def _ends(ball: arb) -> Enclosure:
 
 
 def _narrow(ball: arb) -> Enclosure:
+    """The ends of a ball; _TooWideError if it is wider than `WIDTH`."""
     low, high = _ends(ball)
     if high - low > WIDTH * abs(high):
         raise _TooWideError
@@ -129,7 +132,7 @@ def _narrow(ball: arb) -> Enclosure:
 
 
 def _least(balls: Iterable[arb]) -> arb:
-    """A ball that holds the least of numbers, each in one of the balls; infinity for none."""
+    """Ball that contains the least of the numbers in the balls; infinity without any."""
     return reduce(arb.min, balls, arb.pos_inf())
 
 
@@ -138,7 +141,7 @@ def _least(balls: Iterable[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """An end of a piece: frequency, 0 and infinity included, ln|L| as a double, arg L/pi (None: minus infinity)."""
+    """An end of a piece: frequency, 0 or infinity included; ln|L| as a double; arg L/pi, None for minus infinity."""
 
     omega: arb
     size: float
@@ -146,7 +149,7 @@ class _End:
 
 
 def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
-    """Both ends of each piece of the axis on which |L| and the phase are monotone, and whether |L| > 1 on it."""
+    """Both ends of each piece of the axis with monotone |L| and phase, and whether |L| > 1 on it."""
     exact = response.exact
     kinds = (GAIN, SIZE, PHASE, AXIS)
     nodes = [(w, kind, i, n % 2) for kind in kinds for i, (w, n) in enumerate(exact.frequencies(kind, bits))]
@@ -157,7 +160,7 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
         below, above = (exact.argument(omega, side * (kind == AXIS)) / arb.pi() for side in (-1, 1))
         if response.dead_time == 0 and kind != AXIS and ((below - 1) / 2).contains_integer():
             at, rest = exact.offset(kind, i)
-            below, above = (arb(at), arb(at)) if rest == 0 else (below, above)  # L < 0 just there
+            below, above = (arb(at), arb(at)) if rest == 0 else (below, above)  # L < 0 exactly at the node
         size = response.log_size(float(omega.mid()))
         yield start, _End(omega, size, below), large
         start, large = _End(omega, size, above), large != (kind == GAIN and odd == 1)
@@ -165,9 +168,11 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
 
 
 def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """The least factor > 1 and the largest < 1 on the gain that put a pole on the axis. Of each piece the phase
-    crossover nearest to |L| = 1 counts, as |L| is monotone there."""
-    up: list[arb] = []  # 1/|L|, and |L| below: all > 1
+    """The least gain factor > 1 and the largest < 1 that put a closed-loop pole on the imaginary axis.
+
+    |L| is monotone on each piece, so only the phase crossover nearest to |L| = 1 counts.
+    """
+    up: list[arb] = []  # values of 1/|L| > 1; `down` has values of |L| > 1
     down: list[arb] = []
     for start, end, large in _pieces(response, bits):
         if start.half_turns is not None and ((start.half_turns - 1) / 2).is_integer() and start.omega > 0:
@@ -188,9 +193,9 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _first_odd(near: _End, far: _End) -> int | None:
-    """The first odd number that arg L/pi meets strictly inside a piece, from its near end on; None without one."""
+    """First odd value of arg L/pi strictly inside a piece, counted from its near end; None if there is none."""
     if near.half_turns is None:
-        return None  # the crossovers accumulate at infinity, where |L| has a limit that counts by itself
+        return None  # phase crossovers accumulate at infinity; the limit of |L| there is a gain limit of its own
     rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
     half = (near.half_turns - 1) / 2
     below = (half.floor() if rising else half.ceil()).unique_fmpz()
@@ -206,7 +211,7 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
-    """The frequency inside a piece at which arg L is `odd` times pi: Newton's method, then the signs on either side."""
+    """Frequency inside a piece with arg L = `odd` pi, by Newton's method and the signs on either side."""
     first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
     found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
     omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)
@@ -218,7 +223,7 @@ def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> ar
 
 
 def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
-    """The least |phase margin|, deg, and the least delay margin, s, over all gain crossovers."""
+    """Least |phase margin|, deg, and least delay margin, s, over all gain crossovers."""
     phases, delays = [], []
     for omega, _ in response.exact.frequencies(GAIN, bits):
         half = response.exact.argument(omega) / arb.pi()
@@ -236,7 +241,7 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 
 
 def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, arb], int]:
-    """Ms and Mt, and the parts of the axis that it took."""
+    """Ms and Mt, and the number of parts of the axis that their bounds needed."""
     if response.dead_time > 0:
         cover = _Cover(response, margins, bits)
         return cover.peaks(), cover.parts
@@ -245,7 +250,7 @@ def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, 
 
 
 class _Cover:
-    """The axis in parts, and the bounds of |S| and |T| on them."""
+    """Division of the frequency axis into parts with bounds on |S| and |T|."""
 
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
@@ -258,7 +263,7 @@ class _Cover:
         self.parts = 0
 
     def peaks(self) -> tuple[arb, arb]:
-        """Ms and Mt: a value that is attained, and what no part exceeds."""
+        """Ms and Mt: balls from an attained value to a bound that no part exceeds."""
         attained = [self._peak(shape, omega) for shape, omega in zip(SHAPES[:2], self._frequencies, strict=True)]
         self._most = [value.upper() * (1 + _ABOVE) for value in attained]
         for start, end, _ in _pieces(self._response, self._bits):
@@ -266,7 +271,7 @@ class _Cover:
         return attained[0].union(self._most[0]), attained[1].union(self._most[1])
 
     def _peak(self, shape: tuple[float, float], omega: float) -> arb:
-        """|S| or |T| where it is largest, near a frequency, or in the limit to 0 or infinity."""
+        """Peak of |S| or |T| near a frequency, or the limit at 0 or infinity."""
         if 0 < omega < math.inf:
             found, peak = self._response.exact.peak(*shape, omega * (1 - _BESIDE), omega, omega * (1 + _BESIDE))
             self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
@@ -275,14 +280,14 @@ class _Cover:
         return abs((shape[0] * den + shape[1] * num) / (num + den))
 
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
-        """L as a fraction in the limit to frequency 0 or infinity; with dead time its phase there is any."""
+        """Limit of L at frequency 0 or infinity as a fraction; with dead time L at infinity has every phase."""
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
         through = self._response.exact.through
         return arb(-abs(through) if self._response.dead_time > 0 else through), arb(1)
 
     def _cover(self, start: _End, end: _End) -> None:
-        """See that |S| and |T| stay below on a piece, dividing it until they do."""
+        """Divide a piece until |S| and |T| are provably below their bounds on every part."""
         inside = sorted((w.mid() for w in self._near if start.omega < w < end.omega), key=float)
         edges = [start, *(self._end(w) for w in inside), end]
         left = list(pairwise(edges))
@@ -299,7 +304,7 @@ class _Cover:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb, high: arb) -> bool:
-        """As `margins` bounds it, in balls: value and slope in the middle, and the most of the second derivative."""
+        """Bound |S| and |T| in balls by value and slope in the middle and a bound on the second derivative."""
         if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
@@ -327,7 +332,7 @@ class _Cover:
         )
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
-        """With |L| from m1 to m2 and cos(arg L) >= -c: |1 + L|^2 >= 1 + m^2 - 2 m c, and the same of 1/L."""
+        """Bound |S| and |T| by |1 + L|^2 >= 1 + m^2 - 2 m c, with m = |L| and cos(arg L) >= -c; likewise for 1/L."""
         sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
         inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
@@ -335,7 +340,7 @@ class _Cover:
         return all(square > 0 and 1 / square.sqrt() < most for square, most in zip(squares, self._most, strict=True))
 
     def _size_at(self, omega: arb) -> arb:
-        """|L| at an end of a part, or in the limit to 0 or infinity."""
+        """|L| at an end of a part, or its limit at 0 or infinity."""
         if omega > 0 and omega.is_finite():
             at = next((size for one, size in self._on_axis if omega.overlaps(one)), None)
             return abs(self._response.exact.value(omega)[0]) if at is None else at
@@ -344,7 +349,7 @@ class _Cover:
 
 
 def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
-    """The most of -cos(arg L) between two phases, over pi."""
+    """Largest -cos(arg L) between two phases, given over pi."""
     if first is None or second is None:
         return arb(1)
     lowest, highest = ((first.min(second) - 1) / 2).ceil(), ((first.max(second) - 1) / 2).floor()
@@ -352,7 +357,7 @@ def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
 
 
 def _least_square(sizes: Sequence[arb], c: arb) -> arb:
-    """At most the least of 1 + m^2 - 2 m c over m between the sizes."""
+    """Lower bound on 1 + m^2 - 2 m c for m between the sizes."""
     low, high = sizes[0].min(sizes[1]), sizes[0].max(sizes[1])
     candidates = [1 + m * (m - 2 * c) for m in (low, high) if m.is_finite()]
     if not (c <= low or c >= high):
@@ -375,19 +380,19 @@ def _between(low: _End, high: _End) -> arb:
     return found
 
 
-# -- loops with delays inside: the axis in parts, on each of which mean values decide ---------------------------------
+# -- loops with internal delays: mean-value bounds on parts of the axis ---------------------------------------------
 
 Terms = Sequence[tuple[float, Iterable[float]]]
-"""Delays, s, and coefficients in descending powers of s, of a sum of polynomials times exp(-delay s)."""
+"""Sum of polynomials times exp(-delay s): delays, s, and coefficients in descending powers of s."""
 
-_FIRST_PARTS, _LOWEST = 64, 1e-6  # of the axis, in equal ratios from this share of its end
-_APART = 1.5  # times how far the characteristic function moves on a part its size there is larger: it turns by < 90 deg
-_MOST_DELAYED = 20_000  # parts, of which each takes the time of some thousand operations
-_HALVINGS = 8  # beyond the bits of a double, of a bracket
+_FIRST_PARTS, _LOWEST = 64, 1e-6  # parts of equal ratio, from this share of the highest frequency
+_APART = 1.5  # least ratio of |D + N| at the middle of a part to its change over half the part: it turns by < 90 deg
+_MOST_DELAYED = 20_000  # parts of the axis; each takes some thousand ball operations
+_HALVINGS = 8  # bisections of a bracket beyond the bits of a double
 
 
 class _Sum:
-    """A sum of polynomials times exp(-delay s), divided by s^removed, on the imaginary axis in balls."""
+    """Sum of polynomials times exp(-delay s), divided by s^removed, evaluated on the imaginary axis in balls."""
 
     def __init__(self, terms: Terms, removed: int) -> None:
         given = [(fraction(delay), fmpq_poly([fraction(c) for c in reversed(list(row))])) for delay, row in terms]
@@ -395,12 +400,15 @@ class _Sum:
         for _ in range(removed + 2):
             self.derivatives.append([(tau, one.derivative() - tau * one) for tau, one in self.derivatives[-1]])
         if any(sum((one[0] for _, one in each), fmpq(0)) != 0 for each in self.derivatives[:removed]):
-            raise CertificateError("certificate: a zero that is removed at s = 0 is there to rounding alone")
+            raise CertificateError(
+                f"certificate: rounding of the coefficients hides a zero removed at s = 0 (of {removed}); give exact "
+                "coefficients"
+            )
         self._longest = max(float(delay) for delay, _ in terms)
         self._balls: dict[int, list[list[tuple[arb, acb_poly]]]] = {}
 
     def _bare(self, s: acb, order: int) -> acb:
-        """A derivative of the sum alone."""
+        """Derivative of the sum before division by s^removed."""
         if ctx.prec not in self._balls:
             self._balls[ctx.prec] = [
                 [(arb(tau), acb_poly(arb_poly(one))) for tau, one in each] for each in self.derivatives
@@ -408,7 +416,7 @@ class _Sum:
         return sum((one(s) * (-tau * s).exp() for tau, one in self._balls[ctx.prec][order]), acb(0))
 
     def at(self, omega: arb) -> tuple[acb, acb]:
-        """Value at j omega, and its rate with omega."""
+        """Value at j omega, and its derivative to omega."""
         s, r = acb(0, omega), self.removed
         if omega.is_zero():
             return self._bare(s, r) / math.factorial(r), acb(0, 1) * self._bare(s, r + 1) / math.factorial(r + 1)
@@ -416,10 +424,10 @@ class _Sum:
         return value, acb(0, 1) * (self._bare(s, 1) / s**r - r * value / s)
 
     def over(self, low: arb, high: arb) -> _Part:
-        """Value at the middle of a part, and all values and rates on it."""
+        """Value at the middle of a part, and enclosures of values and derivatives on all of it."""
         middle, r = ((low + high) / 2).mid(), self.removed
         value, rate = self.at(middle)
-        if r and high * self._longest < 1:  # a divided difference is a mean of the derivative between its points
+        if r and high * self._longest < 1:  # near 0: a divided difference is a mean of the derivative
             bend = 2 * self._bare(acb(0, arb(0).union(high)), r + 2) / math.factorial(r + 2)
         else:
             s = acb(0, low.union(high))
@@ -430,14 +438,14 @@ class _Sum:
         return _Part(value, value + rates * offset, rates)
 
     def total(self, omega: arb) -> arb:
-        """The most of |sum| s^removed at a frequency, its terms added by size."""
+        """Bound on |sum| s^removed at a frequency: the sum of the sizes of all terms."""
         return sum(
             (abs(arb(c)) * omega**k for _, one in self.derivatives[0] for k, c in enumerate(one.coeffs())), arb(0)
         )
 
 
 class _Part(NamedTuple):
-    """A function of omega at the middle of a part of the axis, and its values and rates all over it."""
+    """A function of omega: value at the middle of a part; values and derivatives over the part."""
 
     middle: acb
     values: acb
@@ -445,17 +453,17 @@ class _Part(NamedTuple):
 
     @property
     def square(self) -> tuple[arb, arb]:
-        """|.|^2 at the middle, and its rates."""
+        """Squared magnitude at the middle, and its derivative over the part."""
         rates = 2 * (self.values.real * self.rates.real + self.values.imag * self.rates.imag)
         return self.middle.real**2 + self.middle.imag**2, rates
 
 
 def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | None) -> Certificate:
-    """As `certify`, of L = N/D with sums of delayed polynomials, both with that many zeros at s = 0 `removed`.
+    """Compute the certificate of L = N/D, sums of delayed polynomials with `removed` zeros divided out at s = 0.
 
-    The axis is parted until on each part mean values show that D + N does not vanish, that |L| crosses 1 at most once,
-    that |S| and |T| stay below their upper ends, and that no factor on the gain within its margin brings L to -1.
-    `margins`, of a stable loop, say where to look. No root of a polynomial is asked: |L| = 1 has none here.
+    The axis is divided until mean-value bounds prove the following on each part. D + N does not vanish. |L| crosses 1
+    at most once. |S| and |T| stay below the upper ends of their enclosures. No gain factor within its margin brings L
+    to -1. `margins` of a stable loop give the start values; None for an unstable loop.
     """
     for bits in _BITS:
         with ctx.workprec(bits):
@@ -464,21 +472,22 @@ def certify_delayed(num: Terms, den: Terms, removed: int, margins: Margins | Non
             except _TooWideError:
                 continue
     raise CertificateError(
-        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} parts of the axis do not enclose every margin to "
-        f"{WIDTH:g}; the loop is near to the boundary of stability, or has two peaks of one height; change the gain"
+        f"certificate: {_BITS[-1]} bits and {_MOST_DELAYED} parts of the axis do not enclose every margin to a "
+        f"relative width of {WIDTH:g}; the loop is near the stability boundary, or has two equally high peaks; "
+        "change the gain"
     )
 
 
 class _Delayed:
-    """L = N/D, and what is shown of it on the parts of the axis."""
+    """Certificate of L = N/D from bounds on parts of the axis."""
 
     def __init__(self, num: _Sum, den: _Sum, margins: Margins | None) -> None:
         self._num, self._den, self._margins = num, den, margins
         lead = den.derivatives[0][0][1]
         self._lead, self._order = arb(lead[lead.degree()]), lead.degree() - den.removed
         self._crossed: list[tuple[arb, arb]] = []
-        self._most: list[arb] = []  # squares of what |S| and |T| stay below
-        self._up, self._down = arb(1), arb(1)  # no factor on the gain between these brings L to -1
+        self._most: list[arb] = []  # squares of the upper bounds on |S| and |T|
+        self._up, self._down = arb(1), arb(1)  # no gain factor between these brings L to -1
 
     def certificate(self, bits: int) -> Certificate:
         m = self._margins
@@ -509,12 +518,12 @@ class _Delayed:
         return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
 
     def _large_and_negative(self) -> bool:
-        """Whether L(0) is what rounding leaves of an integrator, and less than 0: some gain below 1e-9 is too small."""
+        """True if L(0) < -1e9, as rounding leaves of an integrator: some gain factor below 1e-9 destabilises."""
         num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
         return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 
     def _cover(self) -> tuple[int, int]:
-        """Closed-loop poles right of the axis, by the turns of D + N along it, and the parts that it took."""
+        """Closed-loop poles right of the axis, by the turns of D + N along it, and the number of parts."""
         end = self._end()
         edges = [arb(0), *(end * _LOWEST ** (1 - k / _FIRST_PARTS) for k in range(_FIRST_PARTS)), end]
         left, parts, turned = list(pairwise(edge.mid() for edge in edges)), 0, arb(0)
@@ -523,7 +532,7 @@ class _Delayed:
             parts += 1
             if parts > _MOST_DELAYED:
                 raise _TooWideError
-            if self._shown(low, high):
+            if self._proved(low, high):
                 turned += (self._closed(high) / self._closed(low)).arg()
             else:
                 middle = high / 16 if low.is_zero() else ((low + high) / 2).mid()
@@ -535,7 +544,7 @@ class _Delayed:
         return int(count), parts
 
     def _end(self) -> arb:
-        """A frequency beyond which the highest power of D decides all that is to be shown."""
+        """A frequency beyond which the highest power of D dominates every bound."""
         end = arb(1)
         while True:
             lead = abs(self._lead) * end ** (self._order + self._den.removed)
@@ -547,7 +556,8 @@ class _Delayed:
             if end > _FARTHEST:
                 raise _TooWideError
 
-    def _shown(self, low: arb, high: arb) -> bool:
+    def _proved(self, low: arb, high: arb) -> bool:
+        """True if the bounds of `certify_delayed` hold on a part; a gain crossover in it is recorded."""
         half = (high - low) / 2
         num, den = self._num.over(low, high), self._den.over(low, high)
         both = _Part(*(a + b for a, b in zip(num, den, strict=True)))
@@ -556,7 +566,7 @@ class _Delayed:
         (n, n_rate), (d, d_rate), (f, f_rate) = num.square, den.square, both.square
 
         def sign(value: arb, rate: arb) -> int:
-            """Of a function all over the part, by its value at the middle; 0: not known."""
+            """Sign of a function over the whole part from its value at the middle; 0 if undecided."""
             moved = half * abs(rate)
             return 1 if value > moved else -1 if value < -moved else 0
 
@@ -566,7 +576,7 @@ class _Delayed:
         for most, (size, rate) in zip(self._most, (den.square, num.square), strict=False):
             if sign(most * f - size, most * f_rate - rate) < 1:
                 return False
-        if self._most and not self._beside(low, high, num, den, sign):
+        if self._most and not self._off_negative_axis(low, high, num, den, sign):
             up, down = (sign(k * k * n - d, k * k * n_rate - d_rate) for k in (self._up, self._down))
             if not ((gap > 0 or up < 0) and (gap < 0 or down > 0)):
                 return False
@@ -574,9 +584,9 @@ class _Delayed:
             self._crossed.append((low, high))
         return True
 
-    def _beside(self, low: arb, high: arb, num: _Part, den: _Part, sign: Callable[[arb, arb], int]) -> bool:
-        """Whether L is nowhere negative on a part."""
-        if low.is_zero():  # where D may vanish: its direction there
+    def _off_negative_axis(self, low: arb, high: arb, num: _Part, den: _Part, sign: Callable[[arb, arb], int]) -> bool:
+        """True if L is nowhere real and negative on a part."""
+        if low.is_zero():  # D may vanish at 0: use its direction
             den = self._direction.over(low, high)
             den = _Part(*(one * acb(0, 1) ** (self._direction.removed - self._den.removed) for one in den))
         product = num.middle * den.middle.conjugate()
@@ -585,7 +595,7 @@ class _Delayed:
 
     @cached_property
     def _direction(self) -> _Sum:
-        """D without its zeros at s = 0."""
+        """D divided by its zeros at s = 0."""
         terms = [
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]
@@ -596,26 +606,26 @@ class _Delayed:
         return found
 
     def _closed(self, omega: arb) -> acb:
-        """D + N."""
+        """Characteristic function D + N at j omega."""
         return self._num.at(omega)[0] + self._den.at(omega)[0]
 
     def _product(self, omega: arb) -> acb:
-        """L times |D|^2."""
+        """L times |D|^2 at j omega."""
         return self._num.at(omega)[0] * self._den.at(omega)[0].conjugate()
 
     def _gap(self, omega: arb) -> arb:
-        """|N| - |D|."""
+        """Difference |N| - |D| at j omega, with the sign of |L| - 1."""
         return abs(self._num.at(omega)[0]) - abs(self._den.at(omega)[0])
 
     def _angle(self, omega: arb) -> arb:
-        """arg(-L), rad, from -pi to pi."""
+        """Phase of -L, rad, from -pi to pi."""
         angle = (-self._product(omega)).arg()
         if not (angle > 0 or angle < 0):
             raise _TooWideError
         return angle
 
     def _bracketed(self, function: Callable[[arb], arb], low: arb, high: arb) -> arb:
-        """A ball that holds the frequency between two at which a function changes its sign."""
+        """Ball that contains the sign change of a function between two frequencies."""
         below = function(low)
         if not below * function(high) < 0:
             raise _TooWideError
@@ -628,10 +638,13 @@ class _Delayed:
         return low.union(high)
 
     def _factor(self, factor: float, omega: float) -> arb:
-        """A margin of the gain as a ball, from where doubles see it."""
+        """Gain margin as a ball, from its value and frequency in doubles."""
         if not math.isfinite(omega):
             if factor > 0:
-                raise CertificateError("certificate: a loop with delays inside that no gain is too large for has none")
+                raise CertificateError(
+                    f"certificate: gain_increase {factor:g} has no phase crossover; a loop with internal delays has a "
+                    "certificate only if some finite gain destabilises it"
+                )
             return arb(0)
         if omega == 0:
             return -(self._den.at(arb(0))[0] / self._num.at(arb(0))[0]).real
@@ -640,7 +653,7 @@ class _Delayed:
         return abs(self._den.at(at)[0]) / abs(self._num.at(at)[0])
 
     def _peak(self, kind: int, omega: float) -> arb:
-        """|S| or |T| where doubles see its peak."""
+        """|S| or |T| at the frequency of its peak in doubles."""
         if math.isinf(omega):
             return arb(1 - kind)
         return abs((self._den, self._num)[kind].at(arb(omega))[0]) / abs(self._closed(arb(omega)))

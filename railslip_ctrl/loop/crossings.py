@@ -1,8 +1,8 @@
-"""Where on the axis a loop L(s) = G(s) exp(-tau s) does what decides: gain and phase crossovers, extrema between them.
+"""Gain crossovers, phase crossovers and extrema of a loop L(s) = G(s) exp(-tau s).
 
 Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
-Between them both are monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is
-then refined to the last bits (`monotone_root`).
+Between them |L| and the phase are monotone. The phase at the ends of a piece therefore gives the number of its phase
+crossovers; each is then refined to the last bits (`monotone_root`).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from .rational import (
 
 # -- many bracketed scalar roots at once ---------------------------------------------------------------------------
 
-# SciPy's `optimize.elementwise.find_root` is the same method; here no call costs milliseconds, which is what one
-# `DeadTimeLoop.margins()` may take in all, and no `scipy.optimize` is loaded.
+# SciPy's `optimize.elementwise.find_root` has the same method, but one call costs milliseconds, as long as a whole
+# `DeadTimeLoop.margins()`, and loads `scipy.optimize`.
 
-_HALF_OF_THE_DIGITS = 1e-9
-_LARGEST = 700.0  # of ln|L|: exp of it is a double
+_HALF_OF_THE_DIGITS = 1e-9  # relative step of Newton's method after which one more gives all digits of a double
+_LARGEST = 700.0  # bound on ln|L|: exp(700) is still a double
 _MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
 
 
@@ -50,9 +50,9 @@ def bracketed_roots(
 ) -> Floats:
     """Roots of `function` in the brackets [low, high], to the last bits of a double.
 
-    `function` gives f(x, index), x and index of one shape: the value at x of the function of bracket number index. At
-    the ends, (n,), f has opposite signs, else the end of smaller size of f is returned; `ends` are its values there,
-    where known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
+    `function` gives f(x, index), x and index of one shape: the value at x of the function of bracket number index.
+    f should have opposite signs at the ends, (n,); otherwise the end with the smaller |f| is returned. `ends` are the
+    values of f at the ends, if known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
     """
     if low.size == 0:
         return low
@@ -88,7 +88,7 @@ def bracketed_roots(
 
 
 def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f3: Floats, least: Floats) -> Floats:
-    """Where in [x1, x2] to look next: inverse quadratic where it can be trusted, else the middle."""
+    """Next point as a fraction of [x1, x2]: inverse quadratic interpolation if reliable, else the middle."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         of12, of13, of32 = f1 - f2, f1 - f3, f3 - f2
         xi, phi = (x1 - x2) / (x3 - x2), of12 / of32
@@ -101,9 +101,9 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
 def monotone_root(
     function: Callable[[float], tuple[float, float]], start: float, low: float, high: float, side: float
 ) -> float:
-    """The root of `function` in [low, high], to rounding, by Newton's method kept inside the bracket.
+    """Root of `function` in [low, high], to rounding, by Newton's method confined to the bracket.
 
-    `function` gives f and df/dx; `start` is a first guess. The bracket may begin at 0 and end at infinity; `side` is
+    `function` gives f and df/dx; `start` is the start value. The bracket may begin at 0 and end at infinity; `side` is
     the sign of f at its lower end.
     """
     x, width = start, math.inf
@@ -116,7 +116,7 @@ def monotone_root(
         step = abs(new - x)
         if low < new < high and step < 0.5 * width:
             if step <= _HALF_OF_THE_DIGITS * x:
-                return new  # Newton's method doubles the digits, so that half of them before the step are all after it
+                return new  # Newton's method doubles the correct digits
         elif high - low <= 4e-16 * x:
             return x
         else:
@@ -125,19 +125,19 @@ def monotone_root(
     return x
 
 
-# -- what the polynomials of a loop decide ----------------------------------------------------------------------------
+# -- exact polynomials of a loop --------------------------------------------------------------------------------------
 
 # With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, dead
-# time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
+# time included. FLINT isolates their positive roots with certainty, without a grid.
 
-_NEWTON_STEPS = 60  # halving included
-_NOTHING_GAINED = 1e-18  # relative, of a peak by a step
-_BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
-REFINED_BITS = 160  # of margins that doubles would give with fewer digits
-MOST_BITS = 4000  #: precision at which a sign that is still open is given up as zero
+_NEWTON_STEPS = 60  # most steps, bisections included
+_NOTHING_GAINED = 1e-18  # relative increase of a peak by a step below which the search ends
+_BITS_OF_A_STEP = 50  # bits that a step adds at least if its slope is accurate to double precision
+REFINED_BITS = 160  # precision for margins that lose digits in doubles
+MOST_BITS = 4000  #: precision up to which a sign is sought; an undecided one is then taken as zero
 
 GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
-"""Kinds of frequencies: |L| = 1, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
+"""Kinds of frequencies: gain crossovers, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
 
 
 class ExactLoop:
@@ -151,44 +151,44 @@ class ExactLoop:
         self._made: dict[int, list[tuple[acb_poly, acb_poly]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
-        """To another process go the numbers it was made from: FLINT's do not."""
+        """Pickle the arguments: FLINT's numbers cannot be pickled."""
         return ExactLoop, (self._system, self._given)
 
     @property
     def numerator(self) -> fmpq_poly:
-        """N(s), gain included."""
+        """Numerator polynomial N(s), gain included."""
         return self._system.polynomials[0]
 
     @property
     def denominator(self) -> fmpq_poly:
-        """D(s)."""
+        """Denominator polynomial D(s)."""
         return self._system.polynomials[1]
 
     @property
     def through(self) -> fmpq:
-        """G(infinity)."""
+        """Exact G(infinity), the feedthrough."""
         order = self.denominator.degree()
         return self.numerator[order] / self.denominator[order]
 
     @property
     def hidden_on_axis(self) -> bool:
-        """Whether a zero and a pole of G meet on the axis, 0 aside."""
+        """True if a zero and a pole of G cancel on the imaginary axis, other than at 0."""
         common = self._axis[0].undamped.gcd(self._axis[1].undamped)
         return bool(positive_square_roots(common))
 
     @property
     def all_pass(self) -> bool:
-        """Whether |L| = 1 at every frequency."""
+        """True if |L| = 1 at every frequency."""
         return bool(self._polynomials[GAIN].degree() < 0)
 
     @property
     def large_at_zero(self) -> bool:
-        """Whether |L| > 1 as omega tends to 0."""
+        """True if |L| > 1 as omega tends to 0."""
         gap = self._polynomials[GAIN]
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
     def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
-        """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with their multiplicities."""
+        """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with multiplicities."""
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
                 self._found[kind, bits] = positive_square_roots(self._polynomials[kind])
@@ -202,7 +202,7 @@ class ExactLoop:
 
     @property
     def _balls(self) -> list[tuple[acb_poly, acb_poly]]:
-        """N and D, their first and their second derivatives in balls of the context's precision."""
+        """Pairs N, D and their first and second derivatives in balls of the context's precision."""
         if ctx.prec not in self._made:
             both = [(self.numerator, self.denominator)]
             for _ in range(2):
@@ -211,22 +211,24 @@ class ExactLoop:
         return self._made[ctx.prec]
 
     def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
-        """The frequency near `omega`, rad/s, where arg L is `odd` times pi, refined; `slope` is d(arg L)/d omega."""
+        """Refined frequency near `omega`, rad/s, with arg L = `odd` pi; `slope` is d(arg L)/d omega."""
         refined = arb(omega)
         for _ in range(ctx.prec // _BITS_OF_A_STEP + 1):
             refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
         return refined
 
     def size_at(self, a: float, b: float, omega: arb | float) -> arb:
-        """|a + b L|/|1 + L|."""
+        """Magnitude |a + b L|/|1 + L| at one frequency, rad/s."""
         s = acb(0, omega)
         num, den = (one(s) for one in self._balls[0])
         num *= (s * acb(-self._dead_time)).exp()
         return abs(a * den + b * num) / abs(den + num)
 
     def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
-        """Where, rad/s, |a + b L|/|1 + L| has a peak between `low` and `high`, by Newton's method from `start`, and the
-        peak. What is searched is the least square of the inverse, nearly a parabola however sharp the peak is."""
+        """Frequency, rad/s, and height of the peak of |a + b L|/|1 + L| between `low` and `high`.
+
+        Newton's method from `start` minimises the square of the inverse, nearly a parabola even for a sharp peak.
+        """
         delay, below, found, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
             s = acb(0, found)
@@ -251,13 +253,13 @@ class ExactLoop:
         return found, self.size_at(a, b, found)
 
     def peaks(self) -> list[tuple[arb, float]]:
-        """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and where they are attained, rad/s."""
+        """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and their frequencies, rad/s."""
         n, d = self.numerator, self.denominator
         below = Axis(n + d).power
         return [largest_root_of_ratio(Axis(one).power, below) for one in (d, n, (d - n) / 2)]
 
     def roots(self) -> tuple[list[acb], list[acb]]:
-        """Zeros and poles of G, at the precision of the context or higher; the real part is 0 on the axis alone."""
+        """Zeros and poles of G, at the context's precision or higher; the real part is 0 only on the axis."""
         if not self._system.from_coefficients:
             return [acb(root) for root in self._system.zeros], [acb(root) for root in self._system.poles]
         if ctx.prec not in self._roots:
@@ -265,15 +267,19 @@ class ExactLoop:
         return self._roots[ctx.prec]
 
     def argument(self, omega: arb, side: int = 0) -> arb:
-        """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the context's precision; at a frequency
-        of the kind `AXIS` just above (`side` 1) or below it (-1)."""
+        """Continuous phase of L(j omega), rad, as `Response.phase`, at the context's precision.
+
+        At a frequency of the kind `AXIS` it is the limit from above (`side` 1) or from below (-1).
+        """
         turned = arb.pi() if self._system.gain < 0 else arb(0)
         zeros, poles = (_angle(roots, omega, side) for roots in self.roots())
         return turned + zeros - poles - arb(self._dead_time) * omega
 
     def offset(self, kind: str, index: int) -> tuple[int, float]:
-        """The phase at frequency number `index` of a kind, as an odd n next to arg L/pi and the signed rest; 0.0 if
-        `MOST_BITS` do not tell it from zero."""
+        """Split arg L/pi at frequency number `index` of a kind into the nearest odd number and the signed rest.
+
+        The rest is 0.0 if `MOST_BITS` cannot distinguish it from zero.
+        """
         bits = DOUBLE_BITS
         while True:
             bits = min(4 * bits, MOST_BITS)
@@ -303,63 +309,65 @@ class ExactLoop:
 
 
 def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
-    """`rational.angle_sum` in balls."""
+    """Continuous argument of prod(j omega - roots), rad, in balls; see `rational.angle_sum`."""
     total = arb(0)
     for root in roots:
         away = omega - root.imag
         if not (root.real.is_zero() and away.contains(0)):
             angle = arb.atan2(away, abs(root.real))
         else:
-            angle = side * arb.pi() / 2 if side else arb(0, 1.6)  # not known on which side: more than a quarter turn
+            angle = side * arb.pi() / 2 if side else arb(0, 1.6)  # side unknown: a ball of +-90 deg (1.6 > pi/2)
         total += arb.pi() - angle if root.real > 0 else angle
     return total
 
 
 # -- the response and its crossovers ------------------------------------------------------------------------------
 
-# Phase crossovers are listed wherever |L| is above this (or what the caller asks), and at least these many: with dead
-# time there are infinitely many, whose gains 1/|L| grow without bound beyond the last feature of a strictly proper L.
-SMALLEST_LISTED = 1e-2
-_LISTED_ALWAYS = 20
-_MOST_LISTED = 5_000
-_ROUNDING = 1e-15  # for each root and radian of the dead time; a phase nearer to an odd number of pi balls decide
+# With dead time phase crossovers are infinitely many; their gains 1/|L| grow without bound beyond the last feature of a
+# strictly proper L.
+SMALLEST_LISTED = 1e-2  # phase crossovers with |L| above this are listed, unless the caller gives another value
+_LISTED_ALWAYS = 20  # phase crossovers listed in any case
+_MOST_LISTED = 5_000  # phase crossovers listed on one piece
+_ROUNDING = 1e-15  # rounding of arg L/pi for each root and radian of dead time; closer to an odd number balls decide
 
 
 @dataclass(frozen=True)
 class Response:
-    """L(j omega) with its logarithmic derivatives; G and tau held together."""
+    """Frequency response L(j omega) of G(s) exp(-tau s), with its logarithmic derivatives."""
 
     system: Rational
     dead_time: float
 
     @cached_property
     def exact(self) -> ExactLoop:
-        """Its polynomials."""
+        """The loop as exact polynomials."""
         return ExactLoop(self.system, self.dead_time)
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """All omega > 0 with |L(j omega)| = 1, ascending, rad/s; a touch is among them. None if |L| is 1 everywhere."""
+        """All omega > 0 with |L(j omega)| = 1, ascending, rad/s, touches included; empty if |L| = 1 everywhere."""
         return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
 
     @cached_property
     def scales(self) -> Floats:
-        """Sizes of zeros, poles and gain crossovers, and 1/dead time, rad/s, where not 0; 1 without any."""
+        """Nonzero sizes of zeros, poles and gain crossovers, and 1/dead time, rad/s; 1 if there are none."""
         found = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
         return found[found > 0] if np.any(found > 0) else np.ones(1)
 
     @cached_property
     def crossover_phases(self) -> list[tuple[float, float]]:
-        """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1
-        alone; balls decide where rounding could matter."""
+        """Split arg L/pi at each of `gain_crossovers` into an odd number and a signed rest in [-1, 1].
+
+        The rest is 0 only if L = -1; balls decide where rounding could matter.
+        """
         return self.phases_at_crossovers()
 
     def phases_at_crossovers(self, *, certain: bool = False) -> list[tuple[float, float]]:
-        """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
+        """Phases as in `crossover_phases`; if `certain`, balls decide all of them."""
         return [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
 
     def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
-        """arg L/pi at frequency number `index` of a kind, rad/s, as `crossover_phases` has it."""
+        """Split arg L/pi at `omega`, frequency number `index` of a kind, as in `crossover_phases`."""
         half = self.turned(omega)[0] / math.pi
         odd = 2 * math.floor(half / 2) + 1
         if certain or abs(half - odd) <= self.rounding(omega):
@@ -367,11 +375,11 @@ class Response:
         return odd, half - odd
 
     def rounding(self, omega: Any) -> Any:
-        """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
+        """Bound on the relative rounding of L and on that of arg L/pi, from all roots and tau omega."""
         return _ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega)
 
     def log_size(self, omega: float) -> float:
-        """ln|L| at one frequency, in Python's numbers; infinite at zeros and poles."""
+        """ln|L| at one frequency as a Python float; infinite at zeros and poles."""
         total = math.log(abs(self.system.gain))
         for away, height, _, sign in self._turns:
             distance = math.hypot(away, omega - height)
@@ -379,7 +387,7 @@ class Response:
         return total
 
     def size(self, omega: float) -> float:
-        """|L| at one frequency, neither 0 nor infinite."""
+        """|L| at one frequency, limited to finite values > 0."""
         return math.exp(min(max(self.log_size(omega), -_LARGEST), _LARGEST))
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
@@ -391,7 +399,7 @@ class Response:
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
     def turned(self, omega: float) -> tuple[float, float]:
-        """`phase` at one frequency, in Python's numbers."""
+        """Continuous phase and its derivative, as `phase`, at one frequency as Python floats."""
         total, slope = self._at_zero - self.dead_time * omega, -self.dead_time
         for away, height, turn, _ in self._turns:
             offset = omega - height
@@ -402,20 +410,19 @@ class Response:
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
-        """What `turned` sums up: of each root its distance from the axis, its height, the way that it turns L, the
-        other way if it lies right of the axis, and 1 for a zero, -1 for a pole."""
+        """Terms of `turned`, one per root: |Re|, Im, direction of its turn (reversed if Re > 0), 1 zero or -1 pole."""
         zeros, poles = self._listed_roots
         pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
         return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
 
     @cached_property
     def _at_zero(self) -> float:
-        """The phase in which all begin, rad."""
+        """Constant part of the phase, rad: signs of the gain and of the roots in the right half plane."""
         zeros, poles = ([root.real > 0 for root in roots].count(True) for roots in self._listed_roots)
         return math.pi * (float(self.system.gain < 0) + zeros - poles)
 
     def at(self, omega: float) -> tuple[complex, complex, complex]:
-        """L(j omega), d ln L/d omega and d^2 ln L/d omega^2, in Python's numbers; ArithmeticError on overflow."""
+        """L(j omega), d ln L/d omega and d^2 ln L/d omega^2 as Python numbers; ArithmeticError on overflow."""
         zeros, poles = self._listed_roots
         s = complex(0, omega)
         value, slope, second = self.system.gain * cmath.exp(-self.dead_time * s), complex(-self.dead_time), 0j
@@ -430,13 +437,15 @@ class Response:
 
     @cached_property
     def order_at_zero(self) -> int:
-        """Zeros less poles at 0."""
+        """Zeros minus poles at 0."""
         zeros, poles = self._listed_roots
         return zeros.count(0) - poles.count(0)
 
     def spread(self, low: float, middle: float, high: float) -> tuple[float, float]:
-        """Bounds on the second and third derivative of ln L by ln omega over a part of the axis; by omega, but for the
-        roots at 0, from `low` 0."""
+        """Bounds on the second and third derivative of ln L with respect to ln omega over a part of the axis.
+
+        From `low` 0 the derivatives are with respect to omega and leave out the roots at 0.
+        """
         s, reach = complex(0, middle), high - middle
         bend = twist = self.dead_time * high if low else 0.0
         for root, size in self._off_zero:
@@ -457,7 +466,7 @@ class Response:
         return self.system.zeros.tolist(), self.system.poles.tolist()
 
     def bend(self, low: Floats, high: Floats) -> Floats:
-        """A bound on |d^2 ln L/d omega^2| between two frequencies."""
+        """Bound on |d^2 ln L/d omega^2| between two frequencies."""
         roots = self.system.roots
         offset = roots.imag - np.clip(roots.imag, low[..., None], high[..., None])
         with np.errstate(divide="ignore"):
@@ -471,8 +480,11 @@ class Response:
 
 
 class Piece(NamedTuple):
-    """A part of the axis on which |L| and its phase are monotone and |L| - 1 has one sign: its ends, rad/s, from 0 to
-    infinity, and ln|L| and arg L/pi at, or in the limit to, both."""
+    """A part of the frequency axis with monotone |L| and phase, and one sign of |L| - 1.
+
+    - low, high: its ends, rad/s, from 0 to infinity.
+    - size, half_turns: ln|L| and arg L/pi at both ends, or their limits.
+    """
 
     low: float
     high: float
@@ -481,11 +493,11 @@ class Piece(NamedTuple):
 
 
 def pieces(response: Response) -> list[Piece]:
-    """The pieces of a loop, ascending, decided by its polynomials."""
+    """The pieces of a loop, ascending, from its exact polynomials."""
     exact, system = response.exact, response.system
     if system.gain == 0:
         return [Piece(0.0, math.inf, (-math.inf, -math.inf), (0.0, 0.0))]
-    ends = dict[float, tuple[float, float, float, float]]()  # what the pieces below and above a frequency have there
+    ends = dict[float, tuple[float, float, float, float]]()  # ln|L| and arg L/pi from below, then from above
     for kind in (GAIN, SIZE, PHASE):
         for i, (ball, _) in enumerate(exact.frequencies(kind)):
             omega = float(ball.mid())
@@ -507,7 +519,7 @@ def pieces(response: Response) -> list[Piece]:
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
-    """ln|L| and arg L/pi as omega tends to 0 and to infinity, the latter exact multiples of a half."""
+    """Limits of ln|L| and arg L/pi as omega tends to 0 and to infinity; the phases are exact multiples of 1/2."""
     zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
     turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
     right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)
@@ -519,12 +531,12 @@ def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]
 
 
 def _turned_at_infinity(response: Response) -> float:
-    """arg G/pi as omega tends to infinity."""
+    """Limit of arg G/pi as omega tends to infinity."""
     return float(response.system.gain < 0) - response.system.relative_degree / 2
 
 
 def frequency_nodes(response: Response) -> Floats:
-    """Frequencies, rad/s, ascending, that follow every feature of L; for curves and searches, not for decisions."""
+    """Frequencies, rad/s, ascending, that resolve every feature of L; for curves and searches, not for decisions."""
     roots = response.system.roots
     low, high = 1e-4 * response.scales.min(), 1e4 * response.scales.max()
     parts = [np.geomspace(low, high, int(16 * np.log10(high / low)) + 2)]
@@ -537,12 +549,12 @@ def frequency_nodes(response: Response) -> Floats:
 
 
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
-    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
+    """Phase crossovers (arg L = pi modulo 2 pi), ascending, rad/s: all with |L| >= smallest, and at least 20."""
     least, found = math.log(smallest), list[float]()
     for low, high, sizes, turns in cut:
         start, end = turns
         way = 2 if end > start else -2
-        # odd numbers behind the start, the end included but at infinity, where it is not reached
+        # odd numbers after the start up to and including the end; at infinity the end is not reached
         first = 2 * math.floor((start - 1) / 2) + 3 if end > start else 2 * math.ceil((start - 1) / 2) - 1
         number = max(math.floor((end - first) / way) + 1, 0) if math.isfinite(end) else math.inf
         if number and math.isinf(high) and end == first + way * (number - 1):
@@ -552,16 +564,16 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
             wanted = max(wanted, min(number, _until(response, cut, least)) if math.isinf(number) else number)
         steps = list(range(int(wanted) if wanted <= _MOST_LISTED else _MOST_LISTED // 2))
         if wanted > _MOST_LISTED and math.isfinite(number):
-            # too many: those next to either end, where |L| is nearest to 1 and where it is largest
+            # too many: list those next to the ends, where |L| is nearest to 1 and where it is largest
             steps += [int(number) - 1 - step for step in reversed(steps)]
         found += [phase_crossover(response, low, high, start, end, first + way * step) for step in steps]
     return sorted(set(found))
 
 
 def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
-    """Frequency, rad/s, inside a piece with arg L/pi = `first` to `last` at its ends, where it is `odd`."""
+    """Frequency, rad/s, with arg L/pi = `odd` inside a piece with `first` and `last` at its ends."""
     target, dead_time = math.pi * odd, response.dead_time
-    if math.isinf(high):  # there the dead time turns the most
+    if math.isinf(high):  # at high frequency the dead time dominates the phase
         start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
     else:
         start = (
@@ -578,7 +590,7 @@ def phase_crossover(response: Response, low: float, high: float, first: float, l
 
 
 def _until(response: Response, cut: list[Piece], least: float) -> float:
-    """How many phase crossovers the last piece has up to where ln|L| has fallen to `least`; inf if it never does."""
+    """Number of phase crossovers on the last piece until ln|L| falls to `least`; inf if it never does."""
     last = cut[-1]
     if last.size[1] >= least:
         return math.inf

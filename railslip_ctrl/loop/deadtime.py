@@ -1,4 +1,4 @@
-"""`DeadTimeLoop`: a SISO loop with its dead time exact."""
+"""SISO feedback loop with exact dead time: `DeadTimeLoop`, and `Loop`, the base of all kinds of loops."""
 
 from __future__ import annotations
 
@@ -27,58 +27,58 @@ from .stability import RootCount, count_right_of, rightmost_poles, root_count
 if TYPE_CHECKING:
     from control import FrequencyResponseData, TransferFunction
 
-# Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
-# unless a resonance hides behind another.
+# Rounds of listing phase crossovers; each lowers the bound on |L| to the gain found. Two suffice unless one resonance
+# hides another.
 _MOST_LISTINGS = 5
-_ALL_LISTED = 1000  # unstable poles up to which surely every gain limit that makes them is listed
-_SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error beyond which balls refine a margin, and for how many gain limits
-_NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
+_ALL_LISTED = 1000  # unstable poles up to which every gain limit that causes them is certainly listed
+_SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error above which balls refine a margin, and for how many gain limits
+_NEAR_ONE = 1e-12  # distance of a gain limit from 1 that rounding of its phase crossover may cause
 
-MOST_POLES = 1000  #: closed-loop poles that are looked for; a few dozen show what a loop does
+MOST_POLES = 1000  #: closed-loop poles computed at most; a few dozen describe a loop
 
-_POINTS = 4000  # of a frequency response: a smooth line in print, the turns of the dead time included
+_POINTS = 4000  # points of a frequency response: a smooth line in print, the turns of the dead time included
 
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
 
 class Loop(ABC):
-    """What loops have in common, continuous or sampled: operators, plots, and what a python-control user asks first.
+    """Base class of loops, continuous or sampled: operators, plots and the interface of python-control's systems.
 
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops, with the dead time exact. Sums, quotients and `feedback`
-    are python-control's frequency-response data at `frequency_response().omega`, from which `control.margin` of a loop
-    interpolates too. Functions of rational systems, as `control.step_response`, take `DeadTimeLoop.to_tf`, with a Pade
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops with exact dead time. Sums, quotients and `feedback` are
+    python-control's frequency-response data at `frequency_response().omega`; `control.margin(loop)` interpolates the
+    same data. For functions of rational systems, as `control.step_response`, use `DeadTimeLoop.to_tf`, a Pade
     approximation. The loop's own methods are exact.
     """
 
-    __array_ufunc__ = None  # numpy's numbers leave the product to the loop
-    _dt: float | None = None  # of python-control's record
+    __array_ufunc__ = None  # a NumPy number times a loop calls the loop's __rmul__
+    _dt: float | None = None  # sampling period of the frequency-response data, s; None: continuous
 
     def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
-        raise TypeError(self._instead)
+        raise TypeError(self._unsupported)
 
     def __getitem__(self, _: Any) -> Any:
-        raise TypeError(self._instead)
+        raise TypeError(self._unsupported)
 
     def __len__(self) -> int:
         return 3
 
     def __iter__(self) -> Iterator[Floats]:
-        """Magnitude, phase (deg) and frequencies (rad/s): the sequence that `control.margin` takes."""
+        """Iterate over magnitude, phase (deg) and frequencies (rad/s), the sequence that `control.margin` takes."""
         return iter((self._record.magnitude, np.degrees(self._record.phase), self._record.omega))
 
     @property
-    def _instead(self) -> str:
-        """What to give python-control's functions that cannot take a loop."""
-        pade = ", or loop.to_tf(order) with a Pade approximation" if isinstance(self, DeadTimeLoop) else ""
+    def _unsupported(self) -> str:
+        """Error message for functions of python-control that cannot take a loop."""
+        pade = ", or loop.to_tf(order), a Pade approximation," if isinstance(self, DeadTimeLoop) else ""
         return (
-            f"{type(self).__name__} is no system of python-control; give its functions loop.frequency_response(omega)"
-            f"{pade}, or call loop.margins(), loop.step_response(time), loop.bode_plot(), loop.nyquist_plot() or "
-            "loop.nichols_plot()"
+            f"{type(self).__name__} is not a python-control system; pass loop.frequency_response(omega)"
+            f"{pade} to python-control, or call loop.margins(), loop.step_response(time), loop.bode_plot(), "
+            "loop.nyquist_plot() or loop.nichols_plot()"
         )
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
-        """Series connection with a SISO system of the loop's kind of time, without dead time, or a change of gain."""
+        """Connect in series with a SISO system without dead time (both continuous or both sampled), or change gain."""
 
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)
@@ -86,21 +86,21 @@ class Loop(ABC):
     @property
     @abstractmethod
     def integrators(self) -> int:
-        """Poles of L at s = 0, or of a sampled one at z = 1."""
+        """Number of poles of L at s = 0, or at z = 1 for a sampled loop."""
 
     @property
     @abstractmethod
     def open_loop_unstable_poles(self) -> int:
-        """Poles of L right of the imaginary axis, or of a sampled one outside the unit circle."""
+        """Number of poles of L right of the imaginary axis, or outside the unit circle for a sampled loop."""
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
+        """The loop with its gain multiplied by `factor`, of either sign; InputError if it is not finite."""
 
     def __truediv__(self, divisor: Any) -> Any:
-        """A change of gain; frequency-response data if it is divided by a system or a loop."""
+        """Divide the gain by a number; frequency-response data if the divisor is a system or a loop."""
         if hasattr(divisor, "ninputs"):
-            return self._record / self._beside(divisor)
+            return self._record / self._operand(divisor)
         number("divisor", divisor)
         return self.scaled(1 / divisor if divisor else math.inf)
 
@@ -108,12 +108,12 @@ class Loop(ABC):
         return other / self._record
 
     def __add__(self, other: Any) -> FrequencyResponseData:
-        return self._record + self._beside(other)
+        return self._record + self._operand(other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> FrequencyResponseData:
-        return self._record - self._beside(other)
+        return self._record - self._operand(other)
 
     def __rsub__(self, other: Any) -> FrequencyResponseData:
         return other - self._record
@@ -124,10 +124,11 @@ class Loop(ABC):
         - other: a number, system or loop in the feedback path.
         - sign: -1 for negative feedback, 1 for positive.
         """
-        return self._record / (1 - self._beside(other) * self._record * sign)  # python-control's own ignores the sign
+        # not FrequencyResponseData.feedback: it ignores the sign
+        return self._record / (1 - self._operand(other) * self._record * sign)
 
-    def _beside(self, other: Any) -> Any:
-        """What is combined with the frequency response of this loop."""
+    def _operand(self, other: Any) -> Any:
+        """The other operand: frequency-response data at this loop's frequencies if it is a loop."""
         return other.frequency_response(self._record.omega) if isinstance(other, Loop) else other
 
     @cached_property
@@ -139,114 +140,125 @@ class Loop(ABC):
 
     @abstractmethod
     def response(self, omega: ArrayLike) -> Complexes:
-        """L at frequencies, rad/s, finite: complex, of the shape of `omega`."""
+        """L at finite frequencies `omega`, rad/s: complex, of the same shape."""
 
     def frequency_response(
         self, omega: ArrayLike | None = None, *, squeeze: bool | None = None
     ) -> FrequencyResponseData:
-        """L as python-control's frequency-response data, which its functions take.
+        """L as python-control's frequency-response data, accepted by its functions.
 
-        The numbers alone are `loop.response(omega)`.
+        `loop.response(omega)` gives the plain numbers.
 
-        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and has its gain crossovers. Between
-          frequencies that ascend, two at least, the data interpolate.
-        - squeeze: as of `control.frequency_response`.
+        - omega: 1-D, rad/s, finite; the default covers every feature of the loop and contains its gain crossovers. With
+          at least two, ascending, the data can be interpolated.
+        - squeeze: as in `control.frequency_response`.
         """
         if omega is None:
             low, high = self.feature_band()
             omega = np.union1d(np.geomspace(low, high, _POINTS), self.gain_crossovers.clip(low, high))
         grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
         made: Any = import_module("control").FrequencyResponseData
-        smooth = grid.size > 1 and bool((np.diff(grid) > 0).all())  # its splines take no others
+        smooth = grid.size > 1 and bool((np.diff(grid) > 0).all())  # python-control's splines need ascending points
         return made(self.response(grid), grid, sysname="L", squeeze=squeeze, smooth=smooth, dt=self._dt or 0)
 
     def sensitivity(self, omega: ArrayLike) -> Complexes:
-        """S = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
+        """Sensitivity S = 1/(1 + L), complex, of the shape of `omega` (rad/s, finite)."""
         return np.asarray(1 / (1 + self.response(omega)))
 
     def complementary_sensitivity(self, omega: ArrayLike) -> Complexes:
-        """T = L/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
+        """Complementary sensitivity T = L/(1 + L), complex, of the shape of `omega` (rad/s, finite)."""
         return np.asarray(1 - self.sensitivity(omega))
 
     @property
     @abstractmethod
     def root_count(self) -> RootCount:
-        """Unstable closed-loop poles."""
+        """Number of unstable closed-loop poles, and whether some are on the stability boundary."""
 
     @property
     @abstractmethod
     def gain_crossovers(self) -> Floats:
-        """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
+        """All omega > 0 with |L| = 1, rad/s, ascending; also for an unstable loop."""
 
     @abstractmethod
     def phase(self, omega: ArrayLike) -> Floats:
-        """Continuous phase of L, rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape, up to pi/h of
-        a sampled loop. InputError for a frequency that is not finite and positive."""
+        """Continuous phase of L, rad, dead time included; it needs no unwrapping.
+
+        - omega: rad/s, > 0, any shape; up to pi/h for a sampled loop.
+
+        InputError: a frequency that is not finite and positive.
+        """
 
     @abstractmethod
     def feature_band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, between which everything about L happens; for plots."""
+        """Lowest and highest frequency, rad/s, of a band with all features of L; for plots."""
 
     @abstractmethod
     def margins(self) -> Margins:
-        """All margins; see `Margins`.
+        """All margins of the loop; see `Margins`.
 
-        Raises UnstableLoopError where the closed loop is not stable: by how many poles, and which gains stabilise it.
+        Raises UnstableLoopError if the closed loop is unstable, with the number of unstable poles and the stabilising
+        gains.
         """
 
     def is_stable(self) -> bool:
-        """True if every closed-loop pole is stable, chains at infinity included."""
+        """True if every closed-loop pole is stable, chains of poles towards infinity included."""
         return self.root_count.stable
 
     @property
     def unstable_closed_loop_poles(self) -> float:
-        """Closed-loop poles on the boundary of stability or beyond; inf for an unstable neutral loop."""
+        """Number of closed-loop poles on or beyond the stability boundary; inf for an unstable neutral loop."""
         return self.root_count.right
 
     def bode_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Magnitude and phase of L, a matplotlib figure; between the ends of `omega`, rad/s, or where all happens."""
+        """Plot magnitude and phase of L; a matplotlib figure between the ends of `omega`, rad/s (`feature_band`)."""
         return self._drawn("bode", omega)
 
     def nyquist_plot(self, omega: ArrayLike | None = None) -> Any:
-        """L, whole and near -1, a matplotlib figure; `omega` as of `bode_plot`."""
+        """Plot L in the complex plane, the whole curve and near -1; a matplotlib figure, `omega` as in `bode_plot`."""
         return self._drawn("nyquist", omega)
 
     def nichols_plot(self, omega: ArrayLike | None = None) -> Any:
-        """Magnitude against phase of L, a matplotlib figure; `omega` as of `bode_plot`."""
+        """Plot magnitude against phase of L; a matplotlib figure, `omega` as in `bode_plot`."""
         return self._drawn("nichols", omega)
 
     def _drawn(self, kind: str, omega: ArrayLike | None) -> Any:
         band = None if omega is None else np.ravel(numbers("omega", omega, "rad/s", gt=0))
-        return import_module("railslip_ctrl.report.plots").loop_figure(self, kind, band)  # a room above
+        # imported at run time: the report's room is above this one
+        return import_module("railslip_ctrl.report.plots").loop_figure(self, kind, band)
 
 
-def _asked(name: str, *, answered: bool) -> property:
-    """What python-control's functions ask of a system by `name`: answered by the frequency response, or refused."""
+def _system_attribute(name: str, *, delegated: bool) -> property:
+    """Attribute of python-control's systems: delegated to the frequency response, or refused with a remedy."""
 
-    def answer(loop: Loop) -> Any:
-        if not answered:
-            raise AttributeError(loop._instead, name=name, obj=loop)
+    def value(loop: Loop) -> Any:
+        if not delegated:
+            raise AttributeError(loop._unsupported, name=name, obj=loop)
         return getattr(loop._record, name)
 
-    return property(answer, doc=f"As of python-control's systems: {name}.")
+    return property(value, doc=f"Attribute {name} of python-control's systems.")
 
 
-_ANSWERED = ("dt", "isctime", "isdtime", "issiso", "ninputs", "noutputs", "update_names")
+_DELEGATED = ("dt", "isctime", "isdtime", "issiso", "ninputs", "noutputs", "update_names")
 _REFUSED = (
     *("append", "contour", "damp", "frdata", "input_labels", "magnitude", "minreal", "name", "nstates", "plot"),
     *("plot_phase", "sample", "zeros"),
 )
-for _name in (*_ANSWERED, *_REFUSED):
-    setattr(Loop, _name, _asked(_name, answered=_name in _ANSWERED))
+for _name in (*_DELEGATED, *_REFUSED):
+    setattr(Loop, _name, _system_attribute(_name, delegated=_name in _DELEGATED))
 
 
 def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:
-    """The error of a loop of a kind that has no margins: its poles in words, their number, and the gains that do."""
+    """Error for the margins of an unstable loop.
+
+    - kind, poles: kind of the loop and description of its unstable poles.
+    - count: number of unstable poles.
+    - usable: stabilising interval of loop-gain factors, or None.
+    """
     remedy = "no factor on the loop gain alone stabilises it"
     if usable is not None:
         remedy = f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
-    told = f"margins are not defined: the {kind} is unstable with {poles}; {remedy}"
-    return UnstableLoopError(told, unstable_poles=count, stabilizing_gain_range=usable)
+    message = f"margins are not defined: the {kind} is unstable with {poles}; {remedy}"
+    return UnstableLoopError(message, unstable_poles=count, stabilizing_gain_range=usable)
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -257,12 +269,11 @@ class DeadTimeLoop(Loop):
       proper. Hidden (cancelled) modes are kept and count for stability.
     - dead_time: s, >= 0.
 
-    InputError: `system` is not of this form, or the dead time is negative, not finite or no number.
+    InputError: `system` is not of this form, or the dead time is negative, not finite or not a number.
 
-    Nothing is approximated: stability is decided by counting the zeros of the quasi-polynomial
-    ([WaltonMarshall1987]), margins from all crossovers, refined to rounding. Neutral loops (as many zeros as
-    poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the
-    frequency tends to infinity.
+    Nothing is approximated. Counting the zeros of the quasi-polynomial decides stability ([WaltonMarshall1987]);
+    margins follow from all crossovers, refined to rounding. A neutral loop (as many zeros as poles, with dead time) is
+    stable only if |G(inf)| < 1, and its margins include the limit of infinite frequency.
     """
 
     system: Rational
@@ -285,19 +296,19 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` more dead time, s. InputError for one that is not finite, or a sum below 0."""
+        """The loop with `extra` s of added dead time; InputError if it is not finite or the sum is below 0."""
         return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
-        """The loop with a diagonal Pade approximation of an `order`, 1 to 100, in place of its dead time."""
+        """The loop with its dead time replaced by a diagonal Pade approximation; `order` 1 to 100."""
         return DeadTimeLoop(self.system * pade(self.dead_time, order), 0.0)
 
     # -- frequency response -------------------------------------------------------------------------------
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """L(s) at complex s, 1/s, of its shape; `loop(1j * omega)` is the frequency response, a plain array.
+        """L(s) at complex `s`, 1/s, of the same shape; `loop(1j * omega)` is the frequency response, a plain array.
 
-        At a pole on the axis, as at 0 with an integrator, it is inf + 0j; there S is 0 and T is 1. InputError for what
+        At a pole, for example 0 with an integrator, the value is inf + 0j, so that S is 0 and T is 1. InputError: `s`
         is not finite.
         """
         s = complexes("s", s)
@@ -314,7 +325,12 @@ class DeadTimeLoop(Loop):
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase_slope(self, omega: ArrayLike) -> Floats:
-        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape; InputError for another."""
+        """Slope d(arg L)/d omega of the phase, s (minus the group delay).
+
+        - omega: rad/s, > 0, any shape.
+
+        InputError: a frequency that is not finite and positive.
+        """
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[1]
 
     def feature_band(self) -> tuple[float, float]:
@@ -325,68 +341,67 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Closed-loop poles in the closed right half plane, exactly counted."""
+        """Exact number of closed-loop poles in the closed right half plane."""
         return root_count(self._response)
 
     @property
     def is_well_posed(self) -> bool:
-        """False if 1 + L(inf) = 0 without dead time: then the feedback has no solution."""
+        """False if 1 + L(inf) = 0 without dead time: the feedback equations then have no solution."""
         return self.dead_time > 0 or self._response.exact.through != -1
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Poles of G right of the imaginary axis."""
+        """Number of poles of G right of the imaginary axis."""
         return int(np.count_nonzero(self.system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Poles of G at 0."""
+        """Number of poles of G at 0."""
         return int(np.count_nonzero(self.system.poles == 0))
 
     def to_tf(self, order: int) -> TransferFunction:
-        """L as a python-control system, its dead time replaced by a diagonal Pade approximation of an `order`."""
+        """L as a python-control system; a diagonal Pade approximation of order `order` replaces the dead time."""
         made: Any = import_module("control").TransferFunction
         both = ([float(c) for c in one.coeffs()[::-1]] for one in self.pade(order).system.polynomials)
         return made(*both, name=f"L, Pade of order {order}")
 
     def zeros(self) -> Complexes:
-        """Zeros of G, as python-control has them of a system, 1/s."""
+        """Zeros of G, 1/s, under the name python-control uses."""
         return self.system.zeros.copy()
 
     def dcgain(self) -> float:
-        """L at s = 0; infinite with an integrator."""
+        """Value of L at s = 0; infinite with an integrator."""
         return float(self(0.0).real)
 
     def poles(self) -> Complexes:
-        """Poles of G, open loop, as python-control has them of a system, 1/s; see also `closed_loop_poles`."""
+        """Open-loop poles (of G), 1/s, under the name python-control uses; see also `closed_loop_poles`."""
         return self.system.poles.copy()
 
     @checked
     def closed_loop_poles(self, count: int = 6) -> Complexes:
         """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
 
-        Without dead time there are as many as G has poles. Raises SpectrumError if the exact root count does
-        not confirm them, InputError for a count that is not 1 to 1000, or an unstable neutral loop, which has no
-        rightmost pole.
+        Without dead time the loop has as many poles as G. Raises SpectrumError if the exact root count does not confirm
+        them; InputError for a count outside 1 to 1000, or for an unstable neutral loop, which has no rightmost pole.
         """
         number("count", count, ge=1, le=MOST_POLES)
         if not self.is_well_posed:
             raise InputError(f"closed-loop poles: {_ILL_POSED}")
         if self.dead_time > 0 and abs(self.system.feedthrough) >= 1:
             raise InputError(
-                f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self.system.feedthrough):g} >= 1 has a "
-                "chain of poles without a rightmost one; make G strictly proper"
+                f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self.system.feedthrough):g} >= 1 has "
+                "infinitely many poles and no rightmost one; make G strictly proper"
             )
         return rightmost_poles(self.system, self.dead_time, count)
 
     # -- responses and figures ----------------------------------------------------------------------------
 
     def step_response(self, time: ArrayLike) -> TimeResponse:
-        """Response of the closed loop, output T r, to a unit step of the reference r at t = 0, exact.
+        """Exact response of the closed loop, output T r, to a unit step of the reference r at t = 0.
 
-        What the controller commands is told by `loop.responses.step_response`, which takes the parts of the loop.
+        `loop.responses.step_response` takes controller and plant apart and gives the controller's command as well.
 
-        - time: array, shape (n,), or float; s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        - time: array, shape (n,), s, >= 0, ascending; or a float, s, > 0, the end of 1001 equally spaced times from 0.
         """
         times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
         return step_response(1.0, self.system, self.dead_time, time=times[0], final_time=times[1])
@@ -399,12 +414,15 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
-        the nearest to 1 in ratio; None if there is none. (0, hi) means stable however small; hi may be inf."""
+        """Interval of loop-gain factors with a stable loop, or None.
+
+        It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end 0 means
+        stable at every small gain; the upper end may be inf.
+        """
         found = self._range_within(self._gain_limits)
         if found is None or self.is_stable():
             return found
-        # a loop of even powers alone has poles on the axis on either side of a limit
+        # a loop with even powers of s only has poles on the axis on both sides of a limit: check inside
         low, high = found
         inside = min(1.0, high / 2) if low == 0 else math.sqrt(low * high) if high < math.inf else 2 * low
         return found if self.scaled(inside).is_stable() else None
@@ -413,7 +431,7 @@ class DeadTimeLoop(Loop):
         count = self.root_count
         if not count.marginal and count.right <= min(2 * len(limits), _ALL_LISTED):
             return stabilizing_range(limits, count.right)
-        # on a limit, beyond the neutral one, or beyond more limits than are listed: count from below the smallest one
+        # the loop is on a limit, beyond the neutral limit, or beyond unlisted limits: count below the smallest limit
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)
         at_low = count_right_of(self.system * low, self.dead_time)
         found = stabilizing_range([g._replace(factor=g.factor / low) for g in limits], at_low.right)
@@ -436,7 +454,7 @@ class DeadTimeLoop(Loop):
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
 
-        Raises CertificateError for a loop so near to the boundary of stability that 4000 bits do not enclose a margin.
+        Raises CertificateError if 4000 bits do not enclose a margin: the loop is too near the stability boundary.
         """
         return certify(self._response, self._margins if self.is_stable() else None)
 
@@ -460,18 +478,18 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _listed(self) -> list[GainLimit]:
-        """Gain limits, down to an |L| at their crossovers below which none can matter to the stabilising gains."""
+        """Gain limits at all phase crossovers with |L| large enough to bound the stabilising gains."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
             limits = gain_limits(self._response, phase_crossovers(self._response, self._pieces, smallest=smallest))
             usable = self._range_within(limits)
             if usable is None or math.isinf(usable[1]) or usable[1] * smallest <= 1:
                 break
-            smallest = 0.9 / usable[1]  # crossovers of larger |L| would limit the gain first: list them too
+            smallest = 0.9 / usable[1]  # unlisted crossovers with |L| above 1/usable[1] may limit the gain first
         return limits
 
     def _size_at_unstable_poles(self) -> float:
-        """Largest |L| from the slowest unstable open-loop pole on: what a stabilising gain has to bring to 1."""
+        """Largest |L| above the slowest unstable open-loop pole; a stabilising gain must make it at least 1."""
         sizes = [abs(pole) for pole in self.system.poles.tolist() if pole.real > 0]
         if not sizes or self.system.gain == 0:
             return 1.0
@@ -489,7 +507,7 @@ class DeadTimeLoop(Loop):
         return sorted(limits, key=lambda limit: limit.factor)
 
     def _sharpened(self, limit: GainLimit) -> GainLimit:
-        """A limit, refined in balls if rounding of the phase blurs it."""
+        """Refine a gain limit in balls if rounding of the phase makes it inaccurate."""
         omega, response, slope = limit.frequency, self._response, limit.rate.imag
         if slope == 0 or abs(limit.rate.real) * math.pi * response.rounding(omega) <= _SHARP * abs(slope):
             return limit
@@ -500,9 +518,9 @@ class DeadTimeLoop(Loop):
         return limit._replace(factor=factor, frequency=float(frequency))
 
     def _decided(self, limit: GainLimit) -> GainLimit:
-        """A limit that rounding does not tell from 1, moved to the side of 1 on which the exact root count changes."""
+        """Move a gain limit equal to 1 within rounding to the side of 1 on which the exact root count changes."""
         away = abs(limit.factor - 1)
-        if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # then no side of 1 is stable
+        if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # with so many poles neither side is stable
             return limit
         below = count_right_of(self.system * (1 - 2 * _NEAR_ONE), self.dead_time)
         return limit._replace(factor=math.nextafter(1.0, 2.0 if below == self.root_count else 0.0))
@@ -513,7 +531,7 @@ class DeadTimeLoop(Loop):
 
 @dataclass(frozen=True)
 class FrequencyCurve:
-    """L(j omega) on a grid: omega in rad/s, complex response, and its continuous phase in deg."""
+    """Samples of L(j omega) for plots: omega in rad/s, complex response, continuous phase in deg."""
 
     omega: Floats
     response: Complexes
@@ -521,14 +539,14 @@ class FrequencyCurve:
 
     @property
     def magnitude_db(self) -> Floats:
-        """20 log10 |L|, dB; -inf where L is 0, as it is everywhere without gain."""
+        """Magnitude 20 log10 |L|, dB; -inf where L is 0."""
         with np.errstate(divide="ignore"):
             return np.asarray(20 * np.log10(np.abs(self.response)))
 
 
 @checked
 def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
-    """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points."""
+    """Sample a loop with exact dead time between two frequencies, rad/s; gain crossovers are among the points."""
     _check_band(low, high)
     omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
     return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
@@ -536,7 +554,7 @@ def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
 
 @dataclass(frozen=True)
 class GangOfFour:
-    """The four closed-loop responses that matter ([Astrom2021] 12.1), complex, on one grid of omega (rad/s).
+    """The gang of four closed-loop responses ([Astrom2021] 12.1), complex, at frequencies omega (rad/s).
 
     S = 1/(1 + C P), T = C P/(1 + C P), PS = P/(1 + C P) (load to output), CS = C/(1 + C P) (noise to control).
     """
@@ -550,7 +568,7 @@ class GangOfFour:
 
 @checked
 def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
-    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact."""
+    """Compute the gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with exact dead time."""
     _check_band(low, high)
     omega = np.geomspace(low, high, _POINTS)
     p, c = plant(1j * omega), controller(1j * omega)

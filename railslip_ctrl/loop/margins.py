@@ -1,4 +1,4 @@
-"""Stability margins of a dead-time loop, from its crossovers and the peaks of its closed-loop responses."""
+"""Stability margins of a dead-time loop from its crossovers and the peaks of its closed-loop responses."""
 
 from __future__ import annotations
 
@@ -18,43 +18,44 @@ from railslip_ctrl.core.records import dataclass
 from .crossings import REFINED_BITS, Piece, Response
 from .stability import count_right_of
 
-_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # for a peak by doubles, halving included
-_BLUNT = 100.0  # up to here they place it well enough
-_PEAK = 1e-11  # relative: no peak exceeds the one reported by more
-_NOTHING = 1e-100  # a |T| that is not looked for; bounds are cut off below it
-_NARROWEST = 1e-15  # relative: a part that no double divides
-_FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
-# Bounds are tried on parts up to this ratio of their ends, over which the dead time turns at most so far (rad): on
-# larger ones they mostly fail. All three make the fewest evaluations for wheel-slip loops.
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # for a peak in doubles: most steps, bisections included; last step
+_BLUNT = 100.0  # height up to which doubles locate a peak accurately enough
+_PEAK = 1e-11  # largest relative excess of any peak over the reported one
+_NOTHING = 1e-100  # smallest |T| that counts as a peak; bounds have this minimum
+_NARROWEST = 1e-15  # relative width of a part that doubles cannot divide
+_FARTHEST = 1e150  # rad/s; beyond it, and below its inverse, the limits at infinity and 0 replace L
+# Bounds are tried on parts up to this ratio of their ends and this phase of the dead time, rad; on larger ones they
+# mostly fail. These values and `_AROUND_PEAK` need the fewest evaluations for wheel-slip loops.
 _WIDEST, _MOST_TURNED = 1.8, 1.5
-_AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12  # half widths, ln omega, on which a peak is tried to be convex
-_OUTWARD = 4.0  # factor by which a part that reaches to infinity is cut
-_A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
-_BESIDE = 1e-6  # relative: how far from a gain limit the poles are counted on both sides
-_GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
+# Half width in ln omega on which a peak is first tested for convexity, factor to the next, and most tries
+_AROUND_PEAK, _NARROWER, _MOST_NARROWED = 0.06, 0.4, 12
+_OUTWARD = 4.0  # factor from the lower end at which a part that reaches to infinity is divided
+_A_CHAIN = 10**9  # stands for the infinitely many unstable poles of a neutral loop beyond its limit
+_BESIDE = 1e-6  # relative distance from a gain limit at which the poles on either side are counted
+_GAINS_EQUAL = 1e-9  # relative difference below which the gains of two phase crossovers are one limit
 
 
 @dataclass(frozen=True)
 class Margins:
     """Margins of a stable loop, each the distance to instability along its own direction.
 
-    - gain_increase, gain_decrease: factors > 1 and < 1 on the loop gain at which stability is lost; inf and 0.0 if it
-      never is.
-    - gain_increase_frequency, gain_decrease_frequency: phase crossover they belong to, rad/s; 0 is a pole leaving
-      through the origin, inf one at infinite frequency (neutral loops), NaN without a bound.
-    - phase_deg, phase_frequency: smallest phase change, in size, lag or lead, that destabilises, deg, over all gain
-      crossovers, and where, rad/s; inf and NaN without a crossover.
-    - delay_s, delay_frequency: smallest added dead time that destabilises, s, over all gain crossovers; inf and NaN
-      without one.
+    - gain_increase, gain_decrease: loop-gain factors > 1 and < 1 at which stability is lost; inf and 0.0 if it never
+      is.
+    - gain_increase_frequency, gain_decrease_frequency: frequencies of the poles that then become unstable, rad/s;
+      0 for a pole through the origin, inf at infinite frequency (neutral loops), NaN without a bound.
+    - phase_deg, phase_frequency: smallest phase change, lag or lead, that destabilises, deg, over all gain crossovers,
+      and its crossover, rad/s; inf and NaN without a crossover.
+    - delay_s, delay_frequency: smallest added dead time that destabilises, s, over all gain crossovers, and its
+      crossover, rad/s; inf and NaN without a crossover.
     - ms, ms_frequency, mt, mt_frequency: peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the
-      last bit, and where, rad/s. (The other margins may lie some last bits outside what `DeadTimeLoop.certificate`
-      encloses them in.)
-    - disk, disk_frequency: balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]):
-      gain and phase may change together within `disk_gain_range` and +-`disk_phase_deg`.
-    - gain_crossovers, phase_crossovers: array, 1-D, rad/s; all |L| = 1; and all L < 0 real, 0 included, complete where
-      |L| >= 1/100 (with dead time there are infinitely many).
-    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]: positive is destroyed by lag, negative
-      by lead.
+      last bit, and their frequencies, rad/s. (The other margins may differ in the last bits from the enclosures of
+      `DeadTimeLoop.certificate`.)
+    - disk, disk_frequency: balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and its frequency, rad/s
+      ([Seiler2020]): gain and phase may change together within `disk_gain_range` and +-`disk_phase_deg`.
+    - gain_crossovers, phase_crossovers: array, 1-D, rad/s; all frequencies with |L| = 1; and those with L real and
+      negative, 0 included, complete where |L| >= 1/100 (with dead time infinitely many exist).
+    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]: added lag uses up a positive one,
+      added lead a negative one.
     - phase_crossover_gains: array, 1-D; factor 1/|L| at each phase crossover.
     """
 
@@ -79,12 +80,12 @@ class Margins:
 
     @property
     def disk_phase_deg(self) -> float:
-        """Phase change tolerated together with any gain in no change: 2 atan(alpha/2), deg."""
+        """Phase change that the disk tolerates at unchanged gain: 2 atan(alpha/2), deg."""
         return float(np.degrees(2 * np.arctan(self.disk / 2)))
 
     @property
     def disk_gain_range(self) -> tuple[float, float]:
-        """Gain factors tolerated by the disk: ((2 - alpha)/(2 + alpha), its reciprocal)."""
+        """Gain factors that the disk tolerates: ((2 - alpha)/(2 + alpha), its reciprocal)."""
         if self.disk >= 2:
             return 0.0, float("inf")
         ratio = (2 - self.disk) / (2 + self.disk)
@@ -94,8 +95,8 @@ class Margins:
 class GainLimit(NamedTuple):
     """A loop-gain factor at which closed-loop poles are on the imaginary axis.
 
-    `crossing` is the change in the number of unstable poles when the factor grows past it; `rate` is d ln L/d omega at
-    a phase crossover.
+    `frequency`: of these poles, rad/s. `crossing`: change in the number of unstable poles when the gain grows past the
+    factor. `rate`: d ln L/d omega at a phase crossover.
     """
 
     factor: float
@@ -105,9 +106,9 @@ class GainLimit(NamedTuple):
 
 
 def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLimit]:
-    """Every listed factor k > 0 for which k L puts poles on the axis, ascending.
+    """Gain limits at the phase crossovers, at frequency 0 and at infinity, ascending.
 
-    From 1 + k L(s) = 0: Re ds/dk has the sign of -d(arg L)/d omega, so where the phase falls a pair moves right.
+    From 1 + k L(s) = 0, Re ds/dk has the sign of -d(arg L)/d omega: if the phase falls, a pair moves right.
     """
     dc, limits = 0.0 if response.order_at_zero else response.system.dc_gain, list[GainLimit]()
     if -math.inf < dc < 0:
@@ -126,7 +127,7 @@ def gain_limits(response: Response, phase_crossings: list[float]) -> list[GainLi
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
-    """Where poles arrive from infinity: a chain of a neutral loop, or a real one when L(inf) = -1/k."""
+    """Gain limit at which poles arrive from infinity, or None: a neutral loop's chain, or a pole if L(inf) = -1/k."""
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
@@ -135,7 +136,7 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
         return GainLimit(factor, float("inf"), _A_CHAIN)
     # (1 + k through) s^n + c s^(n-1) + ...: a real pole -c/(1 + k through) passes through infinity
     c = math.fsum([*response.system.zeros.real, *-response.system.poles.real])
-    if c == 0:  # a pair does, in a direction that the lower powers decide
+    if c == 0:  # a pair passes through infinity; lower powers of s decide its direction, so count the poles
         below, above = (count_right_of(response.system * (factor * side), 0.0) for side in (1 - _BESIDE, 1 + _BESIDE))
         return GainLimit(factor, float("inf"), int(above.right - below.right))
     return GainLimit(factor, float("inf"), 1 if c > 0 else -1)
@@ -144,16 +145,16 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
 def compute_margins(
     response: Response, cut: list[Piece], rest: list[float], listed: list[GainLimit], limits: list[GainLimit]
 ) -> Margins:
-    """Margins of a loop known to be stable; see `Margins`.
+    """Compute the margins of a stable loop; see `Margins`.
 
-    `rest` is arg(-L)/pi at the gain crossovers, in [-1, 1]; `listed` are the `limits` before they are refined.
+    `rest` is arg(-L)/pi at the gain crossovers, in [-1, 1]; `listed` are the `limits` before refinement.
     """
     crossovers = response.gain_crossovers.tolist()
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
-    room = smallest_of(_room(rest, crossovers), crossovers)
+    delay = smallest_of(_added_dead_times(rest, crossovers), crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
-        room = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
+        delay = 0.0, float("inf")  # with any dead time it is a neutral loop with |G(inf)| >= 1, unstable
     ms, mt, (disk, disk_frequency) = _peaks(
         response, cut, [g.frequency for g in (up, down) if 0 < g.frequency < math.inf]
     )
@@ -162,7 +163,7 @@ def compute_margins(
     return Margins(
         *(up.factor, up.frequency, down.factor, down.frequency),
         *smallest_of([180 * abs(one) for one in rest], crossovers),
-        *room,
+        *delay,
         *ms,
         *mt,
         *(1.0 / disk if disk > 0 else float("inf"), disk_frequency),
@@ -174,19 +175,18 @@ def compute_margins(
 
 
 def smallest_at(rest: list[float], crossovers: list[float]) -> set[int]:
-    """Which gain crossovers limit the phase and the added dead time; see `compute_margins`."""
-    rooms = _room(rest, crossovers)
-    sizes = ([abs(one) for one in rest], rooms)
+    """Indices of the gain crossovers with the phase margin and the delay margin; see `compute_margins`."""
+    sizes = ([abs(one) for one in rest], _added_dead_times(rest, crossovers))
     return {one.index(min(one)) for one in sizes if one}
 
 
-def _room(rest: list[float], crossovers: list[float]) -> list[float]:
-    """Dead time, s, that may be added at each gain crossover."""
+def _added_dead_times(rest: list[float], crossovers: list[float]) -> list[float]:
+    """Added dead time, s, that brings L to -1 at each gain crossover."""
     return [math.pi * (one if one > 0 else one + 2) / omega for one, omega in zip(rest, crossovers, strict=True)]
 
 
 def smallest_of(values: Iterable[float], frequencies: Iterable[float]) -> tuple[float, float]:
-    """The least of some values, and its frequency; infinity and NaN without any."""
+    """Least of the values and its frequency; infinity and NaN without values."""
     pairs = zip(values, frequencies, strict=True)
     value, omega = min(pairs, key=lambda pair: pair[0], default=(math.inf, math.nan))
     return float(value), float(omega)
@@ -196,23 +196,23 @@ SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))  #: (a, b): (a + b L)/(1 + L) is 
 
 
 def heights(loop: Complexes) -> Floats:
-    """|S|, |T| and |S - 1/2|, (3, n)."""
+    """Magnitudes |S|, |T| and |S - 1/2| from L, (3, n)."""
     s = 1 / (1 + loop)
     return np.abs([s, loop * s, s - 0.5])
 
 
 def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
-    """|S|, |T| and |S - 1/2| and their logarithmic slopes, both (3, n), from L and d ln L/d omega."""
+    """Magnitudes |S|, |T| and |S - 1/2| and their logarithmic slopes, both (3, n), from L and d ln L/d omega."""
     s = 1 / (1 + loop)
     t, centred = loop * s, s - 0.5
     return np.abs([s, t, centred]), np.array([-(t * slope).real, (s * slope).real, -(s * t * slope / centred).real])
 
 
-Peaks = list[tuple[float, float]]  #: peaks of S, T and S - 1/2: size and where, rad/s
+Peaks = list[tuple[float, float]]  #: peaks of |S|, |T| and |S - 1/2|: height and frequency, rad/s
 
 
 def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Peaks:
-    """Suprema over omega >= 0; climbing begins at the highest of some frequencies `starts`, rad/s."""
+    """Suprema of |S|, |T| and |S - 1/2| over omega >= 0; the search begins at the highest of `starts`, rad/s."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
@@ -226,21 +226,21 @@ def _peaks(response: Response, cut: list[Piece], starts: Iterable[float]) -> Pea
 
 
 class _PeakSearch:
-    """Peaks of |S|, |T| and |S - 1/2|, and the proof that no frequency has higher ones.
+    """Search for the peaks of |S|, |T| and |S - 1/2| with proof that no frequency has higher ones.
 
-    |S| <= M where M^2 |1 + L|^2 - 1 >= 0. Likewise for T and S - 1/2 a margin u P + v N + w must not be negative, with
-    P = |1 + L|^2 and N = |L|^2. Where |L| > 1, 1/L takes the place of L. Each part of the axis is divided until this is
-    shown: by |L| alone, or by Taylor's formula about its middle with a bound on the third derivative.
+    |S| <= M if and only if M^2 |1 + L|^2 - 1 >= 0. T and S - 1/2 have similar conditions: a margin u P + v N + w with
+    P = |1 + L|^2 and N = |L|^2 must not be negative. Where |L| > 1, 1/L replaces L. Each part of the axis is divided
+    until the condition is proved: by |L| alone, or by Taylor's formula with a bound on the third derivative.
     """
 
     def __init__(self, response: Response, best: Peaks) -> None:
         self.best, self._response, self._rounding = best, response, response.rounding(0.0)
-        self._sure = [(0.0, 0.0)] * 3  # where convexity shows the peak to be the highest, rad/s
+        self._sure = [(0.0, 0.0)] * 3  # intervals, rad/s, on which convexity proves the peak to be the highest
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set (u, v, w) of each kind, for L and for 1/L, and the |L| below and above which every phase is allowed."""
-        slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify it
+        """Set (u, v, w) of each kind, for L and for 1/L, and the |L| below and above which no phase makes a peak."""
+        slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify rounding
         s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
         of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
         self._forms = [of_s, of_t, of_both], [(s * s, -1.0, 0.0), (t * t, 0.0, -1.0), of_both]
@@ -249,7 +249,7 @@ class _PeakSearch:
         self._large = max(1 + 1 / s, t / (t - 1) if t > 1 else math.inf, 1 / ratio if ratio > 0 else math.inf)
 
     def climb(self, starts: list[float]) -> None:
-        """Find the peaks next to the highest of some frequencies, rad/s, ascending."""
+        """Find the peaks next to the highest of the start frequencies, rad/s, ascending."""
         values = [_sizes(self._response, omega) for omega in starts]
         for kind, sizes in enumerate(zip(*values, strict=True)):
             top = sizes.index(max(sizes))
@@ -257,7 +257,7 @@ class _PeakSearch:
                 self._raise(kind, starts[top], [0.0, *starts, math.inf][top : top + 3 : 2])
 
     def _raise(self, kind: int, start: float, between: Sequence[float]) -> None:
-        """Put the peak near `start`, or at least what is there, in place of a lower one."""
+        """Replace a lower peak by the one near `start`, or by the value at `start`."""
         shape, exact = SHAPES[kind], self._response.exact
         low, high = between
         omega = _near_peak(self._response, *shape, low, start, high)
@@ -280,8 +280,8 @@ class _PeakSearch:
             half *= _NARROWER
 
     def cover(self, cut: list[Piece]) -> None:
-        """Go through the pieces of the axis."""
-        left = list[tuple[float, float, float, float]]()  # ends, rad/s, and |L| there, between which it is monotone
+        """Prove for all pieces of the axis that no peak is higher, raising peaks where one is."""
+        left = list[tuple[float, float, float, float]]()  # parts with monotone |L|: ends, rad/s, and |L| at the ends
         ends = sorted({end for both in self._sure for end in both})
         for piece in cut:
             first, last = (math.exp(min(size, 700.0)) for size in piece.size)
@@ -303,14 +303,14 @@ class _PeakSearch:
                 left += [(middle, high, size, last), (low, middle, first, size)]
 
     def _middle(self, low: float, high: float) -> tuple[float, bool]:
-        """Where to divide a part, and whether it is short enough for its bounds."""
+        """Frequency at which to divide a part, and whether the part is short enough to try bounds."""
         if math.isinf(high):
             return (_OUTWARD * low or 1 / self._response.dead_time), False
         tried = (high - low) * self._response.dead_time < _MOST_TURNED
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """Whether no kind is higher on a part; where one is in the middle of it, its peak is found."""
+        """True if no kind is higher on a part; if one is higher in the middle, its peak is raised."""
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -324,7 +324,7 @@ class _PeakSearch:
         return True
 
     def _positive(self, kind: int, around: _Around, *, even: bool = False) -> bool:
-        """Whether the margin of a kind stays positive on a part; `even`: its lower end is 0, where the peak is."""
+        """True if the margin of a kind stays positive on a part; `even`: the part begins at 0 and its peak is at 0."""
         u, v, w = self._forms[around.inverted][kind]
         (p, p1, p2, p3), (n, n1, n2, n3), half = around.p, around.n, around.half
         value, slope, second, third = u * p + v * n + w, abs(u * p1 + v * n1), u * p2 + v * n2, u * p3 - v * n3
@@ -336,7 +336,7 @@ class _PeakSearch:
         return convex > 0 and (even or value > slope * slope / (2 * convex))
 
     def _expanded(self, low: float, high: float) -> _Around | None:
-        """P and N over a part, by ln omega, or by omega if it begins at 0; None where nothing bounds them."""
+        """Expand P and N over a part in ln omega, or in omega from 0 on; None if no bound exists."""
         middle, half = (math.sqrt(low) * math.sqrt(high), 0.5 * math.log(high / low)) if low else (0.5 * high,) * 2
         try:
             value, slope, second = self._response.at(middle)
@@ -350,7 +350,7 @@ class _PeakSearch:
             slope, second, order = middle * slope, middle * (slope + middle * second), 0
         if order < 0 or not bend * half * half < 100:
             return None
-        # L = omega^order F: bounds of F, then of L, over |L|
+        # L = omega^order F: bounds on the derivatives of F, then on those of L, over |L|
         own = slope - order / middle
         rate, inner = abs(own) + half * bend, order / high
         top = abs(value) * (high / middle) ** order * math.exp(half * abs(own.real) + 0.5 * half * half * bend)
@@ -369,16 +369,16 @@ class _PeakSearch:
 
 
 class _Around(NamedTuple):
-    """P = |1 + L|^2 and N = |L|^2: value, two derivatives in the middle of a part, and the most of the third."""
+    """Expansion of P = |1 + L|^2 and N = |L|^2: value and two derivatives in the middle, bound on the third."""
 
-    inverted: bool  # P and N are those of 1/L
-    half: float  # half the part
+    inverted: bool  # true: P and N are those of 1/L
+    half: float  # half width of the part
     p: tuple[float, float, float, float]
     n: tuple[float, float, float, float]
 
 
 def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
-    """`heights` at one frequency; 0 where L has none."""
+    """Magnitudes |S|, |T| and |S - 1/2| at one frequency; 0 if L overflows."""
     with suppress(ArithmeticError):
         loop = response.at(omega)[0]
         s = 1 / (1 + loop)
@@ -387,7 +387,7 @@ def _sizes(response: Response, omega: float) -> tuple[float, float, float]:
 
 
 def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> float:
-    """`ExactLoop.peak` in doubles, never downhill: where the peak is, rad/s, or where else the highest value was."""
+    """Frequency of the peak near `start`, rad/s, as `ExactLoop.peak` but in doubles; else of the highest value seen."""
     omega, least, seen = start, math.inf, start
     with suppress(ArithmeticError):
         for _ in range(_NEWTON_STEPS):
@@ -410,14 +410,15 @@ def _near_peak(response: Response, a: float, b: float, low: float, start: float,
 
 
 def top_of(sizes: Floats, points: Floats) -> Peaks:
+    """Largest of each row of `sizes` and its frequency among `points`, rad/s."""
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
-    """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from ln|L| and arg L/pi, both monotone, at the ends, (2, n).
+    """Upper bounds on |S|, |T|, |S - 1/2|, (3, n), from ln|L| and arg L/pi, both monotone, at the ends, (2, n).
 
-    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d); the
-    bound is attained if both ends of the intervals meet, so that it tightens with the part.
+    With |L| = m in [m1, m2] and a phase at least d away from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d). The
+    bound becomes exact as the part shrinks to a point.
     """
     turns = 0.5 * half_turns - 0.5
     lowest, highest = np.minimum(*turns), np.maximum(*turns)
@@ -426,9 +427,9 @@ def box_bounds(size: Floats, half_turns: Floats) -> Floats:
         e[np.floor(highest) >= np.ceil(lowest)] = 0.0
         size = np.clip(size, -300, 300)
         least, most = np.minimum(*size), np.maximum(*size)
-        low, high = -np.expm1(most), -np.expm1(least)  # of 1 - m
-        # |S| and |T| are largest where m or 1/m is next to cos d; |S - 1/2| for |L| nearest to 1 in the left half
-        # plane, farthest from it in the right one
+        low, high = -np.expm1(most), -np.expm1(least)  # range of 1 - m
+        # |S| and |T| are largest for m or 1/m nearest to cos d; |S - 1/2| for |L| nearest to 1 in the left half plane,
+        # farthest from 1 in the right one
         near = np.empty((3, e.size))
         np.clip(e, low, high, out=near[0])
         np.clip(e, -np.expm1(-least), -np.expm1(-most), out=near[1])
@@ -440,20 +441,20 @@ def box_bounds(size: Floats, half_turns: Floats) -> Floats:
 
 
 def _end_values(response: Response) -> list[Peaks]:
-    """Each response at omega = 0 and its supremum as omega tends to infinity."""
+    """Values of |S|, |T| and |S - 1/2| at omega = 0, and their suprema as omega tends to infinity."""
     n, d = response.exact.numerator[0], response.exact.denominator[0]
     through = response.exact.through
     if response.dead_time > 0:
-        through = -abs(through)  # the dead time turns it through every phase, -1 included
-    # exact, as D + N may be far smaller than both
+        through = -abs(through)  # with dead time L(inf) takes every phase; negative is the worst
+    # exact fractions: D + N may be far smaller than D and N
     near, far = ([abs(one / (2 * (n + d))) for one in (2 * d, 2 * n, d - n)] for n, d in ((n, d), (through, fmpq(1))))
     return [[(int(x.p) / int(x.q), 0.0), (int(y.p) / int(y.q), math.inf)] for x, y in zip(near, far, strict=True)]
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:
-    """The interval of loop-gain factors that stabilises: the one holding 1, else the nearest to 1 in ratio.
+    """Interval of loop-gain factors with a stable loop: the one that contains 1, else the nearest to 1 in ratio.
 
-    `unstable_at_one` is the exact number of unstable poles at factor 1; each limit tells how it changes.
+    `unstable_at_one` is the exact number of unstable poles at factor 1; each limit has the change of this number.
     """
     factors = [limit.factor for limit in limits]
     counts = [0, *accumulate(limit.crossing for limit in limits)]
@@ -462,8 +463,10 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 
 
 def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
-    """The intervals between 0, ascending `factors` of gain and infinity that have a width, each with its count: the
-    one that holds 1, and then the nearest to it in ratio."""
+    """Nonempty intervals between 0, ascending gain `factors` and infinity, each with its count, nearest to 1 first.
+
+    The interval that contains 1 comes first; the others follow by their ratio to 1.
+    """
 
     def distance(found: tuple[tuple[float, float], float]) -> float:
         low, high = found[0]

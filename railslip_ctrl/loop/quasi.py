@@ -1,8 +1,8 @@
-"""Loops whose controller holds delays of its own: a ratio of quasi-polynomials, their delays commensurate or not.
+"""Loops whose controller has internal delays: ratios of quasi-polynomials with any delays.
 
-A dead-time compensator carries a model of the dead time, so that its loop is L(s) = N(s)/D(s) with sums of polynomials
-in s times exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument principle;
-margins by bounds on ln L between frequencies (`bounded`).
+A dead-time compensator contains a model of the dead time. Its loop is L(s) = N(s)/D(s), where N and D are sums of
+polynomials in s times exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument
+principle; margins follow from bounds on ln L between frequencies (`bounded`).
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from .quasi_batch import NEAR_ORIGIN, QuasiPolynomials, count_right
 from .rational import DOUBLE_BITS, Rational
 from .stability import RootCount
 
-_SMALL = 5e-3  # frequencies reach to where |L| is for certain below this
-_TURNS = 22  # and over as many turns of the dead time, so that the first 20 phase crossovers are listed
-_BELOW_FEATURES = 1e-4
-_CELL_RATIO = 1.5
-_ROUNDING = 1e-13  # of F over the sizes of its terms
+_SMALL = 5e-3  # the frequency axis reaches at least to where |L| is certainly below this
+_TURNS = 22  # turns of the dead time that the axis covers at least: the first 20 phase crossovers are then listed
+_BELOW_FEATURES = 1e-4  # lowest frequency over the lowest feature
+_CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of the axis
+_ROUNDING = 1e-13  # bound on the rounding of F, relative to the sizes of its terms
 
 
 @dataclass(frozen=True)
 class QuasiPolynomial:
-    """F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
+    """A quasi-polynomial F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
     - terms: sequence of arrays; coefficients of c_0, c_1, ... in descending powers of s, real.
-    - delays: s, >= 0, of each term, that of c_0 being 0; one number stands for 0, once, twice, ... that.
-    - removed: zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
+    - delays: s, >= 0; one per term, 0 for c_0; a single number h stands for 0, h, 2 h, ...
+    - removed: number of zeros at s = 0 divided out of the sum: an integral over the delay is (1 - exp(-delay s))/s.
 
     InputError: a coefficient that is not finite, or a delay that is negative or not finite.
     """
@@ -61,12 +61,12 @@ class QuasiPolynomial:
         object.__setattr__(self, "removed", removed)
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """F at complex s (1/s), any shape."""
+        """Value of F at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
         value = np.asarray(sum(np.polyval(c, s) * np.exp(-delay * s) for delay, c in self._present))
         if not self.removed:
             return value
-        near = np.abs(s) * max(self.delays) < NEAR_ORIGIN  # where the sum cancels
+        near = np.abs(s) * max(self.delays) < NEAR_ORIGIN  # the terms cancel there: use the series
         if not near.any():
             return np.asarray(value / s**self.removed)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -74,46 +74,46 @@ class QuasiPolynomial:
 
     @property
     def bare(self) -> QuasiPolynomial:
-        """The sum alone, no zeros removed."""
+        """The sum without removed zeros."""
         return QuasiPolynomial(self.terms, self.delays)
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """As the only one of many."""
+        """This quasi-polynomial as an array of one."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
     @cached_property
     def slope(self) -> QuasiPolynomial:
-        """dF/ds."""
+        """Derivative dF/ds as a quasi-polynomial."""
         found = self._alone.slope()
         return QuasiPolynomial([c[0] for c in found.terms], self.delays, found.removed)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
-        """Bound on |F| where |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
-        if self.removed:  # Taylor's remainder
+        """Bound on |F| for |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
+        if self.removed:  # F is bounded by Taylor's remainder of the sum
             return self._derivative.size(radius, left) / math.factorial(self.removed)
         return np.asarray(sum(np.polyval(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
-        """Of the sum, as often as zeros are removed."""
+        """Derivative of the sum, of order `removed`."""
         return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
 
     @cached_property
     def _present(self) -> list[tuple[float, Floats]]:
-        """The terms that are not 0, with their delays."""
+        """The nonzero terms and their delays."""
         return [(delay, c) for delay, c in zip(self.delays, self.terms, strict=True) if c.any()]
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        """Sum of two with the same zeros removed."""
+        """Sum of two quasi-polynomials with the same number of removed zeros."""
         terms: dict[float, Floats] = {}
         for delay, c in zip(self.delays + other.delays, self.terms + other.terms, strict=True):
             terms[delay] = np.asarray(np.polyadd(terms.get(delay, np.zeros(1)), c))
         return QuasiPolynomial(list(terms.values()), list(terms), self.removed)
 
     def times(self, polynomial: ArrayLike) -> QuasiPolynomial:
-        """F(s) * polynomial(s); coefficients in descending powers."""
+        """Product F(s) polynomial(s); coefficients in descending powers."""
         return QuasiPolynomial([np.polymul(c, np.asarray(polynomial)) for c in self.terms], self.delays, self.removed)
 
     @property
@@ -123,7 +123,7 @@ class QuasiPolynomial:
 
     @property
     def zeros_at_origin(self) -> int:
-        """How often F vanishes at s = 0, to rounding."""
+        """Multiplicity of the zero of F at s = 0, to rounding."""
         count, one = 0, self
         while count <= self.degree and abs(one(0.0)) <= _ROUNDING * one.size(0.0):
             count, one = count + 1, one.slope
@@ -131,19 +131,19 @@ class QuasiPolynomial:
 
     @property
     def degree(self) -> int:
-        """Highest power of s."""
+        """Highest power of s in F."""
         return max(c.size - 1 for c in self.terms) - self.removed
 
     @property
     def retarded(self) -> bool:
-        """True if the highest power of s comes without delay alone."""
+        """True if the highest power of s has no delay (retarded type)."""
         return bool(self.terms[0][0] != 0 and all(c.size < self.terms[0].size for c in self.terms[1:]))
 
     def count_right(self) -> RootCount:
-        """Zeros in the open right half plane, and whether some are on the axis (`marginal`; then counted as right)."""
+        """Number of zeros in the open right half plane; NaN and `marginal` if some are on the imaginary axis."""
         if not self.retarded:
             raise InputError(
-                "quasi-polynomial of neutral type: the highest power of s comes with a delay; make the loop proper"
+                "quasi-polynomial of neutral type: the highest power of s has a delay; make the loop strictly proper"
             )
         right = float(count_right(self._alone)[0][0])
         return RootCount(right, math.isnan(right))
@@ -151,23 +151,26 @@ class QuasiPolynomial:
 
 @dataclass(frozen=True)
 class DelayedRatio:
-    """A transfer function N(s)/D(s), both quasi-polynomials, with the same zeros removed."""
+    """A transfer function N(s)/D(s) of quasi-polynomials with the same number of removed zeros."""
 
     numerator: QuasiPolynomial
     denominator: QuasiPolynomial
 
     def __post_init__(self) -> None:
         if self.numerator.removed != self.denominator.removed:
-            raise InputError("delayed ratio: numerator and denominator have other zeros removed; remove the same")
+            raise InputError(
+                f"delayed ratio: zeros removed at s = 0 are {self.numerator.removed} in the numerator and "
+                f"{self.denominator.removed} in the denominator; remove the same number"
+            )
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """Value at complex s (1/s), any shape; infinite at a pole."""
+        """Value of N/D at complex s (1/s), any shape; infinite at a pole."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.numerator(s) / self.denominator(s))
 
     @property
     def high_frequency_gain(self) -> float:
-        """Limit as s tends to +infinity."""
+        """Limit of N/D as s tends to +infinity."""
         num, den = self.numerator.terms[0], self.denominator.terms[0]
         return float(num[0] / den[0]) if num.size == den.size else 0.0
 
@@ -176,13 +179,13 @@ class DelayedRatio:
 class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
-    - ratio: L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
-      characteristic function of plant and controller *as realised*.
+    - ratio: L = N/D. Common factors of N and D are hidden modes: they are kept and count for stability. N + D must
+      therefore be the characteristic function of plant and controller *as realised*.
 
     InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 
-    The delay margin of `margins` is added dead time in the process, the delays inside the controller staying as they
-    are. Phase crossovers are listed where |L| >= 1/200, and over 22 turns of the delay.
+    The delay margin of `margins` is added dead time in the process; the delays inside the controller do not change.
+    Phase crossovers are listed wherever |L| >= 1/200, and over the first 22 turns of the delay.
     """
 
     ratio: DelayedRatio
@@ -190,19 +193,22 @@ class DelayedLoop(BoundedLoop):
 
     def __post_init__(self) -> None:
         if not self.ratio.denominator.retarded or self.ratio.numerator.degree >= self.ratio.denominator.degree:
-            raise InputError("delayed loop: L must tend to 0 at infinity with a denominator of retarded type")
+            raise InputError(
+                "delayed loop: L must tend to 0 at infinity, and no delay may multiply the denominator's highest power "
+                "of s (retarded type); make the loop strictly proper"
+            )
 
     def __repr__(self) -> str:
         delays = ", ".join(f"{delay:g}" for delay, _ in self.characteristic._present[1:])
-        return f"loop with delays of {delays} s in it, order {self.ratio.denominator.degree}"
+        return f"loop with internal delays of {delays} s, order {self.ratio.denominator.degree}"
 
     @cached_property
     def characteristic(self) -> QuasiPolynomial:
-        """N + D, whose zeros are the closed-loop poles."""
+        """Characteristic function N + D, whose zeros are the closed-loop poles."""
         return self.ratio.numerator + self.ratio.denominator
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """L at complex s (1/s), any shape."""
+        """Value of L at complex s (1/s), any shape."""
         return self.ratio(s)
 
     def __mul__(self, other: Any) -> DelayedLoop:
@@ -217,14 +223,14 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Closed-loop poles in the right half plane, exactly counted; NaN right of it if some are on the axis."""
+        """Exact number of closed-loop poles in the right half plane; NaN if some are on the imaginary axis."""
         return self.characteristic.count_right()
 
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
 
-        It holds for the coefficients and delays of N and D as the doubles they are. Raises CertificateError for a loop
-        too near to the boundary of stability.
+        It holds for the exact values of the doubles that N and D consist of. Raises CertificateError for a loop too
+        near to the stability boundary.
         """
         num, den = (
             [*zip(one.delays, one.terms, strict=True)] for one in (self.ratio.numerator, self.ratio.denominator)
@@ -236,7 +242,7 @@ class DelayedLoop(BoundedLoop):
 
     @cached_property
     def open_loop_unstable_poles(self) -> int:
-        """Zeros of D right of the imaginary axis, those at 0 left out. InputError where some are elsewhere on it."""
+        """Zeros of D right of the imaginary axis; those at 0 do not count. InputError for others on the axis."""
         den = self.ratio.denominator
         count = QuasiPolynomial(den.terms, den.delays, den.removed + den.zeros_at_origin).count_right()
         if count.marginal:
@@ -294,22 +300,22 @@ class DelayedLoop(BoundedLoop):
         angle = np.mod(np.angle(-self.response(self.gain_crossovers)), 2 * np.pi)
         return smallest_of(angle / self.gain_crossovers, self.gain_crossovers)
 
-    def _unstable_words(self) -> tuple[str, str]:
+    def _unstable_description(self) -> tuple[str, str]:
         count = self.root_count.right
         poles = f"{count:g} unstable pole{'' if count == 1 else 's'}"
         return "closed loop", "poles on the imaginary axis" if self.root_count.marginal else poles
 
     @cached_property
     def _band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, below which nothing happens and above which |L| is small for certain."""
+        """Frequencies, rad/s, below all features and above which |L| is certainly small."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order, top = abs(den.terms[0][0]), den.degree, 1e-6
-        # the highest power of D gains on all the rest
+        # beyond `top` the highest power of D exceeds all other terms
         while _SMALL * (2 * lead * top**order - den.size(top)) <= num.size(top):
             top *= 1.5
         functions = num, den, self.characteristic
         sizes = np.abs(np.concatenate([np.roots(c) for f in functions for c in (*f.terms, f.undelayed)]))
-        # a root at the origin, or one that rounding of a leading coefficient puts far out, is no feature
+        # a root at the origin, or far out by rounding of a leading coefficient, is no feature
         least = float(sizes[(sizes > 1e-9 * top) & (sizes < top)].min(initial=top))
         longest = max(num.delays + den.delays)
         if longest > 0:

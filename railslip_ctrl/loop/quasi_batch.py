@@ -1,7 +1,7 @@
-"""Zeros of quasi-polynomials right of the imaginary axis, and Ms of the loops made of them, many at once.
+"""Unstable zeros of many quasi-polynomials at once, and Ms of loops N/D made of them.
 
-By the argument principle: F(j omega) is followed over steps that a bound on its slope proves short. Ms is the highest
-|S| at the frequencies of these steps, looked at ever more closely.
+The zeros are counted by the argument principle: F(j omega) is followed over steps that a bound on its slope proves
+short enough. Ms is the highest |S| at the frequencies of these steps, refined near its peak.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from railslip_ctrl.core.records import dataclass
 
 Rows = NDArray[np.intp]
 
-NEAR_ORIGIN, _SERIES = 0.03, 12  #: abs(s) delay in which so many terms of the series serve: 0.03^12 = 5e-19
+#: abs(s) times delay below which `_SERIES` terms of the series are used: 0.03^12 = 5e-19 is below rounding.
+NEAR_ORIGIN, _SERIES = 0.03, 12
 
-# An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
+# Width of an interval, relative to its frequency, at which one that may contain a zero counts as a zero on the axis.
 _NARROWEST = 1e-12
-_MOST_INTERVALS = 2_000_000
-_LOOPS = 64  # at once: their arrays stay in the cache of a processor
-_EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # of the first steps, over the highest frequency
-_SMALL, _FURTHER = 1e-3, 4.0  # Ms - 1 that is not looked for at ever higher frequencies, and their ratio
-_CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
+_MOST_INTERVALS = 2_000_000  # intervals at once; loops that need more count as marginal
+_LOOPS = 64  # loops at once: their arrays stay in the processor's cache
+_EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps over the highest frequency
+_SMALL, _FURTHER = 1e-3, 4.0  # Ms - 1 below which higher frequencies are not searched, and the ratio of their steps
+_CLOSER, _CLOSE_GRID = 5, 9  # refinements of a peak, and points of each: |S| is flat at its peak, accurate to 1e-9
 
 
 @dataclass(frozen=True)
 class QuasiPolynomials:
-    """n functions F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s), of one shape.
+    """Arrays of n quasi-polynomials F(s) = s^-removed times the sum over k of c_k(s) exp(-delay_k s).
 
-    - terms: sequence of arrays (n, m_k); coefficients of c_k in descending powers of s; the highest comes with c_0.
-    - delays: sequence of arrays (n,); s, >= 0, those of c_0 being 0.
-    - removed: as of `QuasiPolynomial`.
+    - terms: sequence of arrays (n, m_k); coefficients of c_k in descending powers of s; c_0 has the highest power.
+    - delays: sequence of arrays (n,); s, >= 0; 0 for c_0.
+    - removed: number of zeros at s = 0 divided out, as in `QuasiPolynomial`.
     """
 
     terms: tuple[Floats, ...]
@@ -43,7 +44,7 @@ class QuasiPolynomials:
     removed: int = 0
 
     def at(self, omega: Floats, row: Rows) -> Complexes:
-        """F(j omega) of the functions number `row`, rad/s, all of one shape."""
+        """Value F(j omega) of the functions number `row`; omega in rad/s, arrays of one shape."""
         value, square = np.zeros(omega.size, dtype=complex), -omega * omega
         for c, delay in zip(self.terms, self.delays, strict=True):
             term = _horner(c[:, ::-1][:, ::2], square, row) + 1j * omega * _horner(c[:, ::-1][:, 1::2], square, row)
@@ -52,18 +53,18 @@ class QuasiPolynomials:
             return value
         with np.errstate(divide="ignore", invalid="ignore"):
             value /= (1j * omega) ** self.removed
-        near = omega * self.longest[row] < NEAR_ORIGIN  # where the sum cancels
+        near = omega * self.longest[row] < NEAR_ORIGIN  # the terms cancel there: use the series
         value[near] = _horner(self.series, 1j * omega[near], row[near])
         return value
 
     @cached_property
     def longest(self) -> Floats:
-        """The longest delay, s, (n,)."""
+        """Longest delay of each function, s, (n,)."""
         return np.asarray(np.max(self.delays, axis=0))
 
     @cached_property
     def series(self) -> Floats:
-        """Coefficients of F's Taylor series about 0, ascending, 12 of each, (n, 12)."""
+        """Coefficients of the Taylor series of F about 0, ascending, (n, 12)."""
         count = self.removed + _SERIES
         series = np.zeros((self.longest.size, count))
         for c, delay in zip(self.terms, self.delays, strict=True):
@@ -74,12 +75,12 @@ class QuasiPolynomials:
 
     @cached_property
     def _derivative(self) -> QuasiPolynomials:
-        """Of the sum, as often as zeros are removed."""
+        """Derivative of the sum, of order `removed`."""
         start = QuasiPolynomials(self.terms, self.delays)
         return reduce(lambda one, _: one.slope(), range(self.removed), start)
 
     def slope(self) -> QuasiPolynomials:
-        """dF/ds, in the same form with one more zero removed if there are some."""
+        """Derivatives dF/ds in the same form; if zeros are removed, one more is removed."""
         parts = []
         for c, delay in zip(self.terms, self.delays, strict=True):
             change = -delay[:, None] * c
@@ -91,17 +92,17 @@ class QuasiPolynomials:
         return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats, row: Rows) -> Floats:
-        """Bound on |F| where |s| <= radius, 1/s, and Re s >= 0."""
-        if self.removed:  # Taylor's remainder
+        """Bound on |F| for |s| <= radius, 1/s, and Re s >= 0."""
+        if self.removed:  # F is bounded by Taylor's remainder of the sum
             return np.asarray(self._derivative.size(radius, row) / math.factorial(self.removed))
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def take(self, row: Rows | slice) -> QuasiPolynomials:
-        """Those number `row`."""
+        """The functions number `row`."""
         return QuasiPolynomials(tuple(c[row] for c in self.terms), tuple(d[row] for d in self.delays), self.removed)
 
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
-        """The sums, term beside term but for the first; both with the same zeros removed."""
+        """Sums of both; their first terms are added, the others kept side by side. Both remove the same zeros."""
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
         first = sum(np.pad(c, ((0, 0), (more - c.shape[1], 0))) for c in (one, two))
         terms = (np.asarray(first), *self.terms[1:], *other.terms[1:])
@@ -109,7 +110,7 @@ class QuasiPolynomials:
 
 
 def _horner(c: Floats, x: Any, row: Rows) -> Any:
-    """Polynomials number `row` at x, coefficients in ascending powers (n, m)."""
+    """Value at x of the polynomials number `row`; coefficients in ascending powers, (n, m)."""
     value = np.zeros_like(x)
     for column in c.T[::-1]:
         value = value * x + column[row]
@@ -117,16 +118,16 @@ def _horner(c: Floats, x: Any, row: Rows) -> Any:
 
 
 def _turn(angle: Floats) -> Complexes:
-    """exp(-j angle); NumPy's complex exponential takes three times as long."""
+    """Rotation exp(-j angle); NumPy's complex exponential takes three times as long."""
     value = np.empty(angle.size, dtype=complex)
     value.real, value.imag = np.cos(angle), -np.sin(angle)
     return value
 
 
 def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) -> tuple[Flags, Floats]:
-    """Of the loops N/D under unity negative feedback: whether stable, (n,), and Ms, inf where not, (n,).
+    """Stability and Ms of n loops N/D under unity negative feedback, each (n,); Ms is inf for an unstable loop.
 
-    D is of retarded type, N of lower order. A loop with a closed-loop pole on the axis is not stable.
+    D is of retarded type, N of lower order. A loop with a closed-loop pole on the axis counts as unstable.
     """
     n = numerator.longest.size
     stable, peak = np.zeros(n, dtype=bool), np.full(n, np.inf)
@@ -134,27 +135,27 @@ def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) 
         part = slice(start, start + _LOOPS)
         num, den = numerator.take(part), denominator.take(part)
         right, row, omega, value = count_right(num + den)
-        held = np.flatnonzero(right == 0)
-        top = np.maximum.reduceat(omega, np.searchsorted(row, held)) if held.size else np.zeros(0)
-        num, den = num.take(held), den.take(held)
-        found = _highest(num + den, den, *_of_rows(held, row, omega, value))
+        good = np.flatnonzero(right == 0)
+        top = np.maximum.reduceat(omega, np.searchsorted(row, good)) if good.size else np.zeros(0)
+        num, den = num.take(good), den.take(good)
+        found = _highest(num + den, den, *_of_rows(good, row, omega, value))
         while (left := np.flatnonzero(_highest_beyond(num, den, top) > np.maximum(found, 1 + _SMALL))).size:
             top[left] *= _FURTHER
             some, rest = num.take(left), den.take(left)
             found[left] = _highest(some + rest, rest, *_nodes(some + rest, top[left])[:3])
-        stable[start + held], peak[start + held] = True, found
+        stable[start + good], peak[start + good] = True, found
     return stable, peak
 
 
-def _of_rows(held: Rows, row: Rows, omega: Floats, value: Complexes) -> tuple[Rows, Floats, Complexes]:
-    """The nodes of the rows `held`, which are counted anew."""
-    at = np.minimum(np.searchsorted(held, row), max(held.size - 1, 0))
-    kept = held[at] == row if held.size else np.zeros(row.size, dtype=bool)
+def _of_rows(good: Rows, row: Rows, omega: Floats, value: Complexes) -> tuple[Rows, Floats, Complexes]:
+    """Nodes of the rows `good` only, renumbered from 0."""
+    at = np.minimum(np.searchsorted(good, row), max(good.size - 1, 0))
+    kept = good[at] == row if good.size else np.zeros(row.size, dtype=bool)
     return at[kept], omega[kept], value[kept]
 
 
 def _highest_beyond(num: QuasiPolynomials, den: QuasiPolynomials, top: Floats) -> Floats:
-    """Bound on |S| at all frequencies above `top`, rad/s: there the bound on |L| falls."""
+    """Bound on |S| at all frequencies above `top`, rad/s, where the bound on |L| falls."""
     every, lead = np.arange(top.size), np.abs(den.terms[0][:, 0])
     above, below = (QuasiPolynomials(one.terms, one.delays).size(top, every) for one in (num, den))
     least = 2 * lead * top ** (den.terms[0].shape[1] - 1) - below
@@ -163,16 +164,15 @@ def _highest_beyond(num: QuasiPolynomials, den: QuasiPolynomials, top: Floats) -
 
 
 def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Complexes]:
-    """Zeros right of the axis, NaN where some are on it; and what shows it: row, frequency, rad/s, and F at nodes.
+    """Number of zeros right of the axis, NaN if some are on it; and the nodes: row, frequency, rad/s, and F.
 
-    No step between nodes is taken on trust: over each, |F| at the middle exceeds its largest possible change, by a
-    bound on dF/ds.
+    On each interval |F| at the middle exceeds the largest possible change of F, by a bound on dF/ds.
     """
     lead, order = function.terms[0][:, 0], function.terms[0].shape[1] - 1
     sizes = np.zeros((lead.size, order + 1))
     for c in function.terms:
         sizes[:, order + 1 - c.shape[1] :] += 2 * np.abs(c / lead[:, None])
-    # beyond, the highest power exceeds twice the sum of all others, and F stays within 90 deg of it
+    # beyond `top` the highest power exceeds twice the sum of all others, and F stays within 90 deg of it
     top = 2 * np.max(sizes[:, 1:] ** (1 / np.arange(1, order + 1)), axis=1, initial=0.0)
     top[top == 0] = 1.0
     row, omega, value, marginal = _nodes(function, top)
@@ -188,8 +188,10 @@ def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Compl
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
-    """Row, frequency and F of nodes from 0 to `top`, rad/s, from each to the next of which F cannot turn by 180 deg;
-    and of which functions one vanishes on the way."""
+    """Row, frequency and F of nodes from 0 to `top`, rad/s, and True for each function that vanishes on the axis.
+
+    From each node to the next F turns by less than 180 deg.
+    """
     slope, edges = function.slope(), top[:, None] * _EDGES
     every = np.arange(top.size)
     row = np.repeat(every, _EDGES.size - 1)
@@ -200,7 +202,7 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
         half = (high - low) / 2
         middle = low + half
         value = function.at(middle, row)
-        safe = np.abs(value) > 1.01 * half * slope.size(high, row)  # not by 90 deg from the middle to an end
+        safe = np.abs(value) > 1.01 * half * slope.size(high, row)  # F turns by < 90 deg from the middle to an end
         done.append((row[safe], middle[safe], value[safe]))
         marginal[row[~safe & ((half <= _NARROWEST * high) | (row.size > _MOST_INTERVALS))]] = True
         left = ~safe & ~marginal[row]
@@ -212,7 +214,7 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
 
 
 def _highest(whole: QuasiPolynomials, den: QuasiPolynomials, row: Rows, omega: Floats, value: Complexes) -> Floats:
-    """Highest |S| = |D/(N + D)| of each loop, from its nodes, row by row; looked at ever more closely."""
+    """Highest |S| = |D/(N + D)| of each loop at its nodes, refined around the highest one."""
     row, omega, value = row[omega > 0], omega[omega > 0], value[omega > 0]
     every = np.arange(den.longest.size)
     if not every.size:

@@ -1,9 +1,8 @@
-"""A rational SISO transfer function held as zeros, poles and gain, with its realisation and Pade's of a dead time.
+"""Rational SISO transfer functions as zeros, poles and gain; their realisations; Pade approximations of dead time.
 
-G(s) = gain * prod(s - zeros)/prod(s - poles). Factored form evaluates to full accuracy where expanded
-polynomials lose digits, and gives the phase of G(j omega) as a *continuous* function of omega in closed form
-(no unwrapping over a grid). Beside it stand the polynomials of what was given, with exact rational coefficients
-(FLINT): they decide.
+G(s) = gain * prod(s - zeros)/prod(s - poles). The factored form keeps full accuracy where expanded polynomials lose
+digits. It also gives the phase of G(j omega) as a *continuous* function of omega in closed form (no unwrapping over a
+grid). Decisions use the exact polynomials of the system as given, with rational coefficients (FLINT).
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ from railslip_ctrl.core.arguments import Complexes, Floats, checked, complexes, 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 
-# -- polynomials: made of doubles, on the imaginary axis, and their roots -----------------------------------------
+# -- exact polynomials: from doubles, on the imaginary axis, and their roots --------------------------------------
 
-DOUBLE_BITS = 64  #: precision of what is then taken as a double
-_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # in doubles, from where balls refine: relative step of the last one
-_SPARE_BITS = 32  # for the cancellation of terms at a root; where more is lost, FLINT isolates all roots
-_SHARP = 56  # bits of a part of a root that rounds to a double
+DOUBLE_BITS = 64  #: precision of balls that are then rounded to doubles (53 bits)
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # in doubles: most steps, and the last relative step before balls refine
+_SPARE_BITS = 32  # allowance for cancellation at a root; if more is lost, FLINT isolates all roots
+_SHARP = 56  # correct bits of a real or imaginary part that is rounded to a double
 
 
 class Axis:
-    """A polynomial on the axis, F(j omega) = E(x) + j omega O(x), x = omega^2."""
+    """A polynomial on the imaginary axis, F(j omega) = E(x) + j omega O(x), x = omega^2."""
 
     def __init__(self, polynomial: fmpq_poly) -> None:
         coefficients = polynomial.coeffs()
@@ -43,37 +42,38 @@ class Axis:
 
     @property
     def undamped(self) -> fmpq_poly:
-        """What is 0 at the roots on the axis."""
+        """Polynomial in x whose positive roots are the roots of F on the axis."""
         return self.even.gcd(self.odd)
 
     @property
     def power(self) -> fmpq_poly:
-        """|F|^2."""
+        """Squared magnitude |F|^2 as a polynomial in x."""
         return self.even * self.even + fmpq_poly([0, 1]) * self.odd * self.odd
 
     @property
     def turning(self) -> fmpq_poly:
-        """|F|^2 d(arg F)/d omega."""
+        """Numerator |F|^2 d(arg F)/d omega of the phase slope, as a polynomial in x."""
         twice = fmpq_poly([0, 2])
         return (self.odd + twice * self.odd.derivative()) * self.even - twice * self.odd * self.even.derivative()
 
 
 def fraction(value: float) -> fmpq:
+    """The double `value` as an exact fraction."""
     return fmpq(*float(value).as_integer_ratio())
 
 
 def nearest_double(value: fmpq) -> float:
-    """The double nearest to a fraction; `float` of one asks for python-flint above 0.8."""
+    """Double nearest to a fraction; `float(fmpq)` needs a python-flint newer than 0.8."""
     return int(value.p) / int(value.q)
 
 
 def coefficients(ascending: Iterable[float | str]) -> fmpq_poly:
-    """The polynomial of coefficients that are doubles, or fractions as text."""
+    """Polynomial with ascending coefficients, given as doubles or as text of fractions."""
     return fmpq_poly([fmpq(*map(int, c.split("/"))) if isinstance(c, str) else fraction(c) for c in ascending])
 
 
 def expanded(roots: Iterable[complex], gain: float) -> fmpq_poly:
-    """gain prod(s - roots); of a pair the upper root stands for both."""
+    """Polynomial gain prod(s - roots); the upper root of a conjugate pair stands for both."""
     found = fmpq_poly([fraction(gain)])
     for root in roots:
         a, b = fraction(root.real), fraction(root.imag)
@@ -85,14 +85,16 @@ def expanded(roots: Iterable[complex], gain: float) -> fmpq_poly:
 
 
 def characteristic_polynomial(a: Floats, *column_and_row: Floats) -> fmpq_poly:
-    """det(s I - A) or, with a column b and a row c, det(s I - A + b c), of doubles."""
+    """Exact det(s I - A), or det(s I - A + b c) with a column b and a row c."""
     matrix, *both = (fmpq_mat(*one.shape, list(map(fraction, one.ravel()))) for one in (a, *column_and_row))
     return (matrix - both[0] * both[1] if both else matrix).charpoly()
 
 
 def complex_roots(polynomial: fmpq_poly) -> list[acb]:
-    """All roots, a multiple one as often as it is one, in balls of the precision of the context or a higher one; the
-    real part is 0 on the axis alone, and elsewhere it is as precise as a double."""
+    """All roots with multiplicity, in balls of the context's precision or higher.
+
+    The real part is exactly 0 for roots on the axis only; elsewhere it is as accurate as a double.
+    """
     if polynomial.degree() < 1:
         return []
     found, bits = [], ctx.prec
@@ -117,14 +119,14 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
 
 
 def rounded_roots(polynomial: fmpq_poly) -> Complexes:
-    """`complex_roots` as doubles, those on the axis on it; pairs are exact conjugates."""
+    """All roots as doubles; roots on the axis stay on it, and pairs are exact conjugates."""
     with ctx.workprec(DOUBLE_BITS):
         found = [complex(root.mid()) for root in complex_roots(polynomial)]
     return np.array(sorted(found, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
 def without(factor: fmpq_poly, polynomial: fmpq_poly) -> fmpq_poly:
-    """What is left when every root shared with a factor is taken out."""
+    """Divide a polynomial by every root that it shares with `factor`, with multiplicity."""
     while polynomial.degree() > 0 and (common := polynomial.gcd(factor)).degree() > 0:
         polynomial = polynomial // common
     return polynomial
@@ -139,7 +141,7 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
     signs = [c > 0 for c in polynomial.coeffs() if c != 0]
     changes = sum(one != other for one, other in pairwise(signs))
     if not changes:
-        return []  # Descartes: no change of sign, no positive root
+        return []  # Descartes' rule: without a sign change no positive root
     if changes == 1 and (only := _only_root(polynomial)):
         return [(only.sqrt(), 1)]
     found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
@@ -147,13 +149,16 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
 
 
 def _only_root(polynomial: fmpq_poly) -> arb | None:
-    """The positive root where the coefficients change sign once, so that it is the only one and simple (Descartes), in
-    a ball of the precision of the context; None where doubles do not lead to it."""
+    """The positive root of a polynomial with one sign change, in a ball of the context's precision.
+
+    By Descartes' rule the root is the only positive one, and simple. None if Newton's method in doubles fails.
+    """
     try:
         terms = [(k, nearest_double(c)) for k, c in enumerate(polynomial.coeffs()) if c != 0]
         (_, first), (degree, last) = terms[0], terms[-1]
         x = abs(first / last) ** (1 / degree)
-        for _ in range(_NEWTON_STEPS):  # ln of the ratio of both parts by ln x, whose slope is between 1 and the degree
+        # Newton's method on ln(positive terms/negative terms) over ln x, whose slope lies between 1 and the degree
+        for _ in range(_NEWTON_STEPS):
             sums, slopes = [0.0, 0.0], [0.0, 0.0]
             for k, c in terms:
                 part = abs(c) * x**k
@@ -169,15 +174,17 @@ def _only_root(polynomial: fmpq_poly) -> arb | None:
     with ctx.workprec(bits + _SPARE_BITS):
         value, root = arb_poly(polynomial), arb(x)
         slope = value.derivative()
-        for _ in range(max(bits // 40, 1).bit_length()):  # each doubles the digits
+        for _ in range(max(bits // 40, 1).bit_length()):  # each step doubles the digits
             root = (root - value(root) / slope(root)).mid()
         ball = arb(root, root * arb(2) ** -bits)
         return ball if value(ball.lower()) * value(ball.upper()) < 0 else None
 
 
 def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, float]:
-    """Square root of the largest ratio of two polynomials over x >= 0, the lower one > 0 and of no lower degree; and
-    that of x, infinite where the ratio only tends to it."""
+    """Square root of the largest ratio above/below over x >= 0, and the square root of that x.
+
+    `below` is > 0 and of no lower degree than `above`. The second value is infinite if the supremum is a limit.
+    """
     found = [(arb(above[k] / below[k]), omega) for k, omega in ((0, 0.0), (below.degree(), math.inf))]
     for omega, _ in positive_square_roots(above.derivative() * below - above * below.derivative()):
         x = omega * omega
@@ -190,10 +197,10 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
 
 # -- the transfer function --------------------------------------------------------------------------------------
 
-_LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, for each state
-_PAIRED = 1e-9  # relative distance of a root's conjugate from its partner: what eigenvalue routines leave of it
+_LEVEL = 20 * np.finfo(float).eps  # relative rounding of a sum of products of matrix entries, per state
+_PAIRED = 1e-9  # relative distance within which two roots are a conjugate pair: rounding of eigenvalue routines
 LARGEST_ORDER = 100
-"""Of a Pade approximation; from 10 on it is exact to rounding where the phase of the dead time is a few radians."""
+"""Largest order of a Pade approximation; from order 10 on it is exact to rounding up to a few radians of phase."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +211,7 @@ class Rational:
       cancelled by a zero is still a pole of every closed loop.
     - gain: ratio of the leading coefficients.
 
-    InputError: more zeros than poles (not proper), or something that is not a finite number.
+    InputError: more zeros than poles (not proper), or a value that is not a finite number.
     """
 
     zeros: Complexes
@@ -226,9 +233,11 @@ class Rational:
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike) -> Rational:
-        """From coefficients `num` and `den`, 1-D, in descending powers of s, whose unit is rad/s.
+        """Make a transfer function from polynomial coefficients.
 
-        InputError for what are no finite numbers, a denominator 0, or a higher power in `num` than in `den`.
+        - num, den: array, 1-D; coefficients in descending powers of s (rad/s).
+
+        InputError: values that are not finite numbers, a denominator 0, or a higher power in `num` than in `den`.
         """
         numerator, denominator = (np.atleast_1d(reals(name, x)) for name, x in (("num", num), ("den", den)))
         if numerator.ndim > 1 or denominator.ndim > 1:
@@ -242,7 +251,7 @@ class Rational:
 
     @classmethod
     def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """From exact polynomials; the roots are rounded, each to its side of the axis or onto it."""
+        """Make a transfer function from exact polynomials; rounded roots stay on their side of the axis or on it."""
         if num.degree() < 0:
             return cls(np.array([]), rounded_roots(den), 0.0)._with(num, den)
         gain = num.leading_coefficient() / den.leading_coefficient()
@@ -253,27 +262,27 @@ class Rational:
         return cls(rounded_roots(num), rounded_roots(den), size)._with(num, den)
 
     def _with(self, num: fmpq_poly, den: fmpq_poly) -> Rational:
-        """With the polynomials that the roots were rounded from."""
+        """Attach the exact polynomials whose roots were rounded."""
         self.__dict__.update(polynomials=(num, den), from_coefficients=True)
         return self
 
     from_coefficients = False
-    """Whether the exact roots are those of `polynomials`, not the `zeros` and `poles` as the doubles they are."""
+    """True if `polynomials` are exact as given; false if `zeros` and `poles` are exact as doubles."""
 
     @cached_property
     def polynomials(self) -> tuple[fmpq_poly, fmpq_poly]:
-        """Numerator, gain included, and denominator, exact: as given, or of the zeros, poles and gain."""
+        """Exact numerator, gain included, and denominator: as given, or from zeros, poles and gain."""
         return expanded(self.zeros, self.gain), expanded(self.poles, 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
-        """To another process go coefficients as text: FLINT's numbers do not."""
+        """Pickle the coefficients as text: FLINT's numbers cannot be pickled."""
         state = {"zeros": self.zeros, "poles": self.poles, "gain": self.gain}
         if self.from_coefficients:
             state["polynomials"] = [[str(c) for c in one.coeffs()] for one in self.polynomials]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """From another process."""
+        """Rebuild the polynomials from pickled text."""
         given = state.pop("polynomials", None)
         self.__dict__.update(state)
         if given:
@@ -281,14 +290,14 @@ class Rational:
 
     @classmethod
     def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
-        """From a SISO realisation x' = A x + B u, y = C x + D u; hidden modes are kept as pole-zero pairs.
+        """Make a transfer function from a SISO realisation x' = A x + B u, y = C x + D u.
 
-        The matrices are exact, but for their structure: an eigenvalue that rounding may have moved away from 0 is an
-        integrator, and a zero that rounding may have brought from infinity is none.
+        Hidden modes are kept as pole-zero pairs. The matrices are taken as exact, with two exceptions: an eigenvalue
+        equal to 0 within rounding is an integrator, and a zero due to rounding alone, far out, is dropped.
 
         - a, b, c, d: in SI units, n by n, n by 1, 1 by n and 1 by 1.
 
-        InputError: entries that are no finite numbers, or shapes that do not fit.
+        InputError: entries that are not finite numbers, or shapes that do not fit.
         """
         a, b = np.atleast_2d(reals("a", a)), reals("b", b).reshape(-1, 1)
         c, d = reals("c", c).reshape(1, -1), reals("d", d)
@@ -311,13 +320,14 @@ class Rational:
 
     @classmethod
     def from_control(cls, system: Any, name: str = "loop", *, period: float | None = None) -> Rational:
-        """From a linear `system` of python-control or scipy.signal, SISO, or a real number.
+        """Make a transfer function from a SISO system of python-control or scipy.signal, or a real number.
 
-        Continuous-time, in s; with a `period` (s) discrete-time with that dt, in z. What has a `transfer_function`,
-        as a `PIController`, is taken by that.
+        - system: continuous-time, in s; or, with `period`, discrete-time with that dt, in z. An object with a
+          `transfer_function`, as a `PIController`, stands for that.
+        - name: how error messages call the system.
+        - period: s; None for continuous time.
 
-        InputError: discrete-time, or of another period, MIMO, nonlinear, frequency-response data, or not proper; it
-        begins with `name`.
+        InputError: time of the other kind or another period, MIMO, nonlinear, frequency-response data, or not proper.
         """
         if isinstance(system, Rational):
             return system
@@ -344,14 +354,14 @@ class Rational:
             return cls.from_state_space(system.A, system.B, system.C, system.D)
         if form == "gain":
             if any(np.iscomplexobj(np.poly(roots)) for roots in (system.zeros, system.poles)):
-                raise InputError(f"{name}: complex zeros or poles without their conjugates; give both of each pair")
+                raise InputError(f"{name}: a complex zero or pole has no conjugate partner; give both of each pair")
             return cls(system.zeros, system.poles, system.gain)
-        if hasattr(system, "ninputs"):  # python-control has a polynomial for each pair of an output and an input
+        if hasattr(system, "ninputs"):  # python-control has a polynomial for each pair of output and input
             return cls.from_polynomials(system.num[0][0], system.den[0][0])
         return cls.from_polynomials(system.num, system.den)
 
     def __mul__(self, other: Rational | float) -> Rational:
-        """Series connection, or a change of gain."""
+        """Connect in series with another transfer function, or multiply the gain by a number."""
         if isinstance(other, (bool, str)) or not isinstance(other, Rational | Real):
             return NotImplemented
         if not isinstance(other, Rational):
@@ -367,7 +377,7 @@ class Rational:
     __rmul__ = __mul__
 
     def shifted(self, c: float) -> Rational:
-        """G(s + c) as a function of s; `c` is real, rad/s. InputError for one that is not finite."""
+        """Shifted transfer function G(s + c); `c` is real, rad/s. InputError: `c` is not finite."""
         number("c", c, "rad/s")
         if self.from_coefficients:
             there = coefficients([c, 1.0])
@@ -376,17 +386,17 @@ class Rational:
 
     @property
     def relative_degree(self) -> int:
-        """Poles minus zeros."""
+        """Number of poles minus number of zeros."""
         return int(self.poles.size - self.zeros.size)
 
     @property
     def feedthrough(self) -> float:
-        """G(infinity)."""
+        """Gain at infinite frequency, G(infinity)."""
         return self.gain if self.relative_degree == 0 else 0.0
 
     @property
     def dc_gain(self) -> float:
-        """G(0), infinite with an integrator; NaN where a zero and a pole meet at the origin."""
+        """Gain at frequency 0, G(0); infinite with an integrator, NaN with both a zero and a pole at the origin."""
         if self.gain == 0.0:
             return 0.0 if np.all(self.poles != 0) else float("nan")
         at_zero, at_pole = np.count_nonzero(self.zeros == 0), np.count_nonzero(self.poles == 0)
@@ -397,9 +407,9 @@ class Rational:
         return float((self.gain * np.prod(-self.zeros) / np.prod(-self.poles)).real)
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """G at complex s, any shape; infinite at a pole. InputError for what are no numbers."""
+        """Value of G at complex s, any shape; infinite at a pole. InputError: `s` is not numeric."""
         s = complexes("s", s)[..., None]
-        # zeros and poles are interleaved so that the running product stays in range for high orders
+        # zeros and poles alternate so that the running product stays in range for high orders
         paired = self.zeros.size
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = np.prod((s - self.zeros) / (s - self.poles[:paired]), axis=-1)
@@ -409,7 +419,7 @@ class Rational:
 
     @cached_property
     def roots(self) -> Complexes:
-        """Zeros, then poles."""
+        """All zeros, then all poles."""
         return np.concatenate([self.zeros, self.poles])
 
     @cached_property
@@ -418,24 +428,24 @@ class Rational:
         return np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
 
     def log_size(self, omega: Floats) -> Floats:
-        """ln abs G(j omega); shape of `omega`, rad/s."""
-        distance = np.hypot(self.roots.real, omega[..., None] - self.roots.imag)  # not squares: no overflow
+        """Logarithm ln|G(j omega)|; shape of `omega`, rad/s."""
+        distance = np.hypot(self.roots.real, omega[..., None] - self.roots.imag)  # squares could overflow
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(abs(self.gain)) + np.log(distance) @ self.signs)
 
     def log_slope(self, omega: Floats) -> Complexes:
-        """d ln G(j omega)/d omega, complex; shape of `omega`, rad/s."""
+        """Logarithmic slope d ln G(j omega)/d omega, complex, s; shape of `omega`, rad/s."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(1j * ((1 / (1j * omega[..., None] - self.roots)) @ self.signs))
 
 
 def _check_time(name: str, dt: float | bool | None, period: float | None) -> None:
-    """Refuse a discrete-time system where a continuous one is asked for, and any but that of a period, s."""
+    """Raise InputError for a discrete-time system if `period` is None, else for one with a dt other than `period`."""
     if period is None and dt not in (None, 0):
         raise InputError(f"{name}: a discrete-time system (dt = {dt}) is not accepted; give a continuous one")
     if period is not None and not (dt in (None, True) or math.isclose(dt, period)):
         raise InputError(
-            f"{name}: a system with dt = {dt:g} s does not go with a period of {period:g} s; sample it there"
+            f"{name}: a system with dt = {dt:g} s does not fit a period of {period:g} s; sample it with that period"
         )
 
 
@@ -447,18 +457,18 @@ def angle_sum(roots: Complexes, omega: Floats) -> Floats:
 
 
 def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
-    """Integrators of a realisation, and poles beyond its zeros but for D: what is not told from 0 by rounding is 0."""
+    """Number of integrators of a realisation, and its relative degree without D; values within rounding are 0."""
     from scipy.linalg import matrix_balance
 
     column, size, excess = b, np.abs(b), 0
     while excess < b.size and abs(c @ column).item() <= _LEVEL * b.size * (np.abs(c) @ size).item():
-        scale = float(size.max()) or 1.0  # no overflow
+        scale = float(size.max()) or 1.0  # prevents overflow
         column, size, excess = a @ (column / scale), np.abs(a) @ (size / scale), excess + 1
     return _zero_multiplicity(matrix_balance(a, separate=False, permute=False)[0]), excess
 
 
 def _zero_multiplicity(a: Floats) -> int:
-    """Algebraic multiplicity of the eigenvalue 0, by the nullity of powers of the matrix."""
+    """Algebraic multiplicity of the eigenvalue 0, from the nullity of powers of the matrix."""
     order, size = int(a.shape[0]), float(np.linalg.norm(a, 2))
     power, found = np.eye(order), 0
     while size and found < order:
@@ -475,7 +485,10 @@ def _zero_multiplicity(a: Floats) -> int:
 
 @dataclass(frozen=True)
 class Realisation:
-    """x' = a x + b u, y = c x + d u (or x of the next sample for x'); shapes (n, n), (n,), (n,) and a float."""
+    """State-space realisation x' = a x + b u, y = c x + d u; in discrete time x[k+1] replaces x'.
+
+    - a, b, c, d: shapes (n, n), (n,), (n,) and a float.
+    """
 
     a: Floats
     b: Floats
@@ -489,11 +502,11 @@ class Realisation:
 
 
 def realise(system: Rational) -> Realisation:
-    """Real realisation of as many states as `system` has poles, cancelled ones included.
+    """Real state-space realisation of `system` with one state per pole, cancelled poles included.
 
-    First- and second-order sections in series, fed at the first, with the gain at the output. Each holds its poles on
-    its diagonal, not in the coefficients of a polynomial, so that eigenvalues, double ones included, are those given to
-    rounding. The variable may be s or z.
+    It is a series of first- and second-order sections with the gain at the output. Each section has its poles in the
+    matrix itself, not in polynomial coefficients: eigenvalues, also double ones, are accurate to rounding. The variable
+    may be s or z.
 
     InputError: complex zeros or poles that are not in conjugate pairs.
     """
@@ -502,7 +515,7 @@ def realise(system: Rational) -> Realisation:
     at = 0
     for section in _sections(system):
         here = slice(at, at + section.order)
-        # `row` and `through` are the signal fed to this section as a combination of the states and the input
+        # the input of this section is `row` times the states plus `through` times the input of the series
         a[here] = np.outer(section.b, row)
         a[here, here] += section.a
         b[here] = section.b * through
@@ -513,7 +526,7 @@ def realise(system: Rational) -> Realisation:
 
 
 def _sections(system: Rational) -> Iterator[Realisation]:
-    """Monic sections whose product is the system with gain 1, each zero in the section of the poles nearest to it."""
+    """Monic sections whose product is the system with gain 1; each zero goes to the section with the nearest pole."""
     zeros, zero_pairs = _split(system.zeros, "zeros")
     poles, pole_pairs = _split(system.poles, "poles")
     for pole in pole_pairs:
@@ -521,7 +534,7 @@ def _sections(system: Rational) -> Iterator[Realisation]:
             zero = _take_nearest(zero_pairs, pole)
             yield _section([pole, pole.conjugate()], [zero, zero.conjugate()])
         else:
-            # real zeros only where the real poles cannot hold them all
+            # real zeros only if they outnumber the real poles
             surplus = min(2, max(0, len(zeros) - len(poles)))
             yield _section([pole, pole.conjugate()], [_take_nearest(zeros, pole) for _ in range(surplus)])
     for zero in zero_pairs:
@@ -531,7 +544,7 @@ def _sections(system: Rational) -> Iterator[Realisation]:
 
 
 def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
-    """The real roots, and of each conjugate pair the upper one."""
+    """The real roots, and the upper root of each conjugate pair."""
     real, upper, left = (roots[mask].tolist() for mask in (roots.imag == 0, roots.imag > 0, roots.imag < 0))
     for root in upper:
         partner = _take_nearest(left, root.conjugate()) if left else complex(np.inf)
@@ -540,7 +553,7 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
             break
     if left:
         raise InputError(
-            f"transfer function: {name} hold {left[0]:g} without its conjugate; give complex ones in pairs"
+            f"transfer function: {name} contain {left[0]:g} without its conjugate; give complex ones in pairs"
         )
     return real, upper
 
@@ -551,15 +564,15 @@ def _take_nearest(roots: list[complex], to: complex) -> complex:
 
 
 def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
-    """prod(s - zeros)/prod(s - poles) of one or two poles, real ones or a pair, and no more zeros."""
+    """Realise prod(s - zeros)/prod(s - poles) with one or two poles, real or a pair, and no more zeros than poles."""
     through, last = float(len(zeros) == len(poles)), poles[-1]
     level = math.prod((last - zero for zero in zeros), start=1 + 0j).real  # the numerator at a pole
     if len(poles) == 1:
         return Realisation(np.array([[last.real]]), np.array([1.0]), np.array([level]), through)
-    # the numerator less its multiple of the denominator is slope s + a constant
+    # numerator minus through times denominator is slope s + a constant
     slope = (sum(poles) - sum(zeros)).real if through else float(len(zeros))
     re, im = last.real, poles[0].imag
-    if im:  # the poles in a scaled rotation
+    if im:  # a conjugate pair as a scaled rotation
         return Realisation(
             np.array([[re, im], [-im, re]]), np.array([0.0, 1.0]), np.array([level / im, slope]), through
         )
@@ -573,9 +586,10 @@ def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
 
 @checked
 def pade(dead_time: float, order: int) -> Rational:
-    """Diagonal Pade approximation of order `order`, 1 to 100, of exp(-dead_time s), dead_time >= 0, s; 1 without any.
+    """Diagonal Pade approximation of exp(-dead_time s), for comparison with the exact dead time.
 
-    For comparison with the exact dead time only.
+    - dead_time: s, >= 0; the approximation is 1 for 0.
+    - order: 1 to 100.
 
     Coefficient of (tau s)^k: (2n - k)! n!/((2n)! k! (n - k)!), sign (-1)^k in the numerator; see e.g.
     G. H. Golub, C. F. Van Loan: Matrix Computations, 3rd edition, Johns Hopkins University Press, 1996, p. 572.
@@ -590,6 +604,6 @@ def pade(dead_time: float, order: int) -> Rational:
 
 @lru_cache
 def _poles(n: int) -> Complexes:
-    """Those of dead time 1."""
+    """Poles of the approximation of order n for a dead time of 1 s."""
     coefficients = [fmpq(math.factorial(2 * n - k), math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]
     return rounded_roots(fmpq_poly(coefficients))

@@ -1,10 +1,10 @@
-"""Closed-loop time responses with the dead time exact: reference, load, measurement and initial state.
+"""Closed-loop time responses with exact dead time to reference, load, measurement offset and initial state.
 
-Each is computed by the method of steps on Chebyshev points, to rounding; nothing is Pade. Between multiples of the dead
-time tau the delayed command is a known smooth function, and the delay-free rest of the loop a linear differential
-equation driven by it ([Bellen2003]). Cut into pieces short against every time constant, command and states are
-polynomials to rounding, so that one constant matrix takes the nodal values of the command one dead time ago to those of
-now. Kinks and jumps fall on the ends of pieces.
+The method of steps on Chebyshev points gives each response to rounding, without a Pade approximation. Between multiples
+of the dead time tau the delayed command is a known smooth function; it drives the rest of the loop, a linear
+differential equation without delay ([Bellen2003]). On pieces shorter than every time constant, command and states are
+polynomials to rounding. One constant matrix then maps the nodal values of the command one dead time ago to the present
+ones. Kinks and jumps are at the ends of pieces.
 
 Signals, unity negative feedback, L = C G P exp(-tau s)::
 
@@ -29,31 +29,31 @@ from railslip_ctrl.core.records import dataclass
 
 from .rational import Rational, realise
 
-_DEFAULT_POINTS = 1001  # a smooth line in print
-# On a piece of length h = 4/rate the Chebyshev series of order 20 of any signal of the loop is cut off
-# at about (rate h/4)^20/20! = 4e-19 of its size, so that only rounding remains.
+_DEFAULT_POINTS = 1001  # times of a response by default: a smooth line in print
+# On a piece of length h = 4/rate the truncation error of the Chebyshev series of order 20 of any signal is about
+# (rate h/4)^20/20! = 4e-19 of the signal, below rounding.
 _NODES = 20
-_PIECE = 4.0
-# A second or two of computing; a response this fine-grained is asked for by mistake.
-_MOST_PIECES = 200_000
-_SAME_TIME = 1e-12  # relative to the time: a multiple of the dead time computed in another way is still one
-_WELL_POSED = 1e-12  # |1 + L(inf)| without dead time; less is rounding of 0
+_PIECE = 4.0  # largest length of a piece times `rate`
+_MOST_PIECES = 200_000  # a second or two of computing; a response that needs more is most likely a mistake
+_SAME_TIME = 1e-12  # relative difference within which a time counts as a multiple of the dead time
+_WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 within rounding
 
 
 @dataclass(frozen=True)
 class TimeResponse:
-    """Signals of a closed loop that is at rest before t = 0; arrays of one shape, one entry a time.
+    """Signals of a closed loop that is at rest before t = 0; arrays of one shape, one entry per time.
 
-    Where a signal jumps the value after the jump is given. SI; for a wheel-slip loop torques in N*m and slip
-    velocities in m/s.
+    At a jump the value is that after the jump. SI units; for a wheel-slip loop torques in N*m and slip velocities in
+    m/s.
 
     - time: s, ascending.
     - output: y, without measurement noise.
     - control: u, the controller's command, before the dead time.
-    - plant_input: q, what acts on the plant: the command after dead time and actuator, plus the disturbance.
-    - error: e = reference - (output + noise), what the controller sees.
-    - control_rate: du/dt, per s; jumps of u (a reference step through a biproper controller, at t = 0) not included.
-    - dead_time, reference, disturbance, noise: s, and the heights of the steps at t = 0.
+    - plant_input: q, the input of the plant: the command after dead time and actuator, plus the disturbance.
+    - error: e = reference - (output + noise), the input of the controller.
+    - control_rate: du/dt, per s; without jumps of u (a reference step through a biproper controller, at t = 0).
+    - dead_time: s.
+    - reference, disturbance, noise: heights of the steps at t = 0.
     """
 
     time: Floats
@@ -68,23 +68,23 @@ class TimeResponse:
     noise: float
 
     def __iter__(self) -> Iterator[Floats]:
-        """Time and output, as python-control's responses come apart: `t, y = loop.step_response(10)`."""
+        """Iterate over time and output, as with python-control's responses: `t, y = loop.step_response(10)`."""
         return iter((self.time, self.output))
 
     @property
     def largest_output(self) -> float:
-        """Largest |y| at the times given."""
+        """Largest |y| at the given times."""
         return float(np.abs(self.output).max())
 
     @property
     def overshoot(self) -> float:
-        """Largest excess of y over the reference, as a share of it, >= 0; NaN without a reference step."""
+        """Largest excess of y over the reference as a fraction of the reference, >= 0; NaN without reference step."""
         if self.reference == 0:
             return float("nan")
         return max(0.0, float((self.output / self.reference).max()) - 1.0)
 
     def settling_time(self, target: float, band: float) -> float:
-        """First of the times, s, from which on |y - target| <= band; inf if the last one is outside."""
+        """First time, s, from which on |y - target| <= band; inf if y is outside at the last time."""
         outside = np.flatnonzero(np.abs(self.output - target) > band)
         if outside.size == 0:
             return float(self.time[0])
@@ -105,30 +105,33 @@ def closed_loop_response(
     noise: float = 0.0,
     initial_plant_state: ArrayLike | None = None,
 ) -> TimeResponse:
-    """Response of the loop to steps at t = 0 and to an initial state of the plant, stable or not.
+    """Response of a loop, stable or not, to steps at t = 0 and to an initial state of the plant.
 
     - controller, actuator, plant: python-control system, `Rational`, or a real number; C, G and P, proper, each with
       any poles; the dead time acts between C and G.
     - dead_time: tau, s, >= 0.
-    - time: array, shape (n,); s, >= 0, ascending, at which to give the response. Either this or `final_time`.
-    - final_time: s, > 0: 1001 equally spaced times from 0.
+    - time: array, shape (n,); s, >= 0, ascending; the times of the response. Give either this or `final_time`.
+    - final_time: s, > 0; end of 1001 equally spaced times from 0.
     - reference, disturbance, noise: heights of the steps of the reference, of the load at the plant's input and of the
-      measurement's offset.
-    - initial_plant_state: array, shape (order of P,); states of `realise(plant)`, of a `Rational`, at t = 0;
-      `realise(plant).b * J` is what an impulse J at its input leaves.
+      measurement offset.
+    - initial_plant_state: array, shape (order of P,); states of `realise(plant)` at t = 0, for a plant given as
+      `Rational`. `realise(plant).b * J` is the state after an impulse J at the plant's input.
 
-    InputError: a system, dead time, time, height or state that is not allowed; times so long against dead time and time
-    constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
+    InputError: a system, dead time, time, height or state that is not allowed; a last time that needs more than 200 000
+    pieces; without dead time, an algebraic loop with L(inf) = -1.
 
-    Errors are rounding: about 1e-12 of the largest value over 200 dead times, of a growing response of its size.
+    The error is rounding: about 1e-12 of the largest value over 200 dead times; of a growing response, relative to it.
     """
     dead_time = number("dead time", dead_time, "s", ge=0)
     times = given_times(time, final_time)
     steps = np.array([reference, disturbance, noise], dtype=float)
     if not np.isfinite(steps).all():
-        raise InputError(f"steps: {steps.tolist()} hold a value that is not finite; give finite heights")
+        raise InputError(f"steps: {steps.tolist()} contain a value that is not finite; give finite heights")
     if initial_plant_state is not None and not isinstance(plant, Rational):
-        raise InputError("initial plant state: goes with a Rational, as realise() has its states; give such a plant")
+        raise InputError(
+            f"initial plant state: needs a plant given as Rational, not {type(plant).__name__}: its states are those "
+            "of realise(plant)"
+        )
     systems = {"controller": controller, "actuator": actuator, "plant": plant}
     c, g, p = (Rational.from_control(system, name) for name, system in systems.items())
     equations = _equations(c, g, p)
@@ -141,45 +144,45 @@ def closed_loop_response(
 
 
 step_response = partial(closed_loop_response, reference=1.0)
-"""To a unit step of the reference, or one of the height `reference` (unit of y)."""
+"""Response to a unit step of the reference, or to one of the height `reference` (unit of y)."""
 
 disturbance_response = partial(closed_loop_response, disturbance=1.0)
-"""To a unit load, or one of the height `disturbance`, at the plant's input, behind dead time and actuator.
+"""Response to a unit load, or one of the height `disturbance`, at the plant's input, after dead time and actuator.
 
-For a torque at the wheel give the brake's lag as `actuator`, the wheel as `plant`.
+For a torque at the wheel give the brake's lag as `actuator` and the wheel as `plant`.
 """
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
-    """States of the loop at t = 0: the plant's, which come last, as `given`, all others at rest."""
+    """States of the loop at t = 0: those of the plant, which come last, as `given`; all others are 0."""
     start = np.zeros(order)
     if given is None:
         return start
     state = np.asarray(given, dtype=float)
     if state.shape != (plant_order,) or not np.isfinite(state).all():
         raise InputError(
-            f"initial plant state: {np.shape(given)} is not allowed; give {plant_order} finite "
-            "numbers, one a state of the plant"
+            f"initial plant state: shape {np.shape(given)} or its values are not allowed; give {plant_order} finite "
+            "numbers, one per state of the plant"
         )
     start[order - plant_order :] = state
     return start
 
 
 def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
-    """The times of a response, s, from either of its arguments."""
+    """Times of a response, s, from the list of times or the final time."""
     if (time is None) == (final_time is None):
-        raise InputError("time: give either the times or the final time, one of the two")
+        raise InputError("time: give either the times or the final time")
     if time is None:
         return np.linspace(0.0, number("final time", final_time or 0.0, "s", gt=0), _DEFAULT_POINTS)
     times = np.atleast_1d(reals("time", time))
     allowed = times.ndim == 1 and times.size > 0 and bool(np.isfinite(times).all() and times[0] >= 0)
     if not allowed or np.any(np.diff(times) < 0):
-        raise InputError("time: the times are not allowed; give a list of finite ascending values >= 0 (s)")
+        raise InputError("time: the values are not allowed; give a list of finite ascending values >= 0 (s)")
     return times
 
 
 def _equations(controller: Rational, actuator: Rational, plant: Rational) -> Equations:
-    """The loop opened at the dead time; states of controller, actuator and plant in this order."""
+    """State equations of the loop opened at the dead time; states of controller, actuator and plant in this order."""
     k, g, p = realise(controller), realise(actuator), realise(plant)
     n = k.order + g.order + p.order
     of_k, of_g, of_p = slice(0, k.order), slice(k.order, k.order + g.order), slice(k.order + g.order, n)
@@ -212,7 +215,10 @@ def _equations(controller: Rational, actuator: Rational, plant: Rational) -> Equ
 
 @dataclass(frozen=True)
 class Equations:
-    """x' = a x + b w + e v; (y, u, q, error) = c x + d w + f v; w(t) = u(t - tau), v the three steps."""
+    """State equations of the opened loop, x' = a x + b w + e v and (y, u, q, error) = c x + d w + f v.
+
+    w(t) = u(t - tau) is the delayed command; v are the steps of reference, disturbance and noise.
+    """
 
     a: Floats
     b: Floats
@@ -222,12 +228,12 @@ class Equations:
     f: Floats
 
     def without_delay(self) -> Equations:
-        """With w = u solved for; b and d become 0."""
+        """Equations without dead time: w = u is eliminated, b and d become 0."""
         gap = 1.0 - self.d[1]
         if abs(gap) < _WELL_POSED:
             raise InputError(
-                "algebraic loop: without dead time L(inf) = -1 has no response; give a dead time > 0 or a strictly "
-                "proper plant"
+                "algebraic loop: with L(inf) = -1 and no dead time the loop has no solution; give a dead time > 0 or a "
+                "strictly proper plant"
             )
         from_x, from_v = self.c[1] / gap, self.f[1] / gap
         return Equations(
@@ -240,10 +246,10 @@ class Equations:
         )
 
     def balanced(self) -> tuple[Equations, Floats, float]:
-        """The same with states scaled, their scales, and a bound on how fast its signals change, 1/s.
+        """Equations with scaled states, the scales, and a bound on the rate of change of the signals, 1/s.
 
-        No derivative of order k of a signal, over the past dead times, exceeds rate^k times its size: the
-        spectral radius of |a| + |b c_u| is the least row-sum norm of it under any scaling.
+        A derivative of order k of any signal is at most rate^k times the signal's size over the past dead times. The
+        rate is the spectral radius of |a| + |b c_u|, its least row-sum norm under any scaling.
         """
         from scipy.linalg import matrix_balance
 
@@ -257,20 +263,20 @@ class Equations:
 
 
 class Marcher:
-    """The loop piece by piece; within a piece every signal is held by its values at Chebyshev points."""
+    """Time stepping of the loop piece by piece; values at Chebyshev points represent each signal on a piece."""
 
     def __init__(self, equations: Equations, dead_time: float, steps: Floats) -> None:
         scaled, self._scale, rate = equations.balanced()
         self._equations, self._dead_time, self._steps, self._rate = scaled, dead_time, steps, rate
 
     def run(self, start: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """(y, u, q, error) at the times, shape (4, n), and du/dt."""
+        """Compute (y, u, q, error) at the times, shape (4, n), and du/dt."""
         end = float(times[-1])
         back, length = self._pieces(end)
         if not end / length < _MOST_PIECES:
             raise InputError(
-                f"time: {end:g} s is not allowed; dead time and time constants ask for pieces of {length:.3g} s, of "
-                f"which at most {_MOST_PIECES} are computed; give a time <= {_MOST_PIECES * length:.3g} s"
+                f"time: {end:g} s is not allowed; dead time and time constants need pieces of {length:.3g} s, and at "
+                f"most {_MOST_PIECES} are computed; give a time <= {_MOST_PIECES * length:.3g} s"
             )
         where, inside = pieces_at(times, length)
         solution = self._solution(length)
@@ -278,11 +284,13 @@ class Marcher:
             states, delayed = self._march(start / self._scale, int(where[-1]) + 1, back, *solution)
             signals, rate = self._signals(states[where], delayed[where], inside, length, *solution)
         if not (np.isfinite(signals).all() and np.isfinite(rate).all()):
-            raise InputError(f"time: {end:g} s is not allowed; the response overflows before it; give a shorter time")
+            raise InputError(
+                f"time: {end:g} s is not allowed; the response overflows before this time; give a shorter time"
+            )
         return signals, rate
 
     def _pieces(self, end: float) -> tuple[int, float]:
-        """Pieces in a dead time (0: none) and their length, s."""
+        """Number of pieces in one dead time (0 without dead time) and their length, s."""
         longest = _PIECE / self._rate if self._rate > 0 else math.inf
         if self._dead_time > 0:
             back = max(1, math.ceil(self._dead_time / longest))
@@ -292,7 +300,7 @@ class Marcher:
     def _march(self, start: Floats, count: int, back: int, nodal: Floats, constant: Floats) -> tuple[Floats, Floats]:
         """Scaled states at the start of each piece, (count, n), and the delayed command at its nodes."""
         eq, n, u = self._equations, start.size, self._equations.c[1]
-        back = min(back, count)  # beyond it no command has arrived yet
+        back = min(back, count)  # no command arrives later than the last piece
         # [u at the nodes; x at the end] = step [x at the start; w at the nodes] + shift
         step = np.vstack([np.einsum("j,ijk->ik", u, nodal), nodal[-1]])
         step[:_NODES, n:] += eq.d[1] * np.eye(_NODES)
@@ -308,9 +316,9 @@ class Marcher:
         return states, commands[:count]
 
     def _solution(self, length: float) -> tuple[Floats, Floats]:
-        """x at the nodes as (nodes, n, n + nodes) times [x at the start; w at the nodes], plus (nodes, n).
+        """Matrices that give x at the nodes: (nodes, n, n + nodes) times [x at the start; w at the nodes] + (nodes, n).
 
-        Collocation in integrated form, x = x0 + S (a x + b w + e v): no differentiation amplifies rounding.
+        Collocation in integrated form, x = x0 + S (a x + b w + e v), avoids differentiation, which amplifies rounding.
         """
         eq, n = self._equations, self._equations.a.shape[0]
         integral = 0.5 * length * _INTEGRAL
@@ -324,7 +332,7 @@ class Marcher:
     def _signals(
         self, states: Floats, delayed: Floats, inside: Floats, length: float, nodal: Floats, constant: Floats
     ) -> tuple[Floats, Floats]:
-        """(y, u, q, error) and du/dt where `inside` says in the pieces that these states and commands belong to."""
+        """Compute (y, u, q, error) and du/dt at places `inside` (0 to 1) of pieces with these states and commands."""
         eq = self._equations
         known = np.hstack([states, delayed])
         weights = chebyshev.chebvander(2 * inside - 1, _NODES - 1) @ _TO_SERIES
@@ -337,7 +345,7 @@ class Marcher:
 
 
 def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
-    """Piece of each time, and the place in it, 0 to 1; the end of a piece counts as the start of the next."""
+    """Index of the piece of each time, and the place in it, 0 to 1; the end of a piece is the start of the next."""
     ratio = times / length
     near = np.round(ratio)
     ratio = np.where(np.abs(ratio - near) <= _SAME_TIME * (1 + near), near, ratio)
@@ -346,7 +354,7 @@ def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
 
 
 def _node_matrices() -> tuple[Floats, Floats, Floats]:
-    """Nodal values to Chebyshev series, to the integral from the start, and to the derivative; on [-1, 1]."""
+    """Matrices from nodal values on [-1, 1] to Chebyshev series, integral from -1, and derivative."""
     nodes = -np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
     to_series = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     integral = chebyshev.chebvander(nodes, _NODES) @ chebyshev.chebint(to_series, lbnd=-1, axis=0)

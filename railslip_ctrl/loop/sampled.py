@@ -1,11 +1,11 @@
-"""A discrete controller, a zero-order hold and a continuous plant behind dead time: `SampledLoop`, exact.
+"""Exact loop of a discrete controller, zero-order hold, dead time and continuous plant: `SampledLoop`.
 
-Between samples the held command is constant, so that the plant seen at the samples is a difference equation
-without approximation, also for a dead time that is no multiple of the period ([Astrom1997] 2):
+Between samples the command is constant. At the samples the plant is therefore exactly a difference equation, also for a
+dead time that is not a multiple of the period ([Astrom1997] 2):
 
     x[k+1] = Phi x[k] + Gamma0 u[k-d] + Gamma1 u[k-d-1],    y[k] = C x[k],    dead time = (d + fraction) h
 
-The loop is stable if and only if all eigenvalues of this and the controller together lie inside the unit circle.
+The loop is stable if and only if all eigenvalues of this equation closed by the controller lie inside the unit circle.
 """
 
 from __future__ import annotations
@@ -28,25 +28,30 @@ from .rational import Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
 from .stability import RootCount
 
-# The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
+# Largest dead time in periods: it is a chain of so many states, and their eigenvalues then take a few seconds.
 MOST_PERIODS = 500
-MOST_SAMPLES = 200_000  # of a step response: a second or two
-# Slower than this share of the slowest pole or zero L is its asymptote, and a crossover is rounding of |L(0)| = 1.
+MOST_SAMPLES = 200_000  # samples of a step response: a second or two of computing
+# Lowest frequency over the slowest pole or zero: L is at its asymptote, and a crossover is rounding of |L(0)| = 1.
 _BELOW_FEATURES = 1e-5
-_CELL_RATIO = 1.5
-# What the phase counts against ln|L| when a box is parted: by ln|L| a box can go for good, by the phase for one turn.
+_CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of the axis
+# Weight of the phase against ln|L| in the choice of the side to halve: ln|L| excludes a box for good, the phase for
+# one turn only.
 _OF_PHASE = 0.01
-_AT_ONCE = 64  # boxes looked at together, those first in line
-_MOST_BOXES = 20_000  # seconds; the loop then has |L| = 1 nearly everywhere
-_TURNS_TRIED = 50  # at a time
-_SHARP = 1.5e-12  # bound on ln L at which the rest of it is rounding
-_TINY = 1e-9  # a box this small that still may hold a root does: two poles touch the circle there, or nearly
-_SAME = 1e-9  # of the margin: a root nearer than this to another is that one
+_AT_ONCE = 64  # boxes examined together, those with the least dead time
+_MOST_BOXES = 20_000  # boxes examined, some seconds; a loop that needs more has |L| = 1 nearly everywhere
+_TURNS_TRIED = 50  # turns tried for a box in one pass
+_SHARP = 1.5e-12  # deviation of ln L from linear that is nothing but rounding
+_TINY = 1e-9  # relative size at which an undecided box counts as a root: two poles touch the circle there, or nearly
+_SAME = 1e-9  # distance of two roots, relative to the margin, below which they are one
 
 
 @dataclass(frozen=True)
 class HeldPlant:
-    """x[k+1] = (1 + growth) x[k] + gamma0 u[k-periods] + gamma1 u[k-periods-1], y[k] = c x[k]."""
+    """Sampled plant x[k+1] = (1 + growth) x[k] + gamma0 u[k-periods] + gamma1 u[k-periods-1], y[k] = c x[k].
+
+    - periods, fraction: the dead time is (periods + fraction) h.
+    - a, b: continuous plant x' = a x + b u with time in periods.
+    """
 
     growth: Floats
     gamma0: Floats
@@ -59,11 +64,11 @@ class HeldPlant:
 
     @property
     def chain(self) -> int:
-        """Past commands that are states."""
+        """Number of past commands among the states."""
         return self.periods + (1 if np.any(self.gamma1) else 0)
 
     def flow(self, lengths: Floats) -> Floats:
-        """What takes state and held command on by lengths in periods: (n, order + 1, order + 1)."""
+        """Matrices that advance state and held command by `lengths`, periods: (n, order + 1, order + 1)."""
         from scipy.linalg import expm
 
         driven = np.zeros((self.c.size + 1,) * 2)
@@ -75,8 +80,8 @@ class HeldPlant:
 class SampledLoop(BoundedLoop):
     """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
 
-    - controller: python-control or scipy.signal system of that period, `Rational` in z, or a real number; C, proper; u
-      = C (reference - y) at the samples.
+    - controller: python-control or scipy.signal system of that period, `Rational` in z, or a real number; C, proper;
+      u = C (reference - y) at the samples.
     - plant: python-control or scipy.signal system, or `Rational` in s; P, continuous-time, strictly proper, without
       dead time.
     - dead_time: s, >= 0, between the controller's output and the plant: actuator and computation together.
@@ -96,18 +101,18 @@ class SampledLoop(BoundedLoop):
         p = Rational.from_control(plant, "plant")
         if p.relative_degree < 1:
             raise InputError(
-                f"sampled plant: zeros ({p.zeros.size}) no fewer than poles ({p.poles.size}) are not strictly proper; "
+                f"sampled plant: {p.zeros.size} zeros and {p.poles.size} poles are not strictly proper; "
                 "add the actuator's lag"
             )
         if c.gain == 0:
-            raise InputError("controller: one with gain 0 closes no loop; give one that is not 0")
+            raise InputError("controller: a gain of 0 does not close the loop; give a gain other than 0")
         given = {"controller": c, "plant": p, "dead_time": dead_time, "period": period, "_dt": period}
         for name, value in given.items():
             object.__setattr__(self, name, value)
 
     @property
     def nyquist_frequency(self) -> float:
-        """pi/h, rad/s, where the frequency response ends."""
+        """Upper end of the frequency response, pi/h, rad/s."""
         return math.pi / self.period
 
     def __repr__(self) -> str:
@@ -119,28 +124,29 @@ class SampledLoop(BoundedLoop):
 
     def __mul__(self, other: Any) -> SampledLoop:
         if isinstance(other, Loop):
-            raise InputError("factor: a loop is not accepted beside a sampled loop; multiply its controller")
+            raise InputError("factor: the product of a sampled loop and a loop is not defined; multiply its controller")
         factor = Rational.from_control(other, "factor", period=self.period)
         return SampledLoop(factor * self.controller, self.plant, self.dead_time, self.period)
 
     def delayed(self, extra: float) -> SampledLoop:
-        """The loop with `extra` seconds more continuous dead time."""
+        """The loop with `extra` s of added continuous dead time."""
         return SampledLoop(self.controller, self.plant, self.dead_time + extra, self.period)
 
     # -- stability ----------------------------------------------------------------------------------------
 
     @cached_property
     def closed_loop_matrix(self) -> Floats:
-        """One sample to the next with reference 0: states of the plant, past commands (latest first), controller.
+        """Matrix from one sample to the next with reference 0.
 
-        Raises InputError with more than 500 periods in the dead time: the matrix would have as many rows.
+        The states are those of the plant, the past commands (latest first) and the controller. Raises InputError if
+        the dead time exceeds 500 periods: the matrix has a row for each.
         """
         if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
                 f"period: {self.period:g} s is not allowed with {self.dead_time:g} s of dead time; give a value >= "
                 f"{self.dead_time / MOST_PERIODS:.3g} (s), or use the continuous equivalent"
             )
-        held, k = self.held, realise(self.controller)
+        held, k = self.held_plant, realise(self.controller)
         n, chain = held.c.size, held.chain
         matrix = np.zeros((n + chain + k.order,) * 2)
         of_x, of_k = slice(0, n), slice(n + chain, None)
@@ -166,35 +172,37 @@ class SampledLoop(BoundedLoop):
 
     @checked
     def closed_loop_poles(self, count: int = 6) -> Complexes:
-        """Eigenvalues of `closed_loop_matrix`, the plane of z, the `count` largest, largest first."""
+        """The `count` largest eigenvalues of `closed_loop_matrix` (in z), largest first."""
         return self._closed_loop_poles[: int(number("count", count, ge=1))]
 
     @cached_property
     def root_count(self) -> RootCount:
-        """Closed-loop poles on or outside the unit circle, as far as eigenvalues in doubles tell."""
+        """Number of closed-loop poles on or outside the unit circle, from eigenvalues in doubles."""
         sizes = np.abs(self._closed_loop_poles)
         return RootCount(float(np.count_nonzero(sizes >= 1)), bool(np.any(sizes == 1)))
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Poles of L outside the unit circle."""
+        """Number of poles of L outside the unit circle."""
         return int(np.count_nonzero(np.abs(self.controller.poles) > 1) + np.count_nonzero(self.plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Poles of L at z = 1."""
+        """Number of poles of L at z = 1."""
         return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
-        """Poles of L in z, open loop, as python-control has them of a system: those at 0 are the dead time's."""
+        """Open-loop poles (of L) in z, under the name python-control uses; those at 0 are due to the dead time."""
         plant = np.exp(self.plant.poles * self.period)
-        return np.concatenate([self.controller.poles, plant, np.zeros(self.held.chain)])
+        return np.concatenate([self.controller.poles, plant, np.zeros(self.held_plant.chain)])
 
     # -- responses ----------------------------------------------------------------------------------------
 
     def __call__(self, z: ArrayLike) -> Complexes:
-        """L(z) at complex z, of its shape; `loop.response(omega)` is the frequency response. inf + 0j at 1 with an
-        integrator, NaN at 0."""
+        """L(z) at complex z, of the same shape; `loop.response(omega)` is the frequency response.
+
+        The value is inf + 0j at 1 with an integrator, and NaN at 0.
+        """
         z = complexes("z", z)
         at_pole = (z == 1) & (self.integrators > 0)
         elsewhere = np.where(at_pole, 2.0, z)
@@ -207,16 +215,16 @@ class SampledLoop(BoundedLoop):
         return float(low / 10), self.nyquist_frequency
 
     def step_response(self, time: ArrayLike) -> TimeResponse:
-        """Response of the closed loop to a unit step of the reference at t = 0, between samples too, exact.
+        """Exact response of the closed loop, also between samples, to a unit step of the reference at t = 0.
 
-        The step is seen by the sample at t = 0; `control` is held between samples, its `control_rate` 0.
+        The sample at t = 0 already contains the step. `control` is constant between samples, its `control_rate` 0.
 
-        - time: array, shape (n,), or float; s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        - time: array, shape (n,), s, >= 0, ascending; or a float, s, > 0, the end of 1001 equally spaced times from 0.
         """
         times = given_times(*((None, time) if np.ndim(time) == 0 else (time, None)))
         at, inside = pieces_at(times, self.period)
         states, commands = self._run(int(at[-1]) + 1)
-        held, age = self.held, at + 1  # of a command, in `commands`: none acts before its time
+        held, age = self.held_plant, at + 1  # `age`: index of the present command in `commands`
         parts = np.stack([np.minimum(inside, held.fraction), np.maximum(inside - held.fraction, 0)])
         x = states[at]
         for length, delay in zip(parts, (held.periods + 1, held.periods), strict=True):
@@ -227,18 +235,20 @@ class SampledLoop(BoundedLoop):
             output, control = x @ held.c, commands[age]
         acting = commands[np.maximum(pieces_at(times - self.dead_time, self.period)[0] + 1, 0)]
         if not np.isfinite(output).all():
-            raise InputError(f"time: {times[-1]:g} s is not allowed; the response overflows before it; give less")
+            raise InputError(
+                f"time: {times[-1]:g} s is not allowed; the response overflows before this time; give a shorter time"
+            )
         return TimeResponse(
             times, output, control, acting, 1 - output, np.zeros_like(output), self.dead_time, 1.0, 0.0, 0.0
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
-        """The plant's states at some number of samples, and the commands, behind a 0 for those before."""
+        """States of the plant at the first `count` samples, and the commands, after a 0 for those before t = 0."""
         if count > MOST_SAMPLES:
             raise InputError(
                 f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
             )
-        held, k = self.held, realise(self.controller)
+        held, k = self.held_plant, realise(self.controller)
         states, commands = np.zeros((count, held.c.size)), np.zeros(count + 1)
         inner = np.zeros(k.order)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -251,11 +261,11 @@ class SampledLoop(BoundedLoop):
                     states[i + 1] = states[i] + held.growth @ states[i] + held.gamma0 * now + held.gamma1 * before
         return states, commands
 
-    # -- the functions behind -----------------------------------------------------------------------------
+    # -- response and bounds ------------------------------------------------------------------------------
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
         z = np.exp(1j * omega * self.period)
-        # z - 1 apart from z: a short period puts every feature of the plant next to 1
+        # z - 1 is computed separately: with a short period every feature of the plant is next to z = 1
         plant, plant_slope = self._plant_response(z, np.expm1(1j * omega * self.period))
         k = self.controller
         slope = (1 / (z[..., None] - k.zeros)).sum(axis=-1) - (1 / (z[..., None] - k.poles)).sum(axis=-1) + plant_slope
@@ -269,18 +279,19 @@ class SampledLoop(BoundedLoop):
         return self._boxed.first_edges() / self.period
 
     def _expand(self, omega: Floats) -> Expansion:
-        h, turns = self.period, self.held.periods + 1
-        box = self._boxed.expand(omega * h, np.full(omega.size, self.held.fraction))
+        h, turns = self.period, self.held_plant.periods + 1
+        box = self._boxed.expand(omega * h, np.full(omega.size, self.held_plant.fraction))
         value, slope = box.value - 1j * turns * omega * h, h * (box.slope - 1j * turns)
         return Expansion(value, slope, lambda half: box.bounds(half * h)[1:])
 
     def _first_phase(self, omega: Floats) -> Floats:
-        parts = (self.plant, omega), (self.controller.shifted(1.0), omega * self.period)  # where z - 1 is j omega h
+        # at low frequency z - 1 is j omega h
+        parts = (self.plant, omega), (self.controller.shifted(1.0), omega * self.period)
         phases = [Response(system, 0.0).phase(at)[0] for system, at in parts]
         return phases[0] + phases[1]
 
     def _added_delay(self) -> tuple[float, float]:
-        # not read off a crossover: more dead time changes what the hold lets through between samples
+        # a crossover does not give it: added dead time also changes the response of the hold between samples
         return added_delay(self)
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
@@ -288,7 +299,7 @@ class SampledLoop(BoundedLoop):
         sided = np.append(response[:-1], end)
         return super()._gain_limits(nodes, sided) + ([(-1 / end, float(nodes[-1]))] if end < 0 else [])
 
-    def _unstable_words(self) -> tuple[str, str]:
+    def _unstable_description(self) -> tuple[str, str]:
         count = int(self.root_count.right)
         poles = f"{count} pole{'' if count == 1 else 's'} on or outside the unit circle"
         return f"sampled loop (period {self.period:g} s)", poles
@@ -302,15 +313,15 @@ class SampledLoop(BoundedLoop):
 
     @cached_property
     def feature_frequencies(self) -> Floats:
-        """Sizes of the poles and zeros of plant and controller, those at frequency 0 left out, rad/s."""
+        """Sizes of the poles and zeros of plant and controller, rad/s, without those at frequency 0."""
         in_z = np.concatenate([self.controller.zeros, self.controller.poles])
         sizes = [self.plant.zeros, self.plant.poles, np.log(in_z[in_z != 0]) / self.period]
         found = np.abs(np.concatenate(sizes))
         return np.asarray(found[found > 0])
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
-        """Pulse transfer function of held plant and dead time, and its logarithmic derivative with respect to z."""
-        held = self.held
+        """Pulse transfer function of hold, plant and dead time, and its logarithmic derivative with respect to z."""
+        held = self.held_plant
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
         driven = held.gamma0 + held.gamma1 / z[..., None]
         state = np.linalg.solve(resolvent, driven[..., None])[..., 0]
@@ -321,7 +332,8 @@ class SampledLoop(BoundedLoop):
         return np.asarray(value * z ** -float(held.periods)), np.asarray(slope)
 
     @cached_property
-    def held(self) -> HeldPlant:
+    def held_plant(self) -> HeldPlant:
+        """The plant with hold and dead time as a difference equation."""
         from scipy.linalg import expm
 
         p, h = realise(self.plant), self.period
@@ -334,14 +346,14 @@ class SampledLoop(BoundedLoop):
             block[: p.order, : p.order], block[: p.order, p.order :] = p.a * time, np.eye(p.order) * time
             return np.asarray(expm(block)[: p.order, p.order :])
 
-        # the command of a sample acts late into the period, until then the one before it
+        # within a period the previous command acts for the time `late`, then the present one
         remaining = integral(h - late)
         gamma1 = (np.eye(p.order) + p.a @ remaining) @ (integral(late) @ p.b)
         return HeldPlant(p.a @ integral(h), remaining @ p.b, gamma1, p.c, periods, late / h, p.a * h, p.b * h)
 
 
 def check_period(period: float) -> float:
-    """Return a sampling period, s; InputError unless finite and > 0."""
+    """Check and return a sampling period, s; InputError unless finite and > 0."""
     return number("period", period, "s", gt=0)
 
 
@@ -352,22 +364,24 @@ def check_period(period: float) -> float:
 #
 #     L = K(z) c (z - Phi)^-1 (G(1) + (z - 1) G(m)) z^-turns,    G(m) = integral of exp(a s) b over [0, m].
 #
-# Its numerator is a polynomial in z, and G is entire: the sizes of the Taylor coefficients at the middle of a box,
-# summed, bound what ln L is from its linear part anywhere in the box.
+# Its numerator is a polynomial in z, and G is entire. The sum of the sizes of the Taylor coefficients at the middle of
+# a box bounds the deviation of ln L from its linear part anywhere in the box.
 #
-# The dead time is turns - 1 + fraction periods, theta the pole's angle: the delay margin is the least root of L = -1
-# over boxes, each carrying the first turns at which it may hold one. The box that promises the earliest root is looked
-# at first, and parted, narrowed to where an interval Newton step leaves room, or dropped, until it is its root.
-#
+# The dead time is turns - 1 + fraction periods; theta is the angle of the pole. The delay margin is the least dead time
+# with a root of L = -1. The search covers boxes of theta and fraction; each has the first turns at which it may contain
+# a root. The box with the least possible dead time is examined first: it is divided, narrowed by an interval Newton
+# step, or dropped, until a root is isolated.
 
 
 @dataclass(frozen=True)
 class BoxedExpansion:
-    """ln(L z^turns) about the middles of boxes: `value`, and its slopes to theta and to the fraction, complex, (n,).
+    """Expansion of ln(L z^turns) about the middles of n boxes of theta and fraction.
 
-    `near` holds the reciprocal distances to poles and zeros, (n, roots), with `signs` 1 for a zero and -1 for a pole;
-    `taylor` the numerator's Taylor coefficients in z over its value, (n, order + 1), `drifts` those of its derivative
-    to 1 - fraction, `follows` how each follows the components of G, (n, order + 1, order).
+    - value, slope, drift: array of complex, (n,); the value and its derivatives to theta and to the fraction.
+    - near, signs: reciprocal distances to poles and zeros, (n, roots), and 1 for a zero, -1 for a pole.
+    - taylor: Taylor coefficients of the numerator in z over its value, (n, order + 1).
+    - drifts: the same for the derivative of the numerator to 1 - fraction.
+    - follows: derivatives of the Taylor coefficients to the components of G, (n, order + 1, order).
     """
 
     of: BoxedResponse
@@ -383,12 +397,12 @@ class BoxedExpansion:
     follows: Complexes
 
     def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats, Floats]:
-        """The largest ln|L| in the boxes; the largest distances of ln L and of ln|L| from their linear parts; or inf.
+        """Largest ln|L| in the boxes, and largest deviations of ln L and of ln|L| from their linear parts; or inf.
 
-        `half` and `half_fraction` are half the widths, (n,). The second holds for complex theta in the disk of radius
-        `half` too. The third is far less at low frequency, where a delay turns L and leaves |L| as it is.
+        `half` and `half_fraction` are half widths, (n,). The second bound also holds for complex theta in the disk of
+        radius `half`. The third is much smaller at low frequency, where a delay turns L without changing |L|.
         """
-        # each power of z - middle by its size; in the third the first power by its part along the circle
+        # each power of z - middle is bounded by its size; in the third bound the first power is split along the circle
         reach = np.expm1(half)  # |z - middle|
         powers: Floats = reach[:, None] ** np.arange(self.taylor.shape[1])
         powers[:, 0] = 0.0
@@ -416,13 +430,13 @@ class BoxedExpansion:
 
 
 class BoxedResponse:
-    """The response of a `SampledLoop` as its expansions need it; time is counted in periods."""
+    """Expansions of a `SampledLoop`'s response over boxes; time is counted in periods."""
 
     def __init__(self, loop: SampledLoop) -> None:
-        held = self._held = loop.held
+        held = self._held = loop.held_plant
         self.controller, n = loop.controller, held.c.size
         poles = np.concatenate([np.expm1(loop.plant.poles * loop.period), loop.controller.poles - 1])
-        self._roots = np.concatenate([poles, loop.controller.zeros - 1])  # of z - 1
+        self._roots = np.concatenate([poles, loop.controller.zeros - 1])  # in terms of z - 1
         self._signs = np.repeat([-1.0, 1.0], [poles.size, loop.controller.zeros.size])
         # [[bound, 1, 0], [0, 0, 1], [0, 0, 0]] with |exp(a m)| <= exp(bound m): its exponential holds the integrals
         self._bound = np.diag(np.ones(2 * n), n)
@@ -431,16 +445,16 @@ class BoxedResponse:
         self._slowest = min(np.pi, float(loop.feature_frequencies.min(initial=np.inf)) * loop.period)
 
     def first_edges(self) -> Floats:
-        """Values of theta from which to part further, from far below the slowest pole or zero to pi."""
+        """First values of theta of the division, from far below the slowest pole or zero to pi."""
         low = _BELOW_FEATURES * self._slowest
         return np.geomspace(low, np.pi, 2 + int(np.log(np.pi / low) / np.log(_CELL_RATIO)))
 
     def _reached(self, m: Floats) -> Floats:
-        """G(m), (n, order)."""
+        """State G(m) reached with command 1 after m periods, (n, order)."""
         return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
-        """Bound on what G is from linear about `fraction` within `half`, by components, (n, order)."""
+        """Bound on the deviation of G from linear about `fraction` within `half`, by components, (n, order)."""
         from scipy.linalg import expm
 
         a, b = self._held.a, self._held.b
@@ -449,13 +463,13 @@ class BoxedResponse:
             powers = expm(self._bound * halves[:, None, None])[at]
         once, twice = powers[:, :n, n : 2 * n], powers[:, :n, 2 * n :]
         ends, at = np.unique(1 - np.stack([fraction, fraction + half]), return_inverse=True)
-        # |G''| at the middle, and where m is least: from each on exp(a m) is less than exp of the bounding matrix
+        # |G''| at the middle and at the least m; from each on the bounding matrix bounds exp(a m)
         curved = np.abs((self._reached(ends) @ a.T + b) @ a.T)[at.reshape(2, -1)][..., None]
         after, before = twice @ curved[0], (half[:, None, None] * once - twice) @ curved[1]
         return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> BoxedExpansion:
-        """The expansion about points, theta in rad per period and the fraction, (n,) each."""
+        """Expand about points: theta, rad per period, and the fraction, (n,) each."""
         held, n, beyond = self._held, self._held.c.size, np.expm1(1j * theta)
         fractions, at = np.unique(fraction, return_inverse=True)
         reached = self._reached(1 - fractions)[at]
@@ -493,7 +507,10 @@ class BoxedResponse:
 
 
 class Boxes(NamedTuple):
-    """Middles and half widths, turns, whether no other turns count, and the least dead time, in periods; (n,) each."""
+    """Boxes of theta and fraction: middles and half widths, turns and least dead time in periods; (n,) each.
+
+    `only`: the box counts for its present turns only, not for later ones.
+    """
 
     theta: Floats
     half: Floats
@@ -504,36 +521,36 @@ class Boxes(NamedTuple):
     least: Floats
 
     def at(self, index: NDArray[np.intp] | Flags) -> Boxes:
-        """Those of an index."""
+        """The boxes at an index."""
         return Boxes._make(each[index] for each in self)
 
 
 def added_delay(loop: SampledLoop) -> tuple[float, float]:
     """Least added dead time at which stability is lost, s, and the frequency of the pole, rad/s; inf and NaN if never.
 
-    Never: |L| < 1 at all fractions but for frequencies below 1e-5 of the slowest pole or zero; or not within the dead
-    time that turns those by a quarter. Where 20 000 boxes decide nothing, the dead time up to which no loss is certain.
+    Frequencies below 1e-5 of the slowest pole or zero do not count, nor do dead times that turn these by more than
+    90 deg. If 20 000 boxes do not isolate the root, the result is the dead time up to which stability is certain.
     """
     response, begin = loop._boxed, loop.dead_time / loop.period
     edges = response.first_edges()
-    boxes, last = _first_boxes(edges, loop.held.periods, loop.held.fraction), math.pi / 2 / edges[0]
-    found, looked_at = (math.inf, math.nan), 0
-    while boxes.least.size and looked_at < _MOST_BOXES:
+    boxes, last = _first_boxes(edges, loop.held_plant.periods, loop.held_plant.fraction), math.pi / 2 / edges[0]
+    found, examined = (math.inf, math.nan), 0
+    while boxes.least.size and examined < _MOST_BOXES:
         order = np.argsort(boxes.least, kind="stable")
         now, later = boxes.at(order[:_AT_ONCE]), boxes.at(order[_AT_ONCE:])
-        looked_at += now.least.size
+        examined += now.least.size
         parts, roots = _part(response, now, begin)
         found = min([found, *roots])
         last = min(last, found[0] - _SAME * (found[0] - begin))
         boxes = Boxes._make(np.concatenate(each) for each in zip(later, *parts, strict=True))
         boxes = boxes.at(boxes.least < last)
-    # what is left, if anything, may hold an earlier one
+    # boxes left over after `_MOST_BOXES` may contain an earlier root
     found = min([found, *zip(boxes.least.tolist(), boxes.theta.tolist(), strict=True)])
     return (found[0] - begin) * loop.period, found[1] / loop.period
 
 
 def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
-    """All frequencies by all fractions, those before the loop's own a turn later."""
+    """Boxes of all frequencies and all fractions; fractions below the loop's own are reached one turn later."""
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
         if late > early:
@@ -543,7 +560,7 @@ def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
 
 
 class Step(NamedTuple):
-    """Where from the middle of a box a root would be by the linear part, and how far from there it can be; (n,)."""
+    """Newton step from the middle of each box to the root of the linear part, and the largest error of it; (n,)."""
 
     theta: Floats
     theta_room: Floats
@@ -552,7 +569,10 @@ class Step(NamedTuple):
 
 
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
-    """Parts of the boxes that may hold a root after `begin`, and (dead time, theta) of the roots found, in periods."""
+    """Divide boxes; return the parts that may contain a root, and (dead time, theta) of roots found after `begin`.
+
+    Dead times are in periods, theta in rad.
+    """
     expansion = response.expand(boxes.theta, boxes.fraction)
     top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
     still = expansion.bounds(boxes.half)[2]
@@ -568,7 +588,7 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
     dead_time = np.where(np.isfinite(step.fraction_room), boxes.turns - 1 + boxes.fraction + step.fraction, boxes.least)
     theta = np.minimum(boxes.theta + step.theta, math.pi)
     roots = [(float(dead_time[i]), float(theta[i])) for i in np.flatnonzero(done & (dead_time > begin))]
-    # where the step leaves less than half of a box, the rest of it is for later turns only
+    # if the step leaves less than half of a box, the remaining part only matters for later turns
     narrow = alive & ~done & (step.fraction_room < boxes.half_fraction / 2)
     later = boxes._replace(turns=boxes.turns + 1, least=boxes.turns + boxes.fraction - boxes.half_fraction)
     parts = [_narrowed(boxes, step).at(narrow), later.at((narrow | done) & ~boxes.only)]
@@ -587,11 +607,11 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
 def _next_turns(
     expansion: BoxedExpansion, boxes: Boxes, rest: Floats, across: Floats, alive: Flags
 ) -> tuple[Boxes, Step, Flags]:
-    """The first turns, from their own on, at which each box may hold a root, with the interval Newton step there."""
+    """First turns, from the present ones on, at which each box may contain a root, and the interval Newton step."""
     size, phase = expansion.value.real, expansion.value.imag - math.pi
     rise, drift, turns = expansion.slope.real, expansion.drift, boxes.turns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # where in theta |L| may be 1
+        # range of theta, from the middle, in which |L| may be 1
         room, to = across / np.abs(rise), -size / rise
         tight = room < boxes.half
         low = np.where(tight, np.maximum(to - room, -boxes.half), -boxes.half)
@@ -616,7 +636,7 @@ def _next_turns(
             alive = alive & (fits | ~boxes.only)
             if not (alive & ~fits).any():
                 break
-            # a turn more lowers the phase by theta
+            # each further turn lowers the phase by theta
             gap = np.where(np.abs(off) <= wide, 0.0, np.mod(off - wide, 2 * math.pi))
             skipped = np.maximum(1.0, np.ceil(gap / (boxes.theta + high) - _TINY))
             turns = np.where(alive & ~fits, turns + skipped, turns)
@@ -627,7 +647,7 @@ def _next_turns(
 
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
-    """The part of each box that its step leaves, for its turns alone."""
+    """The part of each box within the error of its Newton step; it counts for the present turns only."""
 
     def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)

@@ -1,15 +1,15 @@
-"""The exact number of closed-loop poles in the right half plane, and the rightmost of them.
+"""Exact number of closed-loop poles in the right half plane, and the rightmost closed-loop poles.
 
 The closed-loop poles are the zeros of the quasi-polynomial Q(s) = D(s) + N(s) exp(-tau s), L = N exp(-tau s)/D.
-Along s = j omega the argument of Q is known in closed form wherever |L| != 1: it is arg D + Arg(1 + L) where
-|L| < 1 and arg N - tau omega + Arg(1 + 1/L) where |L| > 1, both principal values within +-90 deg. At a gain
-crossover the two differ by 2 pi round(arg L/2 pi). So the gain crossovers, with the continuous phase there,
-decide: no grid, no Pade, and poles on or near the axis need no indentation because where |L| is large only N
-is looked at. This is the direct method of [WaltonMarshall1987] read at one dead time.
+Along s = j omega the argument of Q has a closed form wherever |L| != 1. It is arg D + Arg(1 + L) for |L| < 1 and
+arg N - tau omega + Arg(1 + 1/L) for |L| > 1; both principal values are within +-90 deg. At a gain crossover the two
+forms differ by 2 pi round(arg L/2 pi). The gain crossovers and the continuous phase at them therefore decide, without a
+grid or a Pade approximation. Open-loop poles on or near the axis need no indentation, because for large |L| only N
+enters. This is the direct method of [WaltonMarshall1987] applied at one dead time.
 
-The crossovers are algebraic numbers, isolated exactly (`crossings`). Where rounding of the phase could matter, balls of
-growing precision decide; with dead time they do so in the end, as exp(-j tau omega) is transcendental there (Lindemann)
-and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
+The crossovers are algebraic numbers, isolated exactly (`crossings`). If rounding of the phase could matter, balls of
+growing precision decide. With dead time some precision always suffices: exp(-j tau omega) is transcendental there
+(Lindemann), so L is not -1. Without dead time, L = -1 at a crossover is a pole on the axis.
 """
 
 from __future__ import annotations
@@ -24,19 +24,18 @@ from railslip_ctrl.core.records import dataclass
 from .crossings import GAIN, MOST_BITS, Response
 from .rational import Rational, realise, rounded_roots
 
-_FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
-# Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
-_SHIFT = 1e-7
-_NEWTON_STEPS = 60
-_FIXED_POINT_STEPS = 30  # for the start values of the chain; Newton takes over from there
-_RESIDUAL = 1e-10  # |Q|/(|D| + |N exp|) of an accepted pole; a double pole leaves about 1e-15 as well
-_POINTS = (40, 80, 160)  # Chebyshev points tried; only the poles near the origin depend on them
-_SAME = 1e-7  # relative distance within which two zeros found are one: a double one is good to 1e-8
+_FARTHEST = 600.0  # largest dead time times |line|: exp(600) is still a double
+_SHIFT = 1e-7  # shift of the contour to the left, relative to the loop's frequencies, so that poles on the axis count
+_NEWTON_STEPS = 60  # most steps from one start value
+_FIXED_POINT_STEPS = 30  # iterations for the start values of the chain; Newton's method refines them
+_RESIDUAL = 1e-10  # largest |Q|/(|D| + |N exp|) of an accepted pole; even a double pole leaves about 1e-15
+_POINTS = (40, 80, 160)  # Chebyshev points tried; they only matter for the poles near the origin
+_SAME = 1e-7  # relative distance within which two computed zeros are one; a double zero is accurate to 1e-8
 
 
 @dataclass(frozen=True)
 class RootCount:
-    """Closed-loop poles right of a line; `marginal` if some lie on it (they are counted as right of it)."""
+    """Number of closed-loop poles right of a line; `marginal` if some lie on the line, which count as right."""
 
     right: float
     marginal: bool
@@ -48,20 +47,20 @@ class RootCount:
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf for a chain of them."""
+    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf for a chain."""
     if dead_time * line < -_FARTHEST:
-        return RootCount(float("inf"), False)  # so far left that exp(-tau line) overflows: beyond any use
+        return RootCount(float("inf"), False)  # exp(-tau line) would overflow
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
 
 
 def root_count(response: Response, *, certain: bool = False) -> RootCount:
-    """Count the closed-loop poles right of the imaginary axis, as `count_right_of`; all of it in balls if `certain`."""
+    """Count the closed-loop poles right of the imaginary axis; if `certain`, balls decide every phase."""
     count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)
     scale = float(response.scales.min())
     for attempt in range(1, 8):
-        # not a multiple of itself, so that a pole met once by accident is not met again
+        # the power 1.37 avoids multiples of one shift: a pole on one shifted line is not on the next
         count, again = _count(_moved(response, -_SHIFT * scale * attempt**1.37))
         if not again:
             break
@@ -69,12 +68,12 @@ def root_count(response: Response, *, certain: bool = False) -> RootCount:
 
 
 def _moved(response: Response, c: float) -> Response:
-    """L(s + c) as a function of s."""
+    """Response of the shifted loop L(s + c)."""
     return Response(response.system.shifted(c) * float(np.exp(-response.dead_time * c)), response.dead_time)
 
 
 def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
-    """(closed-loop poles with positive real part, whether one is on the axis)."""
+    """Number of closed-loop poles with positive real part, and whether one is on the axis."""
     system, dead_time = response.system, response.dead_time
     both = (system.zeros.tolist(), system.poles.tolist())
     axis_zeros, axis_poles = (any(root.real == 0 for root in roots) for roots in both)
@@ -95,7 +94,7 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
         with ctx.workprec(MOST_BITS):
             roots = characteristic.complex_roots()
         return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)
-    # half turns of arg Q from omega = 0 to infinity: the branch follows the form in use, that of N where |L| > 1
+    # half turns of arg Q from omega = 0 to infinity, in the form in use: that of N where |L| > 1
     large, turned = response.exact.large_at_zero, int(system.gain < 0)
     change = -(right[0] + turned) if large else -right[1]
     phases = response.phases_at_crossovers(certain=True) if certain else response.crossover_phases
@@ -106,7 +105,7 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
             n = int(odd) + (1 if rest > 0 else -1)
             change += n if large else -n
             large = not large
-    # far up the axis every continuous angle is 90 deg, left and right roots alike
+    # as omega tends to infinity the continuous angle of every root, left or right, is 90 deg
     end = system.zeros.size + 2 * turned if large else system.poles.size
     return float(system.poles.size / 2 - end / 2 - change), False
 
@@ -115,19 +114,19 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
 
 
 class SpectrumError(RailslipError, ArithmeticError):
-    """The rightmost poles could not be confirmed by the root count."""
+    """The exact root count does not confirm the rightmost poles."""
 
 
 def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes:
     """The `count` rightmost zeros of D + N exp(-dead_time s), rightmost first, pairs upper half first, 1/s.
 
-    Without dead time there are only as many as the system has poles. Of a neutral loop those right of its chain are
-    confirmed; the chain's own have nearly one real part and come in ascending frequency. Raises SpectrumError where
-    the exact count contradicts what was found (then nothing is returned).
+    Without dead time the loop has only as many poles as the system. For a neutral loop the poles right of its chain are
+    confirmed; those of the chain have nearly equal real parts and come in ascending frequency. Raises SpectrumError if
+    the exact count contradicts the computed poles.
 
-    The dead time is a transport line fed by the loop's error; discretised on Chebyshev points it becomes a matrix whose
+    The dead time is a transport line with the loop's error as input. On Chebyshev points it becomes a matrix whose
     rightmost eigenvalues approximate those of the infinite-dimensional loop with spectral accuracy ([Breda2005]).
-    Newton's method on the quasi-polynomial takes each to rounding, and the root count right of a line confirms that
+    Newton's method on the quasi-polynomial refines each to rounding, and the root count right of a line confirms that
     none is missing.
     """
     num, den = system.polynomials
@@ -140,14 +139,14 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
         if poles.size >= count and _confirmed(system, dead_time, poles, count):
             return poles[:count]
     raise SpectrumError(
-        f"the {count} rightmost closed-loop poles could not be confirmed by the root count; ask for fewer, or "
+        f"the root count does not confirm the {count} rightmost closed-loop poles; ask for fewer, or "
         f"check the scaling (dead time {dead_time:g} s, largest open-loop pole "
         f"{np.abs(system.poles).max(initial=0):.3g} 1/s)"
     )
 
 
 def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
-    """Poles far out, about, one a turn of the dead time: tau s = ln(-N/D) + 2 pi j k, iterated from each k >= 0."""
+    """Approximate poles far from the origin, one per k >= 0, by iterating tau s = ln(-N/D) + 2 pi j k."""
     turns = np.arange(count, dtype=float)
     s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
     with np.errstate(all="ignore"):
@@ -158,7 +157,7 @@ def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
 
 
 def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
-    """Eigenvalues of the loop with the dead time as a transport line on `points` + 1 Chebyshev points."""
+    """Eigenvalues of the loop with its dead time as a transport line on `points` + 1 Chebyshev points."""
     open_loop = realise(system)
     n = open_loop.order
     nodes = np.cos(np.pi * np.arange(points + 1) / points)
@@ -167,7 +166,7 @@ def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
     derivative = np.outer(weight, 1.0 / weight) / difference
     derivative -= np.diag(derivative.sum(axis=1))
     derivative *= 2.0 / dead_time
-    # u on the line at theta = dead_time (node - 1)/2; u(0) = -C x - D u(-dead_time) closes the loop
+    # u is the signal on the line at theta = dead_time (node - 1)/2; u(0) = -C x - D u(-dead_time) closes the loop
     matrix = np.zeros((n + points, n + points))
     matrix[:n, :n] = open_loop.a
     matrix[:n, -1] = open_loop.b
@@ -178,7 +177,7 @@ def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
 
 
 def _quasi_polynomial(system: Rational, dead_time: float, s: Complexes) -> tuple[Complexes, Complexes, Floats]:
-    """Q, dQ/ds and |D| + |N exp| at s."""
+    """Values of Q, dQ/ds and |D| + |N exp| at s."""
     d, d_slope = _product(system.poles, s)
     n, n_slope = _product(system.zeros, s)
     delay = system.gain * np.exp(-dead_time * s)
@@ -186,7 +185,7 @@ def _quasi_polynomial(system: Rational, dead_time: float, s: Complexes) -> tuple
 
 
 def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
-    """prod(s - roots) and its derivative, exact at the roots themselves."""
+    """Product prod(s - roots) and its derivative, accurate at the roots too."""
     value, slope = np.ones_like(s), np.zeros_like(s)
     for root in roots:
         slope = slope * (s - root) + value
@@ -195,7 +194,7 @@ def _product(roots: Complexes, s: Complexes) -> tuple[Complexes, Complexes]:
 
 
 def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Complexes, Flags]:
-    """Newton's method from each start value, and whether each ended on a zero of Q."""
+    """Apply Newton's method to each start value; returns the ends and whether each is a zero of Q."""
     s = start.astype(complex)
     with np.errstate(all="ignore"):
         for _ in range(_NEWTON_STEPS):
@@ -205,13 +204,13 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
             if np.all(~np.isfinite(s) | (np.abs(step) <= 4e-16 * np.abs(s))):
                 break
         q, slope, size = _quasi_polynomial(system, dead_time, s)
-        # next to an open-loop pole D and N exp are small and cancel: there the size of the last step decides
+        # next to an open-loop pole D and N exp are small and cancel: the size of the last step decides instead
         at_rounding = np.abs(q) <= 1e-13 * np.abs(s) * np.abs(slope)
         return s, np.isfinite(s) & ((np.abs(q) <= _RESIDUAL * size) | at_rounding)
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Distinct zeros of Q near the start values, pairs exactly conjugate; a double zero stays double."""
+    """Distinct zeros of Q near the start values, pairs exactly conjugate, double zeros twice."""
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
     features = np.abs(np.append(system.roots, 1 / dead_time))
@@ -221,7 +220,7 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
     for s, s0 in sorted(zip(found[good], start[good], strict=True), key=lambda pair: abs(pair[0] - pair[1])):
         tolerance = _SAME * abs(s) + floor
         same = [i for i, k in enumerate(kept) if abs(k - s) <= tolerance]
-        # two start values may run to one zero; it is double only if Q' vanishes there too
+        # two start values may converge to one zero; it is double only if Q' vanishes too
         if not same or (len(same) == 1 and s0 != starts[same[0]] and _is_double(system, dead_time, s)):
             kept.append(s)
             starts.append(s0)
@@ -232,29 +231,30 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
 
 
 def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
-    """Whether dQ/ds vanishes at a zero of Q, to the accuracy that a double zero has."""
+    """True if dQ/ds vanishes at a zero of Q, to the accuracy of a double zero."""
     at = np.array([s])
     _q, slope, size = _quasi_polynomial(system, dead_time, at)
     if size[0] == 0 or not np.isfinite(size[0]):
-        return bool(slope[0] == 0)  # on a hidden mode, where D and N both vanish
+        return bool(slope[0] == 0)  # a hidden mode: D and N both vanish
     nearest = float(np.min(np.abs(system.roots - s), initial=np.inf))
     scale = 1 / nearest if 1e-300 < nearest < np.inf else 0.0
     return bool(np.abs(slope[0]) <= 1e-6 * size[0] * (scale + dead_time))
 
 
 def _ordered(poles: Complexes) -> Complexes:
+    """Sort poles: rightmost first, then ascending |Im|, upper half first."""
     return poles[np.lexsort((-poles.imag, np.abs(poles.imag), -poles.real))]
 
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
-    """Whether the exact count right of a line just left of pole number `count` is what was found."""
+    """True if the exact count right of a line just left of pole number `count` equals the number of poles found."""
     scale = 1e-9 * abs(poles[count - 1])
     edge = float(poles.real[count - 1]) - scale
     left = poles.real[poles.real < edge]
     line = 0.5 * (edge + float(left.max())) if left.size else edge - scale
     through = abs(system.feedthrough)
     if through > 0:
-        # a neutral loop's chain tends to this real part: only what lies right of it can be counted
+        # a neutral loop's chain tends to this real part: only poles right of it can be counted
         line = max(line, np.log(through) / dead_time + 1e-6 / dead_time)
     expected = count_right_of(system, dead_time, float(line))
     return not expected.marginal and expected.right == np.count_nonzero(poles.real > line)
