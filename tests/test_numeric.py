@@ -261,7 +261,7 @@ def test_the_published_operating_point() -> None:
 def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> None:
     """mu would be that of other forces: 0.084 in place of 0.2985 at the coach's load."""
     coach = PARK2008.model_copy(update={"wheel_load": 122.6e3})
-    with pytest.raises(InputError, match=r"a wheel load of 34500 N, and the vehicle has 122600 N; give published_law"):
+    with pytest.raises(InputError, match=r"wheel load of 34500 N, .* 122600 N; .*published_law"):
         operating_point(BRISTLE, coach, V100, 0.132)
     mu = bristle_point().adhesion_coefficient
     own = published_law("bristle", Rail.DRY, wheel_load=coach.wheel_load)

@@ -1,6 +1,7 @@
-"""The plant: vehicle, adhesion laws, one statement in SymPy, its numeric code, linearisation.
+"""Plant model: vehicle, adhesion laws, equations of motion in SymPy, numeric code, linearisation.
 
-Imports `core`. Begin with `plant`, the statement; the functions of `numeric`, and in `kernels` their text for
-compiled runs, are generated from it. `vehicle` has the records of vehicle, wheel and actuator, `vehicle_files` reads
-them, `linearization` gives the plant at an operating point. A new adhesion law is a file in `adhesion/`.
+The room imports only `core`. Begin with `plant`, which states the equations of motion. The numeric functions
+(`numeric`) and their text for compiled runs (`kernels`) are generated from it. `vehicle` has the records of vehicle,
+wheel and actuator, `vehicle_files` reads them from files, and `linearization` gives the linear plant at an operating
+point. A new adhesion law is a file in `adhesion/`.
 """

@@ -1,4 +1,4 @@
-"""Texts of kernels: the functions of an adhesion law and what runs them, put together into one module."""
+"""Simulation kernels: the functions of an adhesion law and the code that calls them, assembled into one module."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-_HEAD = '''"""A simulation kernel, put together by railslip_ctrl.model.kernels: law {law!r}."""
+_HEAD = '''"""A simulation kernel, assembled by railslip_ctrl.model.kernels: law {law!r}."""
 import math
 from typing import NamedTuple
 
@@ -42,7 +42,7 @@ def where(condition, one, other):
 
 @compiled
 def table_cell(x, table):
-    """Where |x| lies between two nodes, 0 to 1, and there: value and slope at the first, slope at the second, rise."""
+    """Place of |x| between two nodes, 0 to 1; value and slope at the first, slope at the second, rise of the value."""
     nodes = (table.size - 1) // 2
     place = abs(x) * table[0]
     i = min(int(place), nodes - 2)
@@ -52,7 +52,7 @@ def table_cell(x, table):
 
 @compiled
 def tabulated(x, *rest):
-    """A function of the slip ratio, odd, by the cubic through values and slopes of the table, which comes last."""
+    """Odd function of the slip ratio by cubic interpolation of the table, the last argument."""
     u, f0, d0, d1, rise = table_cell(x, rest[-1])
     value = f0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
     return value if x >= 0.0 else -value
@@ -60,7 +60,7 @@ def tabulated(x, *rest):
 
 @compiled
 def tabulated_slope(x, *rest):
-    """Its slope, even."""
+    """Derivative of `tabulated` to the slip ratio, an even function."""
     u, _, d0, d1, rise = table_cell(x, rest[-1])
     return rest[-1][0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
 
@@ -75,9 +75,9 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
 
 """
-# Only `run` allocates. Everything below it is put into it, without counting references to arrays at every call: three
-# times as fast, a few per cent from the same loop in C. Python calls `run` alone: wrappers for the others would take a
-# quarter of the time to compile.
+# Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays: three times
+# as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the others would take a
+# quarter of the compile time.
 _COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
@@ -85,68 +85,70 @@ compiled = njit(nogil=True, error_model='numpy', **inlined)
 entry = njit(cache=True, nogil=True, error_model='numpy')"""
 _INTERPRETED = "\n\ndef compiled(function):\n    return function\n\n\nentry = compiled"
 
-# the modules' own imports are of names that the put-together text defines itself
+# the assembled text defines the names that its parts import
 _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTILINE)
 
 
 def scalar_source(law: type[AdhesionLaw]) -> str:
-    """The functions of a law for a kernel."""
+    """Text of a law's functions, marked for compilation in a kernel."""
     return re.sub(r"^def ", "@compiled\ndef ", plain(source(law)), flags=re.MULTILINE)
 
 
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """A module of the functions of a law, then the parts; to be compiled or to be interpreted.
+    """Text of a kernel module: the functions of a law, then the parts; for Numba if `compiled`, else for Python.
 
-    Parts are texts as `plain` gives them. What Python calls is named `run` and marked `entry`.
+    Parts are texts as `plain` returns them. Python calls the function named `run`, which is marked `entry`.
     """
     head = _HEAD.format(law=law.name, marker=_COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 
 def plain(text: str) -> str:
-    """A module's text without its docstring and imports, to be put into another."""
+    """Text of a module without its docstring and imports, for use inside another module."""
     return _IMPORTS.sub("", re.sub(r'\A""".*?"""\n', "", text, count=1, flags=re.DOTALL))
 
 
 def prefixed(text: str, prefix: str) -> str:
-    """The text with a prefix before the names of the functions it defines."""
+    """Prefix the names of the functions that a text defines."""
     return re.sub(r"^def (\w+)\(", rf"def {prefix}\1(", text, flags=re.MULTILINE)
 
 
-# --- what a kernel's text finds in its own module when it is put together: here only named and typed, for reading ----
+# --- placeholders, for readers and type checkers, of names that the assembled kernel module defines ------------------
 
 
 F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Marks what numba compiles into the loop, and what may not allocate; in interpreted use it does nothing."""
+    """Mark a function that Numba inlines into the loop and that may not allocate; no effect when interpreted."""
     return function
 
 
 def entry(function: F) -> F:
-    """Marks what Python calls: compiled, cached, and free to allocate; in interpreted use it does nothing."""
+    """Mark the function that Python calls: compiled, cached, free to allocate; no effect when interpreted."""
     return function
 
 
-def _filled_in(name: str) -> Callable[..., object]:
-    def slot(*_: object) -> object:
-        raise NotImplementedError(f"{name} is filled in where a kernel is put together")
+def _placeholder(name: str) -> Callable[..., object]:
+    """Stand-in for a function of the assembled kernel module; a call raises NotImplementedError."""
 
-    return slot
+    def undefined(*_: object) -> object:
+        raise NotImplementedError(f"{name} is defined only in an assembled kernel module (see module_text)")
 
-
-adhesion_force = _filled_in("adhesion_force")
-command = _filled_in("command")
-lag_rate = _filled_in("lag_rate")
-law_control = _filled_in("law_control")
-rates = _filled_in("rates")
-rates_and_powers = _filled_in("rates_and_powers")
-rest_state = _filled_in("rest_state")
-stiffness = _filled_in("stiffness")
+    return undefined
 
 
-# --- kernels compiled by numba, and cached ---------------------------------------------------------------------------
+adhesion_force = _placeholder("adhesion_force")
+command = _placeholder("command")
+lag_rate = _placeholder("lag_rate")
+law_control = _placeholder("law_control")
+rates = _placeholder("rates")
+rates_and_powers = _placeholder("rates_and_powers")
+rest_state = _placeholder("rest_state")
+stiffness = _placeholder("stiffness")
+
+
+# --- kernels compiled by Numba, and cached ---------------------------------------------------------------------------
 
 
 logger = logging.getLogger(__name__)
@@ -154,7 +156,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """The module of a text (see `module_text`), ready to run; the same `compiled` as the text was made for."""
+    """Module of a kernel text (see `module_text`), ready to run; `compiled` as for the text."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)
@@ -162,10 +164,10 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
         return module
     path = _stored(name, text)
     if not any(path.parent.glob(f"__pycache__/{name}.run-*.nbi")):
-        _tell_of_compiling(path.parent)
+        _log_compiling(path.parent)
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None, "a path that ends in .py has a specification"
-    assert spec.loader is not None, "and a loader"
+    assert spec is not None, "a path that ends in .py has an import specification"
+    assert spec.loader is not None, "a path that ends in .py has a loader"
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # numba finds the functions of a cached module by its name
     spec.loader.exec_module(module)
@@ -173,14 +175,15 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
 
 
 @cache
-def _tell_of_compiling(folder: Path) -> None:
-    """Log it, once in a process."""
+def _log_compiling(folder: Path) -> None:
+    """Log, once per process, that the simulation is being compiled."""
     logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
 
 
 def _stored(name: str, text: str) -> Path:
+    """Write a kernel's text to the cache folder unless it is there; returns its path."""
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
-        with staged(path.parent) as new:  # another process may be doing the same: the last wins, both are equal
+        with staged(path.parent) as new:  # another process may write the same text at the same time
             (new / path.name).write_text(text, encoding="utf-8")
     return path

@@ -1,7 +1,7 @@
-"""Operating points of constant slip, and the linear plant about them, its speed frozen or a state.
+"""Operating points of constant slip, and the linear plant about them with the speed frozen or as a state.
 
-Braking at constant slip is not an equilibrium, as v falls all the time. An operating point is (v, lambda, rail, law)
-with the adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
+Braking at constant slip is not an equilibrium, because v falls. An operating point is (v, lambda, rail, law) with the
+adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ STATES = ("v", "sigma", "z")
 INPUTS = ("brake_torque",)
 OUTPUTS = ("sigma", "lambda", "error")
 
-# The residual is a difference of accelerations that cancel, relative to their size: a few roundings.
+# Largest residual: a difference of cancelling accelerations over their size; rounding gives a few 1e-16.
 _LARGEST_RESIDUAL = 1e-12
 
-# A slip this near to a kink cannot be told from it: both carry roundings of a few 1e-16.
+# Relative distance at which a slip counts as being at a kink: far above rounding, a few 1e-16.
 _KINK_TOLERANCE = 1e-9
 
-_SAME_LOAD = 1e-6  # relative: rounding of a load that went through text or a factor
+_SAME_LOAD = 1e-6  # relative difference within which two wheel loads are equal: rounding in text or by a factor
 
-# Slip next to 0 from which the Jacobian's limit at 0 is extrapolated (to order slip^2, so far below the tolerance).
+# Slip from which the limit of the Jacobian at slip 0 is extrapolated; the error is of order slip^2.
 _NEXT_TO_ZERO = 1e-7
-_LIMIT_TOLERANCE = 1e-6
+_LIMIT_TOLERANCE = 1e-6  # largest relative difference between the Jacobian at slip 0 and its limit
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A point of constant slip.
+    """Operating point of braking at constant slip.
 
-    - law, vehicle, rail: what the point belongs to.
+    - law, vehicle, rail: adhesion law, quarter car and rail condition of the point.
     - speed: v, m/s.
     - slip: lambda, slip ratio, 0 <= lambda < 1.
     - adhesion_state: z at rest, m; None for a static law.
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
-    - initial_speed_kmh: v0 the law's parameters were made for, km/h; None where they do not depend on it.
-    - residual: larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
+    - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
+    - residual: larger of |lambda'| and |z'| in the equations of motion, as a share of the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -73,27 +73,27 @@ class OperatingPoint:
 
     @property
     def speed_kmh(self) -> float:
-        """v, km/h."""
+        """Train speed v, km/h."""
         return self.speed / KMH
 
     @property
     def words(self) -> str:
-        """The point as text names it: law, rail, speed, slip, mass."""
+        """Description of the point: law, rail, speed, slip and mass."""
         return f"{self.adhesion}, {self.place}"
 
     @property
     def place(self) -> str:
-        """Its `words` without the law."""
+        """Description of the point without the law."""
         return f"{self.rail} rail, {self.speed_kmh:g} km/h, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
 
     @property
     def sigma(self) -> float:
-        """Slip velocity, m/s."""
+        """Slip velocity sigma, m/s."""
         return self.slip * self.speed
 
     @property
     def adhesion_coefficient(self) -> float:
-        """mu = Fa/N."""
+        """Adhesion coefficient mu = Fa/N."""
         return self.adhesion_force / self.vehicle.wheel_load
 
 
@@ -107,34 +107,36 @@ def operating_point(
     rail: Rail | None = None,
     initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
-    """The operating point of a law at a speed and a slip: the state at rest and the brake torque that keeps it.
+    """Compute the operating point of a law at a speed and a slip: adhesion state at rest and brake torque.
 
-    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
+    - law: with parameters for the rail condition in question.
+    - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
     - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
-    - rail, initial_speed_kmh: labels: the rail, left out the law's own; v0 the law's parameters were made for, km/h.
+    - rail: label; by default the law's own rail condition.
+    - initial_speed_kmh: label; initial speed v0 of the law's parameters, km/h.
 
     Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
-    argument of another kind, or a published law made for another wheel load. DomainError: the speed is not finite and
-    positive, the slip is outside 0 <= lambda < 1, or the law does not hold there. KinkError: slip 0 with a dynamic law,
-    whose rest state is undefined there.
+    argument of another kind, or a published law for another wheel load. DomainError: the speed is not finite and
+    positive, the slip is outside 0 <= lambda < 1, or the law is not valid at this point. KinkError: slip 0 with a
+    dynamic law, whose rest state is undefined at slip 0.
     """
     if initial_speed_kmh is not None:
         number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
     if not (math.isfinite(slip) and 0.0 <= slip < 1.0):
-        reason = "a locked wheel does not roll, so there is no torque that holds it; " if slip == 1.0 else ""
+        reason = "no brake torque holds a locked wheel at constant slip; " if slip == 1.0 else ""
         raise DomainError(f"slip: {slip:g} is not allowed; {reason}give 0 <= slip < 1")
     sigma = slip * speed
     law.check_domain(speed, sigma)
     load = law.of_wheel_load
-    if load is not None and not math.isclose(load, vehicle.wheel_load, rel_tol=_SAME_LOAD):  # mu would be another
+    if load is not None and not math.isclose(load, vehicle.wheel_load, rel_tol=_SAME_LOAD):  # mu would be wrong
         raise InputError(
-            f"adhesion {law.name!r}: its forces are for a wheel load of {load:g} N, and the vehicle has "
+            f"adhesion {law.name!r}: its forces are for a wheel load of {load:g} N, but the vehicle has "
             f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
         )
     if law.has_state and sigma == 0.0:
         reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
-        reason = reasons[0] if reasons else "its rest state is undefined there"
+        reason = reasons[0] if reasons else "its rest state is undefined at slip 0"
         raise KinkError(f"slip: 0 has no operating point with adhesion {law.name!r}: {reason}")
     functions = numeric_plant(type(law))
     p = plant_parameters(law, vehicle)
@@ -154,6 +156,7 @@ def operating_point(
 
 
 def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
+    """Residual of an operating point (v, sigma, z, Tb); see `OperatingPoint`."""
     v, sigma, z, torque = state
     v_rate, sigma_rate, z_rate = (float(rate) for rate in functions.rates(v, sigma, z, torque, 0.0, 0.0, p))
     force = float(functions.force(v, sigma, z, 0.0, 0.0, 0.0, p))
@@ -165,9 +168,9 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
+    """Plant linearised at an operating point, from brake torque at the wheel, without the actuator.
 
-    - point: where.
+    - point: the operating point.
     - A, B, C, D: ndarray, (n, n), (n, 1), (3, n), (3, 1); SI; deviations from the operating point.
     - states: "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
     - inputs, outputs: "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as
@@ -185,7 +188,7 @@ class LinearPlant:
 
     @property
     def speed_state(self) -> bool:
-        """Whether the speed is a state."""
+        """True if the speed is a state."""
         return "v" in self.states
 
     @property
@@ -195,22 +198,24 @@ class LinearPlant:
 
     @property
     def zeros(self) -> Complexes:
-        """Zeros of brake torque to sigma, rad/s, rightmost first: eigenvalues of A without sigma, whose equation
-        alone has the torque."""
+        """Zeros from brake torque to sigma, rad/s, rightmost first.
+
+        They are the eigenvalues of A without sigma: the torque enters only the equation of sigma.
+        """
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
         return _sorted_roots(self.A[np.ix_(others, others)])
 
     @property
     def gain(self) -> float:
-        """Leading coefficient of the numerator of torque to sigma, (m/s^2)/(N*m): r/J."""
+        """Leading numerator coefficient r/J from brake torque to sigma, (m/s^2)/(N*m)."""
         return float(self.B[self.states.index("sigma"), 0])
 
     def transfer_function(self) -> tuple[Floats, Floats]:
-        """Numerator and denominator of brake torque to sigma, highest power first, denominator monic."""
+        """Numerator and denominator from brake torque to sigma, highest power first, denominator monic."""
         return self.gain * _polynomial(self.zeros), _polynomial(self.poles)
 
     def to_control(self) -> control.StateSpace:
-        """The plant as a python-control system with these state, input and output names."""
+        """The linear plant as a python-control system with its state, input and output names."""
         import control
 
         labels = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
@@ -218,22 +223,24 @@ class LinearPlant:
 
 
 def _sorted_roots(matrix: Floats) -> Complexes:
+    """Eigenvalues of a matrix, rightmost first."""
     roots = np.linalg.eigvals(matrix).astype(np.complex128)
     return roots[np.lexsort((roots.imag, -roots.real))]
 
 
 def _polynomial(roots: Complexes) -> Floats:
+    """Real coefficients of the monic polynomial with these roots."""
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
 
 
 @checked
 def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> LinearPlant:
-    """Linearise about free rolling at a speed (m/s): no slip, and a dynamic law with its bristles unbent, z = 0.
+    """Linearise about free rolling at a speed (m/s): slip 0, and z = 0 for a dynamic law.
 
-    A braked wheel begins there. A dynamic law without damping at rest, as the railway bristle model, is then a spring
-    between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)): what damps the wheel is the loop alone.
-    InputError as of `operating_point`; DomainError for a speed that is not finite and positive; KinkError where the law
-    has no derivative.
+    Every braking starts at this point. A dynamic law without damping at rest, as the railway bristle model, then acts
+    as a spring between wheel and rail with poles at +-j sqrt(alpha (r^2/J + 1/M)); only the loop damps the wheel.
+    InputError as in `operating_point`; DomainError for a speed that is not finite and positive; KinkError if the law
+    has no derivative at slip 0.
     """
     if not law.has_state:
         return linearize(operating_point(law, vehicle, speed, 0.0))
@@ -248,14 +255,14 @@ def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Linea
 
 @checked
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
-    """Linearise at an operating point, by the analytic Jacobian of the statement.
+    """Linearise at an operating point by the analytic Jacobian of the plant.
 
     - point: from `operating_point`.
-    - speed_state: keep v as the first state; by default it is frozen.
+    - speed_state: true keeps v as the first state; by default the speed is frozen.
 
     Returns A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
-    InputError: an argument of another kind. KinkError: the law has no unique derivative there (within 1e-9 of the
-    slip).
+    InputError: an argument of another kind. KinkError: the law has no unique derivative at this slip (within 1e-9
+    relatively).
     """
     law = point.law
     for kink in law.kinks(point.speed, point.vehicle.wheel_load):
@@ -268,17 +275,17 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     if point.slip == 0.0:
         step = _NEXT_TO_ZERO * point.speed
         limit = 2.0 * _jacobian(point, step) - _jacobian(point, 2.0 * step)
-        # the two differ where a law is stated with sign(sigma)
+        # they differ if the law's equations contain sign(sigma)
         if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
             raise KinkError(
-                f"slip: 0 at {point.speed_kmh:g} km/h is a kink of adhesion {law.name!r} as it is stated; linearise at "
-                "a slip > 0"
+                f"slip: 0 at {point.speed_kmh:g} km/h is a kink of the equations of adhesion {law.name!r}; linearise "
+                "at a slip > 0"
             )
     return _linear_plant(point, full, speed_state=speed_state)
 
 
 def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
-    """Of the rates of v, sigma and z to these and the torques, at another sigma, m/s."""
+    """Jacobian of the rates of v, sigma and z at the point's speed and state and at `sigma`, m/s."""
     law = point.law
     functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
     z = point.adhesion_state or 0.0
@@ -287,6 +294,7 @@ def _jacobian(point: OperatingPoint, sigma: float) -> Floats:
 
 
 def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> LinearPlant:
+    """Select the states of the linear plant from the full Jacobian."""
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
@@ -302,10 +310,11 @@ NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 
 @checked
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
-    """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
+    """Nonlinear plant as a python-control system; states v (m/s, > 0), sigma (m/s) and, for a dynamic law, z (m).
 
-    - law, vehicle: the law with parameters for the rail meant; the quarter car, SI.
-    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
+    - law: with parameters for the rail condition in question.
+    - vehicle: quarter car, SI.
+    - reference_slip: lambda_d, a ratio, 0 <= reference_slip < 1, in the output error = reference_slip v - sigma.
 
     Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v
     (m/s), omega (rad/s). [Park2008] (1)-(4). InputError: an argument of another kind, or a reference slip out of its

@@ -1,12 +1,12 @@
-"""Numeric functions of the plant, generated from its SymPy statement: one text a law, for arrays and for kernels.
+"""Numeric functions of the plant, generated from its SymPy equations: one module per law, for arrays and kernels.
 
-`make generate` writes it to `_generated/`, so that evaluating numbers needs no SymPy. It carries a hash of its sources
-(`plant.py`, `notation.toml`, the law's file); where that does not fit, it is generated in memory: an edited plant or a
-new law works at once, only slower.
+`make generate` writes the modules to `_generated/`, so that numeric evaluation does not import SymPy. Each contains a
+hash of its sources (`plant.py`, `notation.toml`, the law's file). If the hash does not match, the functions are
+generated in memory: an edited plant or a new law works at once, only slower.
 
-The functions are those of `plant.ClosedPlant` by name, and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m, N*m three
-times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In a kernel
-(`kernels`) they take a table after `p`, from which a force without a closed form is read.
+The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m,
+N*m three times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In
+a kernel (`kernels`) they take a table after `p`, for a force without a closed form.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"
 
 WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")
-"""What takes energy from train and wheel, in the order of `plant.powers`."""
+"""Names of the energy sinks of train and wheel, in the order of `plant.powers`."""
 
 
-NumericPlant: TypeAlias = ModuleType  #: the module of these functions of a law, and `lag_rate`
+NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of a law and `lag_rate`
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
-    """The flat tuple `p`: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters; SI."""
+    """Flat tuple `p` of parameters: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI."""
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
     resistance = (vehicle.resistance.constant, vehicle.resistance.linear, vehicle.resistance.quadratic)
     return (*inertias, vehicle.wheel.radius, *resistance, vehicle.wheel_load, *law.parameters())
@@ -47,7 +47,7 @@ def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
 
 @cache
 def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
-    """The functions of a law: the committed one where it fits the sources, else generated now."""
+    """Numeric functions of a law: the committed module if it matches its sources, else generated now."""
     if _is_committed(law):
         return importlib.import_module(f"{__package__}._generated.{law.name}")
     module = ModuleType(f"generated_{law.name}")
@@ -57,40 +57,45 @@ def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
 
 @cache
 def source(law: type[AdhesionLaw]) -> str:
-    """The text of `numeric_plant`."""
+    """Text of the numeric module of a law: the committed one if it matches its sources, else generated now."""
     if _is_committed(law):
         return (GENERATED / f"{law.name}.py").read_text(encoding="utf-8")
     return generate(law)
 
 
 def generate(law: type[AdhesionLaw]) -> str:
-    """The text of `numeric_plant`, generated now."""
+    """Generate the text of the numeric module of a law."""
     from .plant import numeric_text  # imports SymPy
 
     return numeric_text(law, sources_hash(law))
 
 
 def _is_committed(law: type[AdhesionLaw]) -> bool:
+    """True if the committed module of a law exists and matches its sources."""
     path = GENERATED / f"{law.name}.py"
     return path.is_file() and f'SOURCES_SHA256 = "{sources_hash(law)}"' in path.read_text(encoding="utf-8")
 
 
 def sources_hash(law: type[AdhesionLaw]) -> str:
-    """SHA-256 of the text of the sources a law's generated module depends on."""
+    """SHA-256 of the sources of a law's generated module."""
     law_file = Path(sys.modules[law.__module__].__file__ or "")
     digest = hashlib.sha256()
     for path in (PACKAGE / "model" / "plant.py", PACKAGE / "core" / "notation.toml", law_file):
-        digest.update(path.read_text(encoding="utf-8").encode("utf-8"))  # read as text: line ends do not count
+        digest.update(path.read_text(encoding="utf-8").encode("utf-8"))  # read as text: independent of line ends
     return digest.hexdigest()
 
 
-# --- use -----------------------------------------------------------------------------------------------------------
+# --- adhesion coefficient, peak and table --------------------------------------------------------------------------
 
 
 def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float) -> Floats | np.float64:
-    """mu = Fa/N with the adhesion state at rest, at one speed (m/s), for slip ratios of any shape; wheel load in N.
+    """Adhesion coefficient mu = Fa/N with the adhesion state at rest.
 
-    DomainError where the law does not hold.
+    - speed: v, m/s, > 0.
+    - slip: slip ratios, any shape.
+    - wheel_load: N, > 0.
+
+    DomainError: a speed or slip outside the domain of the law.
     """
     sigma = np.asarray(slip, dtype=float) * speed
     law.check_domain(speed, sigma)
@@ -100,25 +105,26 @@ def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_
     return np.asarray(coefficient, dtype=float)[()]
 
 
-_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the force depends on nothing of the vehicle but N
+# Any values of M, J, B, r, Fr0, Fr1 and Fr2: the adhesion force depends only on the wheel load N.
+_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
-_PEAK_GRID = 4001
-_LOWEST_SLIP = 1e-6
+_PEAK_GRID = 4001  # slip ratios of the grid that brackets the peak
+_LOWEST_SLIP = 1e-6  # lowest slip ratio of the grid
 
 
 @dataclass(frozen=True)
 class Peak:
-    """Highest adhesion coefficient at rest, and its slip ratio."""
+    """Peak of an adhesion curve: slip ratio and highest adhesion coefficient at rest."""
 
     slip: float
     coefficient: float
 
 
-@lru_cache(maxsize=512)  # the tolerances of an envelope have the peak in common
+@lru_cache(maxsize=512)  # all plants of an envelope with the same law, speed and wheel load share the peak
 def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     """Peak of mu over the slip ratio within the law's domain, at a speed in m/s and a wheel load in N.
 
-    A law that falls from the start (bristle, Dahl, LuGre) has it at the lowest slip looked at, 1e-6.
+    For a law that falls from slip 0 on (bristle, Dahl, LuGre) it is at the lowest slip of the grid, 1e-6.
     """
     from scipy.optimize import minimize_scalar
 
@@ -138,19 +144,20 @@ def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
 
 
 TABLE_INTERVALS = 4096
-"""Intervals of a table over the slip ratio: the cubic between nodes is then good to 1e-11 of the bristle curve."""
+"""Intervals of a table over the slip ratio; cubic interpolation is then accurate to 1e-11 for the bristle curve."""
 
 
-@lru_cache(maxsize=32)  # a campaign gives the same rails to many controllers, and a table costs as much as half a run
+@lru_cache(maxsize=32)  # the controllers of a campaign share the rails; a table costs as much as half a run
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
-    """The law's force over the slip ratio 0 to 1 at a wheel load, N, for a law with functions without a closed form.
+    """Table of the law's force over slip ratios 0 to 1 at a wheel load, N, for a law without a closed form.
 
-    Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) in turn. A law
-    in closed form needs none and has one of a single zero. Where the law's domain ends before slip 1, so does it.
+    Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) alternately.
+    A law in closed form needs no table and gets a single zero. If the law's domain ends before slip 1, the table ends
+    there too.
     """
     if not has_table(type(law)):
         return np.zeros(1)
-    speed = 1.0  # a function of the slip ratio alone: any speed gives the same table
+    speed = 1.0  # m/s, any: the force depends only on the slip ratio
     last = min(1.0, law.domain_limit(speed)[0] * (1.0 - 1e-6))
     slip = np.linspace(0.0, last, TABLE_INTERVALS + 1)
     functions, p = numeric_plant(type(law)), (*_NO_VEHICLE, wheel_load, *law.parameters())
@@ -163,5 +170,5 @@ def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
 
 
 def has_table(law: type[AdhesionLaw]) -> bool:
-    """Whether kernels read a law's force from a table."""
+    """True if kernels read the law's force from a table."""
     return "tabulated(" in source(law)

@@ -1,11 +1,11 @@
-"""The quarter-car plant and its actuator, stated once: [Park2008] (1)-(4) and p. 55, in SymPy.
+"""Equations of motion of the quarter car and its actuator in SymPy: [Park2008] (1)-(4) and p. 55.
 
-Everything else about the plant (right-hand sides, Jacobians, trim torque) is derived here from these expressions, and
-printed as the text of a law's numeric functions. Symbols are those of `notation`; the adhesion force is the symbol Fa
-until `close` puts a law's statement in its place.
+This module is the only statement of the plant. Right-hand sides, Jacobians and trim torque are derived from it and
+printed as the text of a law's numeric functions. Symbols are those of `notation`. The adhesion force is the symbol Fa
+until `close` replaces it by the equations of a law.
 
 Sign conventions: sigma = v - r omega and Fa are positive in braking. The random adhesion torque Tr is r times a
-random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
+random part of the adhesion force; it enters (3) as +Tr and (4) as -Tr/r.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")
 """Arguments of every derived function, in order: m/s, m/s, m, N*m, N*m, N*m."""
 
 VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")
-"""Vehicle parameters, in order; a law's own follow them."""
+"""Vehicle parameters, in order; the parameters of the law follow them."""
 
-STATES = ("v", "sigma", "z")  #: states, in order. A static law has no z; its z' is 0
-JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")  #: what the rates are differentiated by, in order
+STATES = ("v", "sigma", "z")  #: states, in order; a static law has no z, and its z' is 0
+JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")  #: variables of the derivatives of the rates, in order
 
 v, omega, sigma, slip, z = (symbol(name) for name in ("v", "omega", "sigma", "slip", "z"))
 Fa, Ta, Tb, Td, Tr, Fr = (symbol(name) for name in ("Fa", "Ta", "Tb", "Td", "Tr", "Fr"))
 M, J, B, r, Fr0, Fr1, Fr2 = (symbol(name) for name in ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2"))
 v_rate, omega_rate = symbol("v_rate"), symbol("omega_rate")
 
-# --- the statement -------------------------------------------------------------------------------------------------
+# --- equations of motion -------------------------------------------------------------------------------------------
 
 SLIP_VELOCITY = sp.Eq(sigma, v - r * omega)
 SLIP_RATIO = sp.Eq(slip, sigma / v)  # (2)
@@ -48,22 +48,22 @@ TRAIN = sp.Eq(M * v_rate, -Fa - Fr - Tr / r)  # (4)
 
 
 def actuator_transfer() -> sp.Expr:
-    """Ga(s) = exp(-tau s)/(T s + 1), commanded to acting brake torque ([Park2008] p. 55)."""
+    """Transfer function Ga(s) = exp(-tau s)/(T s + 1) from commanded to acting brake torque ([Park2008] p. 55)."""
     s, tau, T = symbol("s"), symbol("tau"), symbol("T")
     return sp.exp(-tau * s) / (T * s + 1)
 
 
 def actuator_lag_rate() -> sp.Expr:
-    """Tb', N*m/s: the lag of Ga as a state equation; Tc is the command after the dead time."""
+    """Rate Tb' of the acting torque, N*m/s, by the lag of Ga; Tc is the command after the dead time."""
     return (symbol("Tc") - Tb) / symbol("T")
 
 
-# --- what follows from it ------------------------------------------------------------------------------------------
+# --- derived expressions -------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rates in (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
+    """Rates of v, omega, sigma and slip in (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
 
     v_rate: sp.Expr
     omega_rate: sp.Expr
@@ -73,7 +73,7 @@ class Motion:
 
 @cache
 def motion() -> Motion:
-    """(3) and (4) solved for the accelerations, and the rates of sigma and lambda from their definitions."""
+    """Solve (3) and (4) for the accelerations; the rates of sigma and lambda follow from their definitions."""
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     known = {ADHESION_TORQUE.lhs: ADHESION_TORQUE.rhs, RESISTANCE.lhs: RESISTANCE.rhs}
     train = sp.expand(sp.solve(TRAIN, v_rate)[0].subs(known))
@@ -87,39 +87,39 @@ def motion() -> Motion:
 
 @cache
 def trim_torque() -> sp.Expr:
-    """The brake torque Tb, N*m, at which lambda' = 0; travelling resistance included."""
+    """Brake torque Tb, N*m, at which lambda' = 0, travelling resistance included."""
     return sp.expand(sp.solve(motion().slip_rate, Tb)[0])
 
 
 def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
-    """What each of `numeric.WORKS` takes from the kinetic energy of train and wheel, W.
+    """Power, W, that each energy sink of `numeric.WORKS` takes from the kinetic energy of train and wheel.
 
-    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td; the power that each takes
-    is its part with the sign turned.
+    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td; the power of each is its
+    part with the opposite sign.
     """
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
-    takers = ((Tb,), (Fa,), (B,), (Fr0, Fr1, Fr2), (Tr,), (Td,))
-    parts = tuple(sp.factor(-sum(sp.diff(kinetic, taker) * taker for taker in group)) for group in takers)
-    assert sp.expand(kinetic + sum(parts)) == 0, "the powers are the whole rate of the kinetic energy"
+    sinks = ((Tb,), (Fa,), (B,), (Fr0, Fr1, Fr2), (Tr,), (Td,))
+    parts = tuple(sp.factor(-sum(sp.diff(kinetic, factor) * factor for factor in group)) for group in sinks)
+    assert sp.expand(kinetic + sum(parts)) == 0, "the powers sum to the rate of the kinetic energy"
     return tuple(part.subs(Fa, force) for part in parts)
 
 
 @dataclass(frozen=True)
 class ClosedPlant:
-    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
+    """The plant with a law's force; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
 
     force: sp.Expr  # adhesion force, N
-    force_and_gradient: tuple[sp.Expr, ...]  # the same, then its derivatives with respect to `STATES`
+    force_and_gradient: tuple[sp.Expr, ...]  # `force`, then its derivatives with respect to `STATES`
     rest_state: sp.Expr  # z at which z' = 0, m (0 for a static law)
     rates: tuple[sp.Expr, ...]  # v', sigma', z': m/s^2, m/s^2, m/s
-    rates_and_powers: tuple[sp.Expr, ...]  # these, then the power of each of `numeric.WORKS`, W
+    rates_and_powers: tuple[sp.Expr, ...]  # `rates`, then the power of each of `numeric.WORKS`, W
     jacobian: tuple[tuple[sp.Expr, ...], ...]  # derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`
     trim_torque: sp.Expr  # Tb with lambda' = 0, N*m
 
 
 def close(law: type[AdhesionLaw]) -> ClosedPlant:
-    """Put a law's statement into the plant; InputError for a parameter named like a symbol of the plant."""
+    """Replace Fa in the plant by the equations of a law; InputError if a parameter has the name of a plant symbol."""
     taken = {*ARGUMENTS, *VEHICLE_PARAMETERS} & set(law.parameter_names())
     if taken:
         raise InputError(f"adhesion {law.name!r}: parameter {min(taken)!r} is the name of a plant symbol; rename it")
@@ -140,18 +140,18 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
 
 
 def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
-    """The derivative without the Dirac terms of jumps, at which the law has a kink."""
+    """Derivative without the Dirac terms of jumps; the law has a kink at a jump."""
     return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
-# --- as text -------------------------------------------------------------------------------------------------------
+# --- text of the numeric module ------------------------------------------------------------------------------------
 
 
 def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
-    """Text of the numeric module of a law, with the hash of its sources."""
+    """Generate the text of the numeric module of a law, with the hash of its sources."""
     closed, own = close(law), law.statement().functions
     in_force = {type(function).__name__ for function in closed.force.atoms(sp.Function)}
-    # in a kernel these two read the table
+    # a kernel defines these two functions: they read the table
     readers = {name: "tabulated" if name in in_force else "tabulated_slope" for name in own}
     imports = [
         f"from {path.split(':')[0]} import {path.split(':')[1]} as {readers[name]}" for name, path in own.items()
@@ -171,9 +171,9 @@ def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
 
 
 class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
-    """SymPy's printer for NumPy, in what Numba compiles for numbers too, and without slow powers and `select`.
+    """SymPy's printer for NumPy, limited to code that Numba compiles for scalars, without slow powers and `select`.
 
-    `readers` are the names under which the statement's own functions are called.
+    `readers`: names in the printed text of the SymPy functions that the law defines.
     """
 
     def __init__(self, readers: dict[str, str]) -> None:
@@ -225,10 +225,11 @@ class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
 
 
 def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters: list[str], printer: Any) -> str:
-    # A function of the statement's own letters may not meet a temporary of the same name, hence the underscore.
+    """Text of one function of the numeric module."""
+    # the underscore keeps the names of temporaries apart from the symbols of the law
     temporaries, flat = sp.cse(_flatten(value), symbols=sp.numbered_symbols("_x"))
     used = {str(symbol) for each in (*(e for _, e in temporaries), *flat) for symbol in each.free_symbols}
-    # a constant (z' of a static law) is a float, for one type whatever the law
+    # a constant (z' of a static law) is printed as a float: one type for all laws
     printed = iter([f"{each}.0" if each.is_Integer else printer.doprint(each) for each in flat])
     lines = [
         f"def {name}({', '.join(arguments)}, p, *nodes):",
@@ -241,10 +242,12 @@ def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters
 
 
 def _flatten(value: Any) -> list[Any]:
+    """All expressions in a nested tuple."""
     return [item for part in value for item in _flatten(part)] if isinstance(value, tuple) else [value]
 
 
 def _nested_text(value: Any, printed: Any) -> str:
+    """Text of a nested tuple, with printed expressions taken in order."""
     if not isinstance(value, tuple):
         return str(next(printed))
     return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"

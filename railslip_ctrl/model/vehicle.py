@@ -1,4 +1,4 @@
-"""Vehicle, wheel, actuator, rail: frozen records, SI inside; the published sets; what looks doubtful in them."""
+"""Records of vehicle, wheel, actuator and rail in SI; published values; checks for implausible values."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from railslip_ctrl.core.templates import texts
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import one_line, unknown_key
 
-# --- the docstring of a record: what it says itself, then its fields, each from its own description ------------------
+# --- the docstring of a record: its own text, then a list of its fields from their descriptions ----------------------
 
 
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def documented(record: type[BaseModel]) -> str:
-    """The docstring of a record with a list of its described fields: meaning, unit, range, default."""
+    """Docstring of a record with a list of its described fields: meaning, unit, range, default."""
     entries = [f"- {name}: {_sentence(info)}" for name, info in record.model_fields.items() if info.description]
     own = inspect.cleandoc(record.__doc__ or "")
     return "\n".join([own, "", *entries, ""]) if entries else own
 
 
 def _sentence(info: FieldInfo) -> str:
+    """Description of a field: meaning, unit, range, default."""
     extra, parts = info.json_schema_extra, [info.description or ""]
     if isinstance(extra, dict) and "unit" in extra:
         bounds = ((sign, getattr(each, key, None)) for key, sign in _BOUNDS for each in info.metadata)
@@ -51,7 +52,7 @@ _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
 class Rail(StrEnum):
-    """Rail condition, a member or its name; what a wet rail changes is the law's to say, see `AdhesionLaw.wet`.
+    """Rail condition, given as a member or its name; `AdhesionLaw.wet` changes the parameters for wet rail.
 
     - DRY: "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
     - WET: "wet": those parameters times the law's own factors, or a published set of their own.
@@ -70,19 +71,19 @@ class Rail(StrEnum):
 
 
 class Record(BaseModel):
-    """Base of the parameter records: immutable, unknown keys refused, non-finite numbers refused.
+    """Base class of the parameter records: immutable, without unknown keys or non-finite numbers.
 
-    Numbers are SI, or text with a unit ("3.5 t"); neither text without one ("3500") nor True is a number, and no
-    number is True or False.
+    Numbers are SI, or text with a unit ("3.5 t"). Text without a unit ("3500") and booleans are not numbers; numbers
+    are not booleans.
 
-    InputError: an unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is
-    set after the record was made.
+    InputError: an unknown or missing key; a value of another kind or dimension, or outside its range; setting a field
+    of an existing record.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     text_needs_unit: ClassVar[bool] = True
-    """Whether text that is a number alone is refused."""
+    """True if text without a unit is refused."""
 
     def __init__(self, /, **values: Any) -> None:
         try:
@@ -93,11 +94,11 @@ class Record(BaseModel):
     @classmethod
     @cache
     def units(cls) -> dict[str, str]:
-        """Units of the fields that are numbers, by name, in order."""
+        """Units of the numeric fields, by name, in order."""
         extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
         return {name: str(each["unit"]) for name, each in extras.items() if isinstance(each, dict) and "unit" in each}
 
-    # As pydantic's own: a record within a record is then checked with it, and errors name the whole way to a key.
+    # marked as pydantic's own: pydantic then validates nested records itself, and errors name the full path of a key
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
@@ -106,55 +107,58 @@ class Record(BaseModel):
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """The record that `obj`, a mapping of its keys, makes; `options` are pydantic's. Errors as of a new record."""
+        """Make the record from a mapping `obj` of its keys; `options` are pydantic's, errors those of a new record."""
         try:
             return super().model_validate(obj, **options)
         except ValidationError as error:
             raise InputError(one_line(error, cls.__name__, model=cls)) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """The record with the fields in `update` as given, unchecked: also outside its range, to see what follows.
+        """Copy the record with the fields in `update` changed, without checks; values may be outside their range.
 
-        `deep` copies what it holds. InputError for a name that is no field.
+        - update: new values by field name.
+        - deep: true copies the field values too.
+
+        InputError: a name that is not a field.
         """
         unknown = (update or {}).keys() - type(self).model_fields.keys()
         if unknown:
             key = min(unknown)
             raise InputError(f"{type(self).__name__}: {key}: {unknown_key(key, type(self))}")
         made = super().model_copy(update=update, deep=deep)
-        for name in made.__dict__.keys() - type(self).model_fields.keys():  # cached properties follow from the fields
+        for name in made.__dict__.keys() - type(self).model_fields.keys():  # drop cached properties of the old fields
             del made.__dict__[name]
         return made
 
     def __iter__(self) -> Iterator[tuple[str, Any]]:  # type: ignore[override]
-        """The fields, name and value; not the cached properties, which pydantic gives too."""
+        """Iterate over names and values of the fields; unlike in pydantic, without cached properties."""
         return ((name, getattr(self, name)) for name in type(self).model_fields)
 
-    if not TYPE_CHECKING:  # to a type checker the fields are frozen already
+    if not TYPE_CHECKING:  # type checkers know that the fields are frozen
 
         def __setattr__(self, name: str, value: object) -> None:
             raise InputError(
-                f"{type(self).__name__}: {name}: cannot be set; make another with model_copy(update={{{name!r}: ...}})"
+                f"{type(self).__name__}: {name}: cannot be set; make a copy with model_copy(update={{{name!r}: ...}})"
             )
 
     @field_validator("*", mode="before")
     @classmethod
     def _to_si(cls, value: object, info: ValidationInfo) -> object:
-        """Convert what was given for a field made by `units.quantity` to that field's unit, a list member by member."""
+        """Convert the value of a field made by `units.quantity` to the unit of the field, lists member by member."""
         name = info.field_name or ""
         field, unit = cls.model_fields[name], cls.units().get(name)
         if value is None and NoneType in get_args(field.annotation):
             return None
-        if unit is not None:  # pydantic names the field itself
+        if unit is not None:  # no name: pydantic's error names the field
             convert = partial(to_unit, unit=unit, text_needs_unit=cls.text_needs_unit)
             return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
-        if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
+        if field.annotation is bool and not isinstance(value, bool):  # pydantic alone would accept 1 and "yes"
             raise InputError(f"{shown(value)} is not allowed; give true or false")
         return value
 
 
 def _each(convert: Callable[[Any], float], value: Any) -> Any:
-    """A number, or each of a list of numbers or of lists."""
+    """Convert a number, or each number of a list or of nested lists."""
     return tuple(_each(convert, one) for one in value) if isinstance(value, (list, tuple)) else convert(value)
 
 
@@ -171,7 +175,7 @@ class Wheel(Record):
 class Resistance(Record):
     """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s.
 
-    [Park2008] Table 1 has the quadratic term alone.
+    [Park2008] Table 1 has only the quadratic term.
     """
 
     constant: float = quantity("N", "constant term", ge=0, default=0.0)
@@ -179,32 +183,35 @@ class Resistance(Record):
     quadratic: float = quantity("N/(m/s)^2", "coefficient of v^2", ge=0, default=0.0)
 
     def force(self, speed: Any) -> Any:
-        """Fr, N, at a `speed`, m/s, or at speeds, an array of any shape."""
+        """Resistance force Fr, N, at `speed`, m/s, a number or an array."""
         return self.constant + self.linear * speed + self.quadratic * speed**2
 
 
 class Actuator(Record):
-    """Pneumatic brake, commanded to acting torque: Ga(s) = exp(-dead_time s)/(lag s + 1) ([Park2008] p. 55)."""
+    """Pneumatic brake, Ga(s) = exp(-dead_time s)/(lag s + 1) from commanded to acting torque ([Park2008] p. 55)."""
 
     dead_time: float = quantity("s", "dead time", ge=0)
     lag: float = quantity("s", "time constant of the first-order lag", ge=0)
 
 
 class PIGains(Record):
-    """Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m ([Park2008] Table 4); of either sign."""
+    """Gains of PI control Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m; of either sign.
+
+    The published gains are in [Park2008] Table 4.
+    """
 
     kp: float = quantity("N*m/(m/s)", "proportional gain")
     ki: float = quantity("N*m/m", "integral gain")
 
 
 class Vehicle(Record):
-    """The quarter car: the part of the train carried and braked by one wheelset ([Park2008] Fig. 2), see `PARK2008`.
+    """The quarter car: the part of the train that one wheelset carries and brakes ([Park2008] Fig. 2); see `PARK2008`.
 
-    `inertia_scale` multiplies mass, wheel inertia and viscous friction alone: 1 is SI, 3.6 the as-published reading
-    (speeds integrated in km/h with forces in N). Equations of motion have the `effective_` ones. `wheel_load` does not
-    follow the mass by itself.
+    `inertia_scale` multiplies mass, wheel inertia and viscous friction only: 1 is SI, 3.6 the as-published reading
+    (speeds integrated in km/h with forces in N). The equations of motion use the `effective_` values. A change of mass
+    does not change `wheel_load`.
 
-    InputError: as of any `Record`, and a loaded mass below the empty one.
+    InputError: as for any `Record`, and a loaded mass below the empty mass.
     """
 
     name: str = Field(description="for reports")
@@ -216,11 +223,11 @@ class Vehicle(Record):
     resistance: Resistance = Field(description="travelling resistance of the quarter car")
     actuator: Actuator = Field(description="the brake")
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
-    source: str = Field("", description="where the numbers are from")
-    notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
-    # text, as a record is hashed; no property of the car, so that it is in no dump
+    source: str = Field("", description="source of the numbers")
+    notes: tuple[str, ...] = Field((), description="one sentence for each assumption")
+    # text, because a record must be hashable; excluded from dumps, because it is not a property of the car
     envelope: str = Field("{}", exclude=True, repr=False, description="the table [envelope] of its file, as JSON")
-    _empty: tuple[float, float] | None = None  # mass and wheel load before `loaded`
+    _empty: tuple[float, float] | None = None  # mass, kg, and wheel load, N, before `loaded`
 
     @model_validator(mode="after")
     def _load_adds(self) -> Vehicle:
@@ -232,35 +239,38 @@ class Vehicle(Record):
 
     @property
     def effective_mass(self) -> float:
-        """inertia_scale * M, kg."""
+        """Effective mass inertia_scale * M, kg."""
         return self.inertia_scale * self.mass
 
     @property
     def effective_inertia(self) -> float:
-        """inertia_scale * J, kg m^2."""
+        """Effective wheel inertia inertia_scale * J, kg m^2."""
         return self.inertia_scale * self.wheel.inertia
 
     @property
     def effective_viscous_friction(self) -> float:
-        """inertia_scale * B, N m s."""
+        """Effective viscous friction inertia_scale * B, N m s."""
         return self.inertia_scale * self.wheel.viscous_friction
 
     def loaded(self) -> Vehicle:
-        """The same vehicle with its loaded mass and wheel load as the ones in use."""
+        """The vehicle with its loaded mass and wheel load in use."""
         found = self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
         if (found.mass, found.wheel_load) != (self.mass, self.wheel_load):
             BaseModel.__setattr__(found, "_empty", (self.mass, self.wheel_load))
         return found
 
     def empty(self) -> Vehicle:
-        """The same vehicle with the mass and the wheel load that it had before `loaded`."""
+        """The vehicle with the mass and the wheel load that it had before `loaded`."""
         mass, wheel_load = self._empty or (self.mass, self.wheel_load)
         found = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
         BaseModel.__setattr__(found, "_empty", None)
         return found
 
     def with_mass(self, mass: float) -> Vehicle:
-        """The vehicle with another `mass`, kg, at its wheel load: a note says so unless it has both empty or loaded."""
+        """The vehicle with another `mass`, kg, and unchanged wheel load.
+
+        A note records this, unless mass and wheel load are those of the empty or of the loaded vehicle.
+        """
         changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
         if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
             return changed
@@ -268,20 +278,20 @@ class Vehicle(Record):
 
     @property
     def mass_alone(self) -> str:
-        """The note of `with_mass`; empty where there is none."""
+        """The note added by `with_mass`, or empty text."""
         return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
-        """The vehicle as it is and, where that is another mass, `loaded`."""
+        """The vehicle as it is, and `loaded` if the loaded mass differs."""
         return (self,) if self.mass == self.mass_loaded else (self, self.loaded())
 
 
 # --- the published vehicle and gains of [Park2008], in SI ------------------------------------------------------------
 
 
-INITIAL_SPEED_KMH = 100.0  #: v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)
+INITIAL_SPEED_KMH = 100.0  #: initial speed v0 of the published run, at which braking starts, km/h ([Park2008] p. 55)
 AS_PUBLISHED_INERTIA_SCALE = 3.6
-"""The inertia scale under which the published results come out: speeds in km/h, forces in N, no factor."""
+"""Inertia scale that reproduces the published results: speeds in km/h and forces in N without a conversion factor."""
 
 PARK2008 = Vehicle(
     name="Park et al. 2008, quarter car",
@@ -297,14 +307,14 @@ PARK2008 = Vehicle(
 
 
 class PrintedPI(NamedTuple):
-    """PI gains as Table 4 prints them: Kp in "N-h", Ki in "N"; read as N*m per km/h and N*m per km/h per s."""
+    """PI gains as printed in Table 4: Kp in "N-h", Ki in "N"; read as N*m per km/h and N*m per km/h per s."""
 
     Kp: float
     Ki: float
 
 
 class PrintedSliding(NamedTuple):
-    """Sliding-mode gains as Table 4 prints them: D and rho in "1/h", K in "km/h^2", k without a unit.
+    """Sliding-mode gains as printed in Table 4: D and rho in "1/h", K in "km/h^2", k without a unit.
 
     Read as D in N*m per km/h and K in N*m, both added to the torque, rho in 1/s, and k with s in km/h, Ta in N*m and
     omega = v_kmh/r.
@@ -317,30 +327,30 @@ class PrintedSliding(NamedTuple):
 
 
 TABLE4_PI_PRINTED = MappingProxyType({"beam": PrintedPI(400.0, 54.0), "bristle": PrintedPI(650.0, 27.0)})
-"""[Park2008] Table 4, PI, by column, as printed."""
+"""PI gains of [Park2008] Table 4 by column, as printed."""
 
 TABLE4_SLIDING_PRINTED = MappingProxyType(
     {"beam": PrintedSliding(1.62, 70.0, 1.65, 2.1e-8), "bristle": PrintedSliding(1.53, 70.0, 1.54, 2.1e-8)}
 )
-"""[Park2008] Table 4, ASMC, by column, as printed."""
+"""ASMC gains of [Park2008] Table 4 by column, as printed."""
 
 # 1 km/h = 1/3.6 m/s
 TABLE4_PI = MappingProxyType(
     {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
 )
-"""Table 4's PI gains by column, in SI (N*m/(m/s) and N*m/m)."""
+"""PI gains of [Park2008] Table 4 by column, in SI (N*m/(m/s) and N*m/m)."""
 
 
 @checked
 def table4_gains(adhesion: str) -> PIGains:
-    """Table 4's PI gains, SI, for an `adhesion` law by name: the beam's own column, else the bristle column."""
+    """PI gains of Table 4, SI, for an `adhesion` law by name: the beam column for "beam", else the bristle column."""
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]
 
 
-# --- what is allowed of a vehicle and yet far from what vehicles have: nearly always a number in another unit --------
+# --- implausible values: allowed, but far from those of vehicles, nearly always a number in another unit -------------
 
 
-_SPEED = 100.0 * KMH  # at which travelling resistance is looked at
+_SPEED = 100.0 * KMH  # m/s, speed at which the travelling resistance is checked
 
 
 _VALUES: Mapping[str, Callable[[Vehicle], float]] = {
@@ -358,14 +368,14 @@ _COMPARED_WITH: Mapping[str, Callable[[Vehicle], float]] = {
 }
 
 USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
-"""By key of the vehicle's file; the file says what is in it."""
+"""Usual ranges by key of the vehicle's file; the file describes its columns."""
 
 
 @checked
 def doubts(vehicle: Vehicle) -> tuple[str, ...]:
-    """A sentence for each number of a `vehicle` that is far from what vehicles have: key, value, usual range, remedy.
+    """Warnings on implausible numbers of a `vehicle`: key, value, usual range and remedy, one sentence each.
 
-    Its own M, J and B are looked at, not those times `inertia_scale`. InputError for what is no vehicle.
+    M, J and B are checked without `inertia_scale`. InputError: the argument is not a vehicle.
     """
     found: dict[str, str] = {}
     for key, usual in USUAL_RANGES.items():
@@ -382,11 +392,15 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def remarks(vehicle: Vehicle) -> tuple[str, ...]:
-    """What was assumed of a `vehicle` (`Vehicle.notes`), then its `doubts`. InputError as of these."""
+    """Assumptions on a `vehicle` (`Vehicle.notes`), then warnings on implausible numbers (`doubts`).
+
+    InputError: the argument is not a vehicle.
+    """
     return (*vehicle.notes, *doubts(vehicle))
 
 
 def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> str:
+    """Remedy for an implausible value: another unit if one brings it into the usual range."""
     for unit, size in usual.get("other_units", {}).items():
         if low <= value * size <= high:
             return f'if {_plain(value, 6)} {unit} is meant, give "{_plain(value, 6)} {unit}"'
@@ -394,5 +408,5 @@ def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> 
 
 
 def _plain(value: float, digits: int = 3) -> str:
-    """A number of so many significant digits, below a million without a power of ten."""
+    """Text of a number with `digits` significant digits, below a million without a power of ten."""
     return f"{float(f'{value:.{digits}g}'):g}"

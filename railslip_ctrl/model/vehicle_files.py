@@ -1,7 +1,7 @@
-"""A vehicle from the user's file: TOML, alone or beside a railtoolkit YAML, or a railtoolkit YAML alone.
+"""Read a vehicle from the user's file: TOML, TOML with a railtoolkit YAML, or a railtoolkit YAML alone.
 
-Keys of the TOML, plain numbers in SI, strings with a unit ("34.5 kN"): see `VehicleKeys`. What the TOML gives
-wins over the YAML; what neither gives is the published wheel and brake, and `Vehicle.notes` says so.
+`VehicleKeys` has the keys of the TOML file: plain numbers in SI, or strings with a unit ("34.5 kN"). The TOML file has
+priority over the YAML file. The published wheel and brake replace missing values, and `Vehicle.notes` records this.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from railslip_ctrl.core.user_files import close_match, file_name, given_path, re
 from .vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
 
 DEFAULT_AXLES = 4
-"""Axles of a railtoolkit vehicle whose number nobody gives: two bogies of two, as in [Park2008] Fig. 2."""
+"""Axles of a railtoolkit vehicle if no number is given: two bogies of two, as in [Park2008] Fig. 2."""
 
 
 def _optional(record: type[BaseModel], name: str) -> Any:
-    """The field `name` of `record` with its unit and bounds, but not required."""
+    """Copy of the field `name` of `record`, with its unit and bounds, made optional."""
     field = copy(record.model_fields[name])
     field.default = None
     return field
 
 
 def _table(record: type[Record]) -> type[Record]:
-    """The keys of a table of the file, those of `record`, none of them required."""
+    """Record of the optional keys of a table of the file, from the fields of `record`."""
     keys: dict[str, Any] = {name: (float | None, _optional(record, name)) for name in record.model_fields}
     return create_model(f"{record.__name__}Keys", __base__=Record, **keys)
 
@@ -40,10 +40,10 @@ WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _ta
 
 
 class VehicleKeys(Record):
-    """The keys of a vehicle's TOML file, each optional; one of `mass` and `rolling_stock` must be there.
+    """Keys of a vehicle's TOML file, all optional; `mass` or `rolling_stock` is required.
 
-    `axles` and `vehicle_id` belong to `rolling_stock`: the YAML has the mass of the whole vehicle, while `mass`
-    and `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    `axles` and `vehicle_id` belong to `rolling_stock`. The YAML file has the mass of the whole vehicle; `mass` and
+    `wheel_load` are those of the quarter car, the part carried by one wheelset.
     """
 
     name: str | None = None
@@ -58,17 +58,17 @@ class VehicleKeys(Record):
     wheel: WheelKeys = WheelKeys()  # type: ignore[valid-type]
     resistance: ResistanceKeys = ResistanceKeys()  # type: ignore[valid-type]
     actuator: ActuatorKeys = ActuatorKeys()  # type: ignore[valid-type]
-    envelope: dict[str, Any] = Field({}, description="what its designs must hold; see `design.envelope`")
+    envelope: dict[str, Any] = Field({}, description="operating range of its designs; see `design.envelope`")
 
 
 def load_vehicle(path: str | Path) -> Vehicle:
-    """Return the quarter car described by a file.
+    """Load the quarter car described by a file.
 
     - path: `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
-      vehicle, which takes the published wheel and brake and four axles.
+      vehicle. A YAML file alone is completed by the published wheel and brake and by four axles.
 
-    In SI; its `notes` hold one sentence for each thing that was assumed; `design.envelope.Envelope` begins with its
-    table [envelope]. InputError: one line with the file, the key, the value and what is allowed.
+    Returns the vehicle in SI; its `notes` have one sentence for each assumption. The table [envelope] of the file is
+    the default of `design.envelope.Envelope`. InputError: one line with the file, the key, the value and the bound.
     """
     path = given_path(path)
     suffix = path.suffix.lower()
@@ -77,11 +77,11 @@ def load_vehicle(path: str | Path) -> Vehicle:
     if suffix in {".yaml", ".yml"}:
         stock = read_rolling_stock(path)
         return _vehicle(VehicleKeys(), stock, where=file_name(path), source=f"{path.name} [railtoolkit]")
-    raise InputError(f"{file_name(path)}: the file's name must end in .toml, .yaml or .yml")
+    raise InputError(f"{file_name(path)}: the file type {shown(path.suffix)} is not read; give .toml, .yaml or .yml")
 
 
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
-    """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
+    """Make a vehicle, as `load_vehicle`, from keys already read from `path`; errors begin with `where`."""
     keys = validated(VehicleKeys, content, where)
     keys = keys.model_copy(update={"envelope": with_laws_beside(keys.envelope, path)})
     if keys.rolling_stock is None:
@@ -93,7 +93,7 @@ def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Veh
 
 
 def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
-    """A table [envelope] read from `path`, the laws that it has in files as paths relative to that."""
+    """Prefix the law files in a table [envelope] with the folder of `path`, the file it was read from."""
     laws = table.get("laws")
     if not isinstance(laws, list):
         return table
@@ -102,17 +102,18 @@ def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
+    """Raise InputError if a file without rolling stock lacks `mass` or has keys that need rolling stock."""
     if keys.mass is None:
         raise InputError(f"{where}: mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)")
     for name in ("axles", "vehicle_id"):
         if getattr(keys, name) is not None:
             raise InputError(
-                f"{where}: {name}: only read with rolling_stock; remove it (mass is the quarter car's already)"
+                f"{where}: {name}: only used with rolling_stock; remove it (mass is that of the quarter car)"
             )
 
 
 def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
-    """What the file gives, then what the rolling stock gives, then the published rest."""
+    """Combine values by priority: keys of the file, rolling stock, published values; `notes` record the assumptions."""
     notes: list[str] = []
     mass, mass_loaded = _masses(keys, stock, notes)
     wheel_load = _first(keys.wheel_load, mass * GRAVITY)
@@ -122,15 +123,15 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
     if stock is not None and stock.rotation_mass is not None:
         implied = (stock.rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
         notes.append(
-            f"rotation_mass = {stock.rotation_mass:g} is not applied to M, as the wheel's inertia stands by itself; it "
-            f"implies J = {implied:.4g} kg*m^2 per axle, and {wheel.inertia:.4g} kg*m^2 is used."
+            f"rotation_mass = {stock.rotation_mass:g} is not applied to M, because the wheel has its own inertia; it "
+            f"implies J = {implied:.4g} kg*m^2 per axle, but {wheel.inertia:.4g} kg*m^2 is used."
         )
     values = {
         "name": " ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
         "mass": mass,
         "mass_loaded": mass_loaded,
         "wheel_load": wheel_load,
-        # a load presses on the rail in proportion to the mass, unless the file says otherwise
+        # unless given, the wheel load grows in proportion to the mass
         "wheel_load_loaded": _first(keys.wheel_load_loaded, wheel_load * (mass_loaded / mass)),
         "wheel": wheel,
         "resistance": resistance,
@@ -151,7 +152,9 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
     else:
         axles = keys.axles or DEFAULT_AXLES
         if keys.axles is None and keys.mass is None:
-            notes.append(f"{DEFAULT_AXLES} axles are assumed, as none are given: M is a quarter of the vehicle's mass.")
+            notes.append(
+                f"{DEFAULT_AXLES} axles are assumed, as no number is given: M is a quarter of the vehicle's mass."
+            )
         mass = _first(keys.mass, stock.mass * 1000.0 / axles)
         load = None if stock.load_limit is None else stock.load_limit * 1000.0 / axles
     if keys.mass_loaded is not None:
@@ -162,22 +165,23 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
 
 
 def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
+    """Coefficients of the travelling resistance, from the keys of the file and the rolling stock."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     if stock is None:
         if not given:
             notes.append("No travelling resistance is given: it is taken as 0.")
         return given
     if len(given) < len(ResistanceKeys.model_fields):
-        notes.append("The running resistance per weight is that of the empty mass, also when loaded.")
+        notes.append("The running resistance is that of the empty mass, also for the loaded vehicle.")
     of_key = dict(zip(ResistanceKeys.model_fields, RESISTANCE_COEFFICIENTS, strict=True))
     absent = [name for key, name in of_key.items() if getattr(stock, name) is None and key not in given]
     if absent:
-        notes.append(f"{' and '.join(absent)} of the running resistance not given: taken as 0.")
+        notes.append(f"No {' and no '.join(absent)} is given: taken as 0 in the running resistance.")
     return {**stock.resistance(mass).model_dump(), **given}
 
 
 def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:
-    """The table's values, the published ones for those it lacks, with a note of the latter."""
+    """Values of a table, completed by published values; a note lists these."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     values: dict[str, float] = published.model_dump()
     units = type(published).units()
@@ -195,25 +199,25 @@ def _first(given: float | None, otherwise: float) -> float:
 
 
 _DEEPEST = 20
-"""Levels of nesting; the schema has four, and libyaml's recursive composer overruns its stack on thousands."""
+"""Most levels of nesting; the schema has four, and thousands overflow the stack of libyaml's recursive composer."""
 
-_REFERENCE_SPEED = 100.0 * KMH  # m/s, at which the schema's coefficients are the resistance
-_MOST_IDS_SHOWN = 10
+_REFERENCE_SPEED = 100.0 * KMH  # m/s, speed unit of the schema's resistance coefficients
+_MOST_IDS_SHOWN = 10  # vehicle ids listed in an error message
 
 RESISTANCE_COEFFICIENTS = ("base_resistance", "rolling_resistance", "air_resistance")
-"""The schema's names of the coefficients of v^0, v^1 and v^2."""
+"""Names of the coefficients of v^0, v^1 and v^2 in the schema."""
 
 
 class RollingStock(Record):
-    """What is used of one vehicle of a railtoolkit file, in the schema's units; its other keys are ignored.
+    """The keys of a vehicle in a railtoolkit file that this package uses, in the schema's units.
 
-    Running resistance per weight: base + rolling (v/100 km/h) + air (v/100 km/h)^2, per mille of m g; a
-    coefficient the file does not give is None ([railtoolkit] schema 2022.05).
+    Running resistance per weight: base + rolling (v/100 km/h) + air (v/100 km/h)^2, per mille of m g; a missing
+    coefficient is None ([railtoolkit] schema 2022.05).
     """
 
-    # it is somebody else's schema: keys this package does not know are not the user's mistakes
+    # a foreign schema: its other keys are ignored, not errors of the user
     model_config = ConfigDict(extra="ignore")
-    # PyYAML reads 4e1 as text, and the schema says which unit each number has
+    # PyYAML reads 4e1 as text, and the schema defines the unit of each number
     text_needs_unit: ClassVar[bool] = False
 
     name: str
@@ -226,7 +230,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, of m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """The running resistance of `mass` (kg) of the vehicle, in SI; an absent coefficient is 0."""
+        """Running resistance of `mass` (kg) of the vehicle, in SI; a missing coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),
@@ -236,22 +240,26 @@ class RollingStock(Record):
 
 
 def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str = "") -> RollingStock:
-    """One vehicle of a railtoolkit file (YAML, no aliases): that with `vehicle_id`, or the only one.
+    """Read one vehicle from a railtoolkit file (YAML, no aliases).
 
-    Errors, of InputError, begin with `where`, or else the path.
+    - vehicle_id: id of the vehicle; not needed if the file has only one.
+    - where: beginning of error messages; by default the path.
+
+    InputError: a file that cannot be read, no such vehicle, or a key, value or bound of it that is not allowed.
     """
     where = where or file_name(path)
     vehicles = _vehicles(_parse(read_text(path, where=where), where), where)
     chosen = _choose(vehicles, vehicle_id, where)
-    # an empty value in YAML is null, and means the same as no key
+    # an empty value in YAML is null and counts as a missing key
     given = {key: value for key, value in chosen.items() if isinstance(key, str) and value is not None}
     return validated(RollingStock, given, f"{where}: vehicle {shown(given.get('id'))}")
 
 
 def _parse(text: str, where: str) -> Any:
+    """Parse YAML text; InputError if it is not valid or not safe."""
     import yaml
 
-    # libyaml's loader is some ten times faster; PyYAML can be built without it
+    # libyaml's loader is about ten times faster; some builds of PyYAML lack it
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         _refuse_bombs(text, where, loader)
@@ -262,26 +270,27 @@ def _parse(text: str, where: str) -> Any:
         raise InputError(f"{where}: not valid YAML: {error.problem}{line}") from None
     except InputError:
         raise
-    # ValueError: a date such as 2022-99-99, or an integer of more digits than Python reads
+    # ValueError: a date such as 2022-99-99, or an integer with more digits than Python allows
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{where}: not valid YAML: {' '.join(str(error).split())}") from None
 
 
 def _refuse_bombs(text: str, where: str, loader: Any) -> None:
-    """Refuse, before anything is built, aliases (which multiply) and deep nesting (which overruns the stack)."""
+    """Refuse aliases, which can multiply the content, and deep nesting, which overflows the stack, before loading."""
     import yaml
 
     depth = 0
     for event in yaml.parse(text, Loader=loader):
         if isinstance(event, yaml.AliasEvent):
             alias = shown(f"*{event.anchor}")
-            raise InputError(f"{where}: aliases ({alias}) are not read; write the value out in their place")
+            raise InputError(f"{where}: aliases ({alias}) are not read; replace each by its value")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
             raise InputError(f"{where}: is nested more than {_DEEPEST} levels deep; give a railtoolkit file")
 
 
 def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
+    """The list of vehicles of a railtoolkit file; InputError without one."""
     vehicles = content.get("vehicles") if isinstance(content, dict) else None
     if not isinstance(vehicles, list) or not vehicles or not all(isinstance(one, dict) for one in vehicles):
         raise InputError(f"{where}: vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file")
@@ -289,6 +298,7 @@ def _vehicles(content: Any, where: str) -> list[dict[Any, Any]]:
 
 
 def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) -> dict[Any, Any]:
+    """The vehicle with `vehicle_id`, or the only one; InputError if it does not exist or is not unique."""
     ids = [one.get("id") for one in vehicles]
     listed = ", ".join(shown(one) for one in ids[:_MOST_IDS_SHOWN])
     if len(ids) > _MOST_IDS_SHOWN:
@@ -296,7 +306,7 @@ def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) 
     if vehicle_id is None:
         if len(vehicles) > 1:
             raise InputError(
-                f"{where}: holds {len(vehicles)} vehicles; give vehicle_id in a TOML file, one of {listed}"
+                f"{where}: contains {len(vehicles)} vehicles; give vehicle_id in a TOML file, one of {listed}"
             )
         return vehicles[0]
     found = [one for one, its_id in zip(vehicles, ids, strict=True) if its_id == vehicle_id]

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "80eabd9c72be1e1adc489e1dcae5e86698eb7c1e283cad0650bc33af90735149"
+SOURCES_SHA256 = "7e2cdd1bd40d31e2e10587790c157c2184cbd4b14ddc50015719e46e322277aa"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

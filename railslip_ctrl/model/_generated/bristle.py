@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "4635ca6c1776b839d0b227fb287f2fd3894df3407ce35695649deccfdc18e0d9"
+SOURCES_SHA256 = "8d8bda50e50a814878d48559a9c069ba0d1fd6f07b8d31df6f41724d9571d9e7"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "201e296f55e9a81b682ca940f3b45c0a23d8077d8742cc5e9a86624507eeb71a"
+SOURCES_SHA256 = "604f517373c09f2055b29d0c8359d19e073c95d61c885e8d2e48338a54cb82d9"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "9537ebd9a12fd77579af208d9c180afb0c82937d0d19d2727e2e7561d0231f5c"
+SOURCES_SHA256 = "05c10690d712c3082ee2531c699fdd9317c9d455da80caa220235dbe75e5aa2d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "a64cc6ae22d4438edf518d63a41a2de946f7d4bc543e96f44c3108fe84150113"
+SOURCES_SHA256 = "2e4cadec2a25399da098961a028bf43bad28bc881c2aa5b386e848dcdf0001be"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "e9522abb105ee6f76ebfd962aef8893f8c4d9e0fa738844e88511b78662fe669"
+SOURCES_SHA256 = "016c8f9b79077df5085c0f0c67aa3f5a066c5eb28706c56d5faaac9f7d262869"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "dcaf5616261bf5fc91e4498ea032d53a13652f4d985de82f9a094e86c450733c"
+SOURCES_SHA256 = "f793c5824673d84909fb384b2b150630b20543b651919407d41844fd2467b58c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

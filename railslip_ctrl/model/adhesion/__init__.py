@@ -1,6 +1,6 @@
-"""Adhesion laws: parameters, domain, dry and wet, and the equations in SymPy; published sets and the user's own files.
+"""Adhesion laws: parameters, domain, dry and wet rail, equations in SymPy; published sets and laws from files.
 
-A law is a subclass of `AdhesionLaw` in a module here, and is found by itself.
+A law is a subclass of `AdhesionLaw` in a module of this package; the package finds it automatically.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ __all__ = [
 
 
 def _laws() -> Iterator[type[AdhesionLaw]]:
+    """All subclasses of `AdhesionLaw` defined in the modules of this package."""
     for info in pkgutil.iter_modules(__path__):
         if info.name == "base":
             continue
@@ -42,7 +43,7 @@ def _laws() -> Iterator[type[AdhesionLaw]]:
 
 
 def law_classes() -> dict[str, type[AdhesionLaw]]:
-    """The laws by name, in alphabetical order."""
+    """All laws by name, in alphabetical order."""
     return {law.name: law for law in sorted(_laws(), key=lambda law: law.name)}
 
 
@@ -53,7 +54,7 @@ def law_names() -> tuple[str, ...]:
 
 @checked
 def law_class(name: str) -> type[AdhesionLaw]:
-    """The law of a `name`, hyphen or underscore ("tyre-lugre" is "tyre_lugre"); InputError for none."""
+    """Class of the law with a `name`, hyphen or underscore ("tyre-lugre" is "tyre_lugre"); InputError if unknown."""
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
@@ -65,22 +66,22 @@ def law_class(name: str) -> type[AdhesionLaw]:
 def published_law(
     name: str, rail: Rail | str, initial_speed_kmh: float = INITIAL_SPEED_KMH, wheel_load: float = PARK2008.wheel_load
 ) -> AdhesionLaw:
-    """The published parameter set of a law by name.
+    """Adhesion law with its published parameters, by name.
 
     Slip velocity sigma = v - r omega and adhesion force Fa are positive in braking ([Park2008] (1), (2)). Parameters
-    that were identified at the rig's wheel load of 34 500 N are taken to another so that mu(slip) stays what was
-    measured: this project's assumption, [Park2008] has that load alone.
+    identified at the rig's wheel load of 34 500 N are converted to another load so that mu(slip) does not change. This
+    is the project's assumption; [Park2008] has only that load.
 
     - name: one of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
-      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); `source` of a law names its own.
-    - rail: condition the parameters are for: "dry" or "wet".
-    - initial_speed_kmh: speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed
-      of the moment. Laws that are not published over v0 do not use it.
-    - wheel_load: wheel load N, N, > 0. `operating_point` refuses the law for a vehicle of another.
+      "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); each law names its `source`.
+    - rail: rail condition of the parameters: "dry" or "wet".
+    - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140: a parameter of the run, not the present
+      speed. Laws that are not published over v0 do not use it.
+    - wheel_load: wheel load N, N, > 0. `operating_point` refuses the law for a vehicle with another wheel load.
 
-    Returns a frozen record of the law, its fields in SI, with the reference slips where the source has them.
-    InputError: no law of that name, no such rail condition, or a number outside its range. MissingParametersError: the
-    source gives no parameters for this law.
+    Returns a frozen record of the law, its fields in SI, with the reference slips if the source has them.
+    InputError: an unknown name or rail condition, or a number outside its range. MissingParametersError: the source
+    gives no parameters for this law.
     """
     law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
     return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law
@@ -88,11 +89,12 @@ def published_law(
 
 @checked
 def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
-    """The published adhesion law of a `name`, on dry rail, for a vehicle's wheel load.
+    """The published adhesion law `name` on dry rail for the wheel load of a vehicle.
 
-    `initial_speed`, m/s, is 30 to 140 km/h.
-    In the as-published reading the stiffness of a dynamic law, in N/m, is scaled with M, J and B, as a change of units
-    demands. Errors as `adhesion.published_law`.
+    - initial_speed: v0, m/s, within 30 to 140 km/h.
+
+    In the as-published reading the stiffness of a dynamic law, N/m, is scaled like M, J and B, as the change of units
+    requires. Errors as in `adhesion.published_law`.
     """
     v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
     return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
@@ -100,7 +102,7 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
 
 @checked
 def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
-    """A law as the vehicle's inertia scale demands: the stiffness of a published dynamic law is scaled with it."""
+    """Scale the stiffness of a published dynamic law by the vehicle's inertia scale; other laws are unchanged."""
     if law.has_state and vehicle.inertia_scale != 1.0:
         law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
     return law
@@ -109,21 +111,21 @@ def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
 # --- adhesion laws with the user's parameters, from a TOML file ------------------------------------------------------
 
 
-_ROUNDING = 1e-6  # relative: a speed that went from km/h to m/s and back is in its range still
+_ROUNDING = 1e-6  # relative tolerance of the range of v0, for a speed converted from km/h to m/s and back
 
 
 class LawFile(Record):
-    """The keys of a law's file."""
+    """Keys of the file of an adhesion law."""
 
     law: str = Field(description="name of the law")
-    condition: Rail = Field(Rail.DRY, description="rail condition that the parameters are for")
-    parameters: dict[str, Any] = Field({}, description="those of the law")
+    condition: Rail = Field(Rail.DRY, description="rail condition of the parameters")
+    parameters: dict[str, Any] = Field({}, description="parameters of the law")
     polynomials: dict[str, Any] = Field(
-        {}, description="parameters over v0 in km/h: constant, factor of v0, of v0^2 ..."
+        {}, description="parameters over v0 in km/h: constant, coefficient of v0, of v0^2 ..."
     )
-    initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log behind it", default=())
-    reference_slip: dict[str, Any] = Field({}, description="slip ratios to be held, or lists of them over v0")
-    wheel_load: float | None = quantity("N", "wheel load of the log behind it", gt=0, default=None)
+    initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log", default=())
+    reference_slip: dict[str, Any] = Field({}, description="reference slip ratios, or lists of them over v0")
+    wheel_load: float | None = quantity("N", "wheel load of the log", gt=0, default=None)
 
     @field_validator("initial_speed_range")
     @classmethod
@@ -138,7 +140,7 @@ class LawFile(Record):
         for name, each in polynomials.items():
             if not (isinstance(each, list) and each):
                 raise InputError(
-                    f"{name}: {shown(each)} is not allowed; give a list: constant, factor of v0 (km/h) ..."
+                    f"{name}: {shown(each)} is not allowed; give a list: constant, coefficient of v0 (km/h) ..."
                 )
             for coefficient in each:
                 to_unit(coefficient, "1", name=name, text_needs_unit=True)
@@ -146,32 +148,34 @@ class LawFile(Record):
 
 
 class SlipsOverSpeed(Record):
-    """Table `[reference_slip]` of a law whose reference slips change with v0; linear in between."""
+    """Table `[reference_slip]` of a law with reference slips over v0, interpolated linearly."""
 
-    initial_speed: tuple[float, ...] = quantity("km/h", "speeds v0, growing")
-    dry: tuple[float, ...] = quantity("1", "slip ratios at them, dry rail")
-    wet: tuple[float, ...] = quantity("1", "slip ratios at them, wet rail")
+    initial_speed: tuple[float, ...] = quantity("km/h", "initial speeds v0, ascending")
+    dry: tuple[float, ...] = quantity("1", "slip ratios at these speeds, dry rail")
+    wet: tuple[float, ...] = quantity("1", "slip ratios at these speeds, wet rail")
 
     @model_validator(mode="after")
     def _one_each(self) -> Self:
         if not self.initial_speed or any(b <= a for a, b in itertools.pairwise(self.initial_speed)):
-            raise InputError("initial_speed: give a list of growing speeds (km/h)")
+            raise InputError("initial_speed: the list is not allowed; give ascending speeds (km/h)")
         if {len(self.dry), len(self.wet)} != {len(self.initial_speed)}:
-            raise InputError(f"dry, wet: give as many slips as speeds, {len(self.initial_speed)}")
+            raise InputError(
+                f"dry, wet: {len(self.dry)} and {len(self.wet)} slips for {len(self.initial_speed)} speeds; give one "
+                "for each speed"
+            )
         return self
 
 
 @checked
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """Load what the option `--adhesion` of the commands takes: a law's file or its name.
+    """Load an adhesion law from its file or by its name, as the option `--adhesion` does.
 
-    - path: a TOML file, its keys as of `LawFile`, numbers SI or text with a unit; a Python file, which is run, and
-      whose `LAW` is the law with its parameters; or a name of `law_names`, for the published law on dry rail.
-    - initial_speed_kmh: v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
-      That of a published law is 100 if not given.
+    - path: a TOML file with the keys of `LawFile`, numbers in SI or text with a unit; a Python file, which is run and
+      whose `LAW` is the law with its parameters; or one of `law_names`, for the published law on dry rail.
+    - initial_speed_kmh: v0, km/h, for polynomials and reference slips over v0, and for a published law (default 100).
 
-    Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
-    InputError: the file cannot be read, or one line naming file, key, value and bound.
+    Returns a frozen record of the law, its fields in SI, with the reference slips (ratios) if the file has them.
+    InputError: the file cannot be read, or one line with file, key, value and bound.
     """
     path = given_path(path)
     if initial_speed_kmh is not None:
@@ -184,13 +188,13 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 
 
 def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> AdhesionLaw:
-    """The law of the keys of a file, or of a mapping of them, that errors call `where`; see `load_law`."""
+    """Make a law from the keys of its file, a mapping; errors begin with `where`. See `load_law`."""
     keys = validated(LawFile, keys, where)
     try:
         cls = law_class(keys.law)
     except InputError as error:
         raise InputError(f"{where}: law: {error}") from None
-    for table in ("parameters", "polynomials"):  # a record of the law has other fields too
+    for table in ("parameters", "polynomials"):  # checked here: the record of the law has other fields too
         for name in getattr(keys, table).keys() - set(cls.parameter_names()):
             raise InputError(f"{where}: {table}.{name}: unknown key; allowed: {', '.join(cls.parameter_names())}")
     values = {**keys.parameters, "rail": keys.condition, "file": where}
@@ -206,9 +210,12 @@ def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> Adh
 
 
 def keys_of(law: AdhesionLaw) -> dict[str, Any]:
-    """The keys of which `law_of` makes the law again; InputError for a law of the user's class."""
+    """Keys from which `law_of` makes the law again; InputError for a law of the user's class."""
     if law_classes().get(law.name) is not type(law):
-        raise InputError(f"adhesion: law {law.name!r} is of a file of its own and cannot be saved with a controller")
+        raise InputError(
+            f"adhesion: law {law.name!r} is a class in a file of the user and cannot be saved with a controller; use "
+            "a law of this package"
+        )
     slips = {} if law.reference is None else {"reference_slip": {"dry": law.reference.dry, "wet": law.reference.wet}}
     return {
         "law": law.name,
@@ -220,51 +227,52 @@ def keys_of(law: AdhesionLaw) -> dict[str, Any]:
 
 @checked
 def wheel_load_in(path: str | Path) -> float | None:
-    """The wheel load, N, at which the law in the file at a path was found, None where it says none; see `load_law`."""
+    """Wheel load, N, at which the law in the file `path` was identified; None if the file has none. See `load_law`."""
     path = given_path(path)
     return None if _is_python(path) else _keys(path).wheel_load
 
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """Lowest and highest v0, km/h, for which the law in the file at a path was found, or None; see `load_law`."""
+    """Lowest and highest v0, km/h, for which the law in the file `path` was identified, or None. See `load_law`."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
 
 @checked
 def is_over_initial_speed(path: str | Path) -> bool:
-    """Whether the law in the file at a path changes with v0: by polynomials, or in its reference slips."""
+    """True if parameters (polynomials) or reference slips of the law in the file `path` depend on v0."""
     keys = _keys(given_path(path))
     return bool(keys.polynomials) or "initial_speed" in keys.reference_slip
 
 
 def _keys(path: Path) -> LawFile:
+    """Read and check the keys of the file of a law."""
     return validated(LawFile, read_toml(path), file_name(path))
 
 
 def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
-    """The reference slips, those over the initial speed taken at v0 in km/h."""
+    """Reference slips of a law; those over the initial speed are interpolated at `speed` (v0, km/h)."""
     slips = keys.reference_slip
-    if keys.condition is Rail.WET and "wet" in slips:  # such a law is never on dry rail
+    if keys.condition is Rail.WET and "wet" in slips:  # a law for wet rail needs no slip for dry rail
         slips = {"dry": slips["wet"], **slips}
     if "initial_speed" not in slips:
         return slips
     if speed is None:
-        raise InputError(f"{where}: its reference slips are over the initial speed; give that of the brake (km/h)")
+        raise InputError(f"{where}: reference_slip depends on the initial speed, and none is given; give it (km/h)")
     over = validated(SlipsOverSpeed, slips, f"{where}: reference_slip")
     return {rail: float(np.interp(speed, over.initial_speed, getattr(over, rail))) for rail in ("dry", "wet")}
 
 
 def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
-    """v0 in km/h, given and in the range that the polynomials hold for."""
+    """Initial speed v0, km/h; InputError if it is missing or outside the range of the polynomials."""
     if speed is None:
-        raise InputError(f"{where}: its parameters are polynomials of the initial speed; give that of the brake (km/h)")
+        raise InputError(f"{where}: polynomials depend on the initial speed, and none is given; give it (km/h)")
     low, high = keys.initial_speed_range or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
-            f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g}, for which its polynomials "
-            "hold; give one inside (km/h)"
+            f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g} km/h, the range of its "
+            "polynomials; give one inside"
         )
     return speed
 
@@ -274,11 +282,11 @@ def _is_python(path: Path) -> bool:
 
 
 def _python_law(path: Path) -> AdhesionLaw:
-    """Run a Python file and return its `LAW`; InputError if it cannot be run, or that is no record of a law."""
+    """Run a Python file and return its `LAW`; InputError if the file fails or `LAW` is not a law."""
     law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: LAW is no adhesion law with its parameters; name a record of a subclass of "
-            "AdhesionLaw so, LAW = MyLaw(...)"
+            f"{file_name(path)}: LAW is a {type(law).__name__}, not an adhesion law with its parameters; assign a "
+            "record of a subclass of AdhesionLaw, LAW = MyLaw(...)"
         )
     return law.model_copy(update={"file": file_name(path)})

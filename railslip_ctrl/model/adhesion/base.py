@@ -1,4 +1,4 @@
-"""What every adhesion law is: a record of parameters in SI, with its equations stated in SymPy on request."""
+"""Base class of the adhesion laws: a record of parameters in SI with equations in SymPy."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from railslip_ctrl.core.units import KMH, quantity, to_unit
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
-"""Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
+"""Range of initial speeds v0, km/h, of the tests for the published parameters ([Park2008] Table 1, (30)-(32))."""
 
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
-RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at that load, N ([Park2008] p. 55)
+RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at `RIG_WHEEL_LOAD`, N ([Park2008] p. 55)
 
 
 class ReferenceSlip(Record):
-    """Slip ratio to be held by the controller, by rail condition."""
+    """Reference slip ratio of the controller, by rail condition."""
 
     dry: float = quantity("1", "reference slip ratio, dry rail", gt=0, lt=1)
     wet: float = quantity("1", "reference slip ratio, wet rail", gt=0, lt=1)
 
     def on(self, rail: Rail) -> float:
-        """The slip ratio on a rail."""
+        """Reference slip ratio on a rail condition."""
         return self.wet if rail is Rail.WET else self.dry
 
 
 @dataclass(frozen=True)
 class Kink:
-    """Where a law has no unique derivative, or no rest state: the `slip` ratio, and the `reason` in words."""
+    """A `slip` ratio at which a law has no unique derivative or no rest state, and the `reason` as text."""
 
     slip: float
     reason: str
@@ -48,15 +48,15 @@ class Kink:
 
 @dataclass(frozen=True)
 class Statement:
-    """A law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
+    """Equations of a law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
 
-    force: Fa, N; has the sign of sigma at rest. state_rate, steady_state: z', m/s, and z at rest as a function of
-    sigma, in closed form; None for a static law. functions: numeric counterpart "module:function" of each SymPy
-    function the law defines, by class name. sigma_limit: slip velocity, m/s, that |sigma| must stay below; None where
-    the equations hold for every sigma. state_limit: largest |z|, m, that slip can build up from no deflection: the
-    supremum of |steady_state|, which a state with z' = sigma - |sigma| z/|steady_state| never passes
-    ([CanudasDeWit1995]); None for a static law. parts: sub-expressions by name, in order, which generated code computes
-    beforehand so that it can be read.
+    - force: Fa, N; at rest it has the sign of sigma.
+    - state_rate, steady_state: z', m/s, and z at rest as a function of sigma, in closed form; None for a static law.
+    - functions: numeric counterpart "module:function" of each SymPy function that the law defines, by class name.
+    - sigma_limit: slip velocity, m/s, that |sigma| must stay below; None if the equations hold for every sigma.
+    - state_limit: largest |z|, m, that slip can build up from z = 0: the supremum of |steady_state|. A state with
+      z' = sigma - |sigma| z/|steady_state| never exceeds it ([CanudasDeWit1995]). None for a static law.
+    - parts: sub-expressions by name, in order; generated code computes them first, for readability.
     """
 
     force: Any
@@ -69,11 +69,11 @@ class Statement:
 
 
 class AdhesionLaw(Record):
-    """Base of the adhesion laws: a subclass in a module of this package is found by itself.
+    """Base class of the adhesion laws; subclasses in the modules of this package are found automatically.
 
-    Its fields made by `units.quantity` are its parameters, SI, in the order in which numeric functions take them.
-    sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma| where the source's form
-    would diverge for sigma < 0.
+    The fields made by `units.quantity` are the parameters, SI, in the order of the arguments of numeric functions.
+    sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma. Dynamic laws use |sigma| if the form in the source
+    diverges for sigma < 0.
     """
 
     name: ClassVar[str]
@@ -81,29 +81,29 @@ class AdhesionLaw(Record):
     source: ClassVar[str]
     has_state: ClassVar[bool]
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Factors that turn the dry parameters into the wet ones."""
+    """Factors from the dry to the wet parameters."""
     published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType({})
-    """Published parameters on dry and on wet rail, for any v0, where they are two sets and not one scaled."""
+    """Published parameters for any v0 on dry and on wet rail, if the source has a separate set for each."""
 
-    rail: Rail = Field(Rail.DRY, description="condition the parameters are for")
-    reference: ReferenceSlip | None = Field(None, description="slip ratios to be held, where they are given")
-    file: str | None = Field(None, exclude=True, repr=False, description="name of the file it is from, if any")
+    rail: Rail = Field(Rail.DRY, description="rail condition of the parameters")
+    reference: ReferenceSlip | None = Field(None, description="reference slip ratios, if given")
+    file: str | None = Field(None, exclude=True, repr=False, description="name of the law's file, if any")
     of_wheel_load: float | None = Field(
-        None, exclude=True, repr=False, description="wheel load, N, that its forces are for, where that is known"
+        None, exclude=True, repr=False, description="wheel load, N, of its forces, if known"
     )
 
     @field_validator("of_wheel_load", mode="before")
     @classmethod
     def _in_newtons(cls, value: object) -> object:
-        """A field with a unit would be a parameter of the law."""
+        """Convert to N here: a field made by `units.quantity` would be a parameter of the law."""
         return None if value is None else to_unit(value, "N", text_needs_unit=True)
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is the same law with the same numbers, from whatever file."""
+        """True for the same law with the same numbers; file and `of_wheel_load` may differ."""
         if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
             return NotImplemented
-        unsaid = {"file": None, "of_wheel_load": None}
-        return {**dict(self), **unsaid} == {**dict(other), **unsaid}
+        ignored = {"file": None, "of_wheel_load": None}
+        return {**dict(self), **ignored} == {**dict(other), **ignored}
 
     def __hash__(self) -> int:
         return hash((type(self), self.parameters(), self.rail, self.reference))
@@ -111,16 +111,19 @@ class AdhesionLaw(Record):
     @classmethod
     @abstractmethod
     def statement(cls) -> Statement:
-        """The law's equations. SymPy is imported inside, so that evaluating numbers does not need it."""
+        """Equations of the law; SymPy is imported inside, so that numeric evaluation does not load it."""
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The published parameters on a `rail`, at v0 = `initial_speed_kmh` (30 to 140 km/h) and a `wheel_load` (N).
+        """The law with published parameters for a rail condition, initial speed and wheel load.
 
-        MissingParametersError where the source gives none; InputError for a number outside its range.
+        - initial_speed_kmh: v0, 30 to 140 km/h.
+        - wheel_load: N, > 0.
+
+        MissingParametersError: the source gives no parameters. InputError: a number outside its range.
         """
         if cls.published_sets:
-            check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
+            check_published_range(INITIAL_SPEED_KMH, wheel_load)  # only the load: these sets do not depend on v0
             return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
         raise MissingParametersError(
             f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
@@ -129,37 +132,37 @@ class AdhesionLaw(Record):
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
-        """The law's parameters, in order."""
+        """Names of the law's parameters, in order."""
         return tuple(cls.units())
 
     @classmethod
     def has_forces(cls) -> bool:
-        """Whether a parameter is, or has in it, a force or a pressure: then mu at another wheel load is another."""
+        """True if a parameter's unit contains a force or a pressure; mu then depends on the wheel load."""
         return any(re.search(r"\b(N|Pa)\b", unit) for unit in cls.units().values())
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """The names under which generated functions unpack `parameters`; a starred last one takes all that is left."""
+        """Names of `parameters` in generated functions; a starred last name takes all remaining values."""
         return cls.parameter_names()
 
     @classmethod
     def symbols(cls) -> tuple[Any, ...]:
-        """SymPy symbols of the parameters, in order; positive where the field must be."""
+        """SymPy symbols of the parameters, in order; positive if the field must be positive."""
         import sympy as sp
 
         bounds = ((name, cls.model_fields[name].metadata) for name in cls.parameter_names())
         return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
-        """Value, SI, and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""
+        """Value (SI) and unit of each parameter by name, in order; a table's column is a tuple of pure numbers."""
         return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
-        """The parameters' values, SI, in order."""
+        """Values of the parameters, SI, in order."""
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """The law on wet rail: the published dry set becomes the wet one, others are multiplied by `wet_factors`."""
+        """The law on wet rail: published dry parameters become the wet ones, others are multiplied by `wet_factors`."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -169,29 +172,34 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """The law with `factor` (> 0) times its adhesion, by the parameters that `wet_factors` names for one half."""
+        """The law with its adhesion scaled by `factor` (> 0); `wet_factors` gives the parameters for one half."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
-            raise InputError(f"adhesion {self.name!r}: nothing says how its parameters change with less adhesion")
+            raise InputError(
+                f"adhesion {self.name!r}: an adhesion factor of {factor:g} needs wet_factors, and the law has none; "
+                "define them in its class"
+            )
         halvings = math.log(factor) / math.log(0.5)
         update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
         return self.model_copy(update=update)
 
     def on(self, rail: Rail) -> Self:
-        """The law on a rail condition. InputError when wet parameters were given and dry ones are asked for."""
+        """The law on a rail condition; InputError for dry rail if the parameters are for wet rail."""
         rail = Rail.of(rail)
         if rail is Rail.DRY and self.rail is Rail.WET:
             file = "" if self.file is None else f" of {self.file}"
             raise InputError(
-                f"adhesion {self.name!r}{file}: its parameters are for wet rail, and dry ones do not follow from them; "
-                "ask for wet rail alone"
+                f"adhesion {self.name!r}{file}: its parameters are for wet rail and do not determine those for dry "
+                "rail; choose wet rail only"
             )
         return self.wet() if rail is Rail.WET else self
 
     def at_wheel_load(self, factor: float) -> Self:
-        """The law at `factor` (> 0) times the wheel load with mu as it was: forces grow, stresses and lengths stay.
+        """The law at `factor` times the wheel load with the same mu: forces scale, stresses and lengths do not.
 
-        This project's assumption for a law known at one wheel load. InputError for a factor not positive and finite.
+        This is the project's assumption for a law known at one wheel load.
+
+        - factor: > 0, finite; InputError otherwise.
         """
         number("factor of the wheel load", factor, gt=0)
         forces = {name: -1 if "/N" in unit else 1 for name, unit in self.units().items() if re.search(r"\bN\b", unit)}
@@ -201,13 +209,13 @@ class AdhesionLaw(Record):
         return self.model_copy(update=update)
 
     def reference_slip(self, rail: Rail) -> float | None:
-        """Reference slip ratio on a rail condition; None where neither source nor user gives one."""
+        """Reference slip ratio on a rail condition; None if neither source nor user gives one."""
         if self.reference is None:
             return None
         return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio the law must stay below at speed v (m/s), and why; infinite where there is none."""
+        """Upper limit of the slip ratio at speed v (m/s), and its reason; infinite without a limit."""
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
@@ -215,16 +223,17 @@ class AdhesionLaw(Record):
         return (REST_STATE_UNDEFINED,) if self.has_state else ()
 
     def check_domain(self, v: float, sigma: ArrayLike) -> None:
-        """Raise DomainError unless v > 0 is finite, 0 <= sigma/v <= 1 and the law holds there.
+        """Raise DomainError unless v > 0 is finite, 0 <= sigma/v <= 1, and sigma is within the domain of the law.
 
-        v in m/s; sigma in m/s, of any shape (the first value outside is named).
+        - v: train speed, m/s.
+        - sigma: slip velocity, m/s, any shape; the error names the first value outside.
         """
         if not (math.isfinite(real("speed", v)) and v > 0.0):
-            raise DomainError(f"speed: {v:g} m/s is outside the domain of slip; give a finite speed > 0")
+            raise DomainError(f"speed: {v:g} m/s is not allowed, slip is defined for v > 0; give a finite speed > 0")
         slip = np.atleast_1d(reals("slip velocity", sigma)) / v
         outside = ~((slip >= 0.0) & (slip <= 1.0))
         if outside.any():
-            raise DomainError(f"slip: {slip[outside][0]:g} is outside 0 to 1")
+            raise DomainError(f"slip: {slip[outside][0]:g} is not allowed; give 0 <= slip <= 1")
         limit, reason = self.domain_limit(v)
         beyond = slip >= limit
         if beyond.any():
@@ -235,7 +244,7 @@ class AdhesionLaw(Record):
 
 
 REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is at rest, so the adhesion state is undefined")
-"""Why a dynamic law cannot be linearised at slip 0: z' vanishes with sigma whatever z is."""
+"""Kink of every dynamic law at slip 0: z' is 0 for every z, so that the law cannot be linearised."""
 
 
 def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
@@ -244,7 +253,7 @@ def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
     if not low <= real("initial speed", initial_speed_kmh) <= high:
         raise InputError(
             f"initial speed: {initial_speed_kmh:g} km/h is outside {low:g} to {high:g} km/h, "
-            "the range of the published adhesion parameters"
+            "the range of the published adhesion parameters; give one inside"
         )
     number("wheel load", wheel_load, "N", gt=0)
 
@@ -253,11 +262,13 @@ def _is_positive(metadata: list[Any]) -> bool:
     return any(getattr(constraint, "gt", None) is not None and constraint.gt >= 0 for constraint in metadata)
 
 
-# --- adhesion available by speed, whatever the slip: an envelope of measurements, not an adhesion law ----------------
+# --- available adhesion by speed, at any slip: an envelope of measurements, not an adhesion law ----------------------
 
 
 def curtius_kniffler(speed: ArrayLike) -> Floats | np.float64:
-    """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, for speeds >= 0 in m/s, of any shape.
+    """Available adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, by Curtius and Kniffler.
+
+    - speed: m/s, >= 0, any shape; DomainError otherwise.
 
     E. W. Curtius, A. Kniffler: Neue Erkenntnisse ueber die Haftung zwischen Treibrad und Schiene. Elektrische
     Bahnen 1944.
@@ -265,5 +276,5 @@ def curtius_kniffler(speed: ArrayLike) -> Floats | np.float64:
     v = np.asarray(speed, dtype=float)
     outside = ~(np.isfinite(v) & (v >= 0.0))
     if outside.any():
-        raise DomainError(f"speed: {v[outside][0]:g} m/s is outside the curve; give a finite speed >= 0")
+        raise DomainError(f"speed: {v[outside][0]:g} m/s is not allowed; give a finite speed >= 0")
     return np.asarray(7.5 / (v / KMH + 44.0) + 0.161, dtype=float)[()]

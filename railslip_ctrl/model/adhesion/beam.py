@@ -1,4 +1,4 @@
-"""Beam (brush) model, static: [Park2008] (5)-(9), and the closed form that follows instead of the printed (10)."""
+"""Beam (brush) model, static: [Park2008] (5)-(9), and the closed form that replaces the printed (10)."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement, check_published_range
 
-# [Park2008] Table 1: maximum adhesion coefficient by initial speed; in between by linear interpolation.
+# [Park2008] Table 1: maximum adhesion coefficient by initial speed, interpolated linearly.
 _INITIAL_SPEED_KMH = (30.0, 60.0, 100.0, 140.0)
 _MU_MAX = (0.360, 0.310, 0.261, 0.226)
 
-# [Park2008] Table 1. Cx has the contact width folded in (N/m^2 per unit slip): 8.0e10 Pa * 0.019 m = 1.52e9,
-# and only so does (9) give the tabulated Kx = 274 360 N.
-CONTACT_STIFFNESS = 1.52e9
-CONTACT_LENGTH = 0.019
-CONTACT_WIDTH = 0.019
-DECAY_H_PER_KM = 0.0013
+# [Park2008] Table 1. Cx includes the contact width (N/m^2 per unit slip): 8.0e10 Pa * 0.019 m = 1.52e9. Only with this
+# reading does (9) give the tabulated Kx = 274 360 N.
+CONTACT_STIFFNESS = 1.52e9  # Cx, N/m^2
+CONTACT_LENGTH = 0.019  # l, m
+CONTACT_WIDTH = 0.019  # w, m
+DECAY_H_PER_KM = 0.0013  # a, decrease of the friction coefficient with slip velocity, h/km
 
 
 class Beam(AdhesionLaw):
     """Closed form of the brush model; u = Kx |lambda|/(3 mu_max N) is the share of the footprint that slides.
 
-    u <= 1: Fa = N mu_max [1 - (1 - u)^3] - N a sigma (3 u - 2 u^2); u > 1, where the whole footprint slides and
-    the source is silent: Fa = N (mu_max - a sigma). Odd in sigma. The two meet at u = 1 with different slopes.
+    For u <= 1, Fa = N mu_max [1 - (1 - u)^3] - N a sigma (3 u - 2 u^2). For u > 1 the whole footprint slides, and
+    Fa = N (mu_max - a sigma); the source does not give this case. Fa is odd in sigma. The slopes differ at u = 1.
     """
 
     name: ClassVar[str] = "beam"
@@ -44,10 +44,10 @@ class Beam(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """Table 1, mu_max interpolated in v0.
+        """The law with the parameters of Table 1, mu_max interpolated in v0.
 
-        This project's assumption for a wheel load other than the rig's 34 500 N: Kx grows with it, so that
-        mu(lambda) stays what was measured.
+        The project's assumption for a wheel load other than the rig's 34 500 N: Kx grows with the load, so that
+        mu(lambda) does not change.
         """
         check_published_range(initial_speed_kmh, wheel_load)
         dry = cls(
@@ -59,17 +59,17 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip at which the friction coefficient mu_max - a sigma of sliding vanishes."""
+        """Slip at which the friction coefficient mu_max - a sigma vanishes."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
-        """Full slip, u = 1 (at slip 0 the law is continuously differentiable)."""
-        return (Kink(3.0 * self.mu_max * wheel_load / self.Kx, "from here on the whole footprint slides"),)
+        """Kink at full sliding, u = 1; at slip 0 the law is continuously differentiable."""
+        return (Kink(3.0 * self.mu_max * wheel_load / self.Kx, "above it the whole footprint slides"),)
 
     @classmethod
     def statement(cls) -> Statement:
-        """The closed form; odd in sigma without `sign`, so that SymPy's derivative has no Dirac terms."""
+        """The closed form, odd in sigma without `sign`, so that SymPy's derivative has no Dirac terms."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -89,16 +89,17 @@ class Beam(AdhesionLaw):
 
 
 def _contact_symbols() -> tuple[Any, ...]:
+    """SymPy symbols l, w, Cx, x and u of the footprint."""
     import sympy as sp
 
     return tuple(sp.symbols("l w Cx x u", positive=True))
 
 
 def integrated_force() -> Any:
-    """Fa for u <= 1 and sigma > 0 by integrating (6) over the footprint with (5), (7), (8), (9): the derivation.
+    """Derive Fa for u <= 1 and sigma > 0 by integrating (6) over the footprint with (5), (7), (8), (9).
 
-    The branches of (6) are read as Cx lambda x where the footprint sticks and mu_d w p where it slides (as printed,
-    Cx lambda w x and mu_d p, they have different dimensions). SymPy expression in v, sigma, N and the parameters.
+    The branches of (6) are read as Cx lambda x in the sticking part and mu_d w p in the sliding part; as printed,
+    Cx lambda w x and mu_d p have different dimensions. Returns a SymPy expression in v, sigma, N and the parameters.
     """
     import sympy as sp
 
@@ -117,10 +118,10 @@ def integrated_force() -> Any:
 
 
 def printed_force(*, width: bool = True, last_factor: Any = None) -> Any:
-    """(10) as printed, a SymPy expression in v, sigma, N, the parameters and the contact width `w`.
+    """Equation (10) as printed, a SymPy expression in v, sigma, N, the parameters and the contact width `w`.
 
-    The print has two errors: the first term carries w although Cx has it folded in, and the last term's factor is
-    1/2 where (5)-(9) give 1/4. `width=False` drops w, `last_factor` replaces the 1/2.
+    The print has two errors: the first term contains w although Cx includes it, and the factor of the last term is
+    1/2 instead of 1/4, which follows from (5)-(9). `width=False` drops w, `last_factor` replaces the 1/2.
     """
     import sympy as sp
 

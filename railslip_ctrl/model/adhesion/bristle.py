@@ -15,10 +15,10 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)  #: [Park2008] p. 55
 
 
 class Bristle(AdhesionLaw):
-    """Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
+    """Railway bristle model Fa = alpha z, z' = sigma - alpha h |sigma| z, h = beta/(gamma - |sigma|).
 
-    Printed without the absolute values, with which it would diverge for sigma < 0. At rest Fa = (gamma - sigma)/beta:
-    it falls for every sigma > 0 and leaves its domain at sigma = gamma.
+    The source prints it without the absolute values; z then diverges for sigma < 0. At rest Fa = (gamma - sigma)/beta:
+    it falls for every sigma > 0, and the law ends at sigma = gamma.
     """
 
     name: ClassVar[str] = "bristle"
@@ -33,17 +33,17 @@ class Bristle(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """(30)-(32) for v0 in km/h; see `published_coefficients`."""
+        """The law with the parameters of (30)-(32) for v0 in km/h; see `published_coefficients`."""
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         return cls(alpha=alpha, beta=beta, gamma=gamma, reference=REFERENCE).on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """sigma must stay below gamma."""
-        return self.gamma / v, "the slip velocity reaches gamma, where its adhesion vanishes"
+        """Slip ratio at which sigma reaches gamma, where the adhesion vanishes."""
+        return self.gamma / v, "the slip velocity reaches gamma, at which its adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
-        """(19)-(22) in z."""
+        """Equations (19)-(22) in the state z."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -62,11 +62,11 @@ class Bristle(AdhesionLaw):
 
 
 def published_coefficients(initial_speed_kmh: float, wheel_load: float) -> tuple[float, float, float]:
-    """alpha (N/m), beta ((m/s)/N) and gamma (m/s) of (30)-(32) on dry rail.
+    """Parameters alpha (N/m), beta ((m/s)/N) and gamma (m/s) of (30)-(32) on dry rail.
 
-    The source prints alpha without a unit that fits: N/m is the reading that gives the published peaks. They were
-    identified at 34 500 N; this project's assumption for another wheel load is that mu stays, so alpha grows with
-    the load and beta falls with it. InputError for v0 outside 30 to 140 km/h.
+    The unit that the source prints for alpha does not fit; N/m gives the published peaks. The parameters were
+    identified at 34 500 N. The project's assumption for another wheel load is that mu does not change: alpha then grows
+    with the load, and beta falls. InputError for v0 outside 30 to 140 km/h.
     """
     check_published_range(initial_speed_kmh, wheel_load)
     v0 = initial_speed_kmh

@@ -1,4 +1,4 @@
-"""Burckhardt's curve, static: a road tyre, to compare with."""
+"""Burckhardt curve, static: a law of road tyres for comparison."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "snow": MappingProxyType({"c1": 0.1946, "c2": 94.129, "c3": 0.0646}),
     }
 )
-"""Published sets by road surface. Wet asphalt is rounded; it is printed with one more digit elsewhere."""
+"""Published sets by road surface. Wet asphalt is rounded; other sources print one more digit."""
 
 
 class Burckhardt(AdhesionLaw):
-    """Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
+    """Burckhardt's law Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
 
-    A law of tyre on road, not of wheel on rail: its published coefficients are some three times those of a rail. It
-    does not depend on the speed. The slope at 0 is c1 c2 - c3 from both sides: no kink.
+    It describes a tyre on a road, not a wheel on a rail: its published adhesion coefficients are about three times
+    those of a rail. It does not depend on the speed. The slope at 0 is c1 c2 - c3 from both sides, without a kink.
 
-    Wet rail: dry and wet asphalt are two sets, not one scaled, so the first becomes the second. Of other dry
-    parameters `wet_factors` halve c1 and c3, and so mu, at every slip. The published sets are for any v0 and have no
-    reference slip.
+    Wet rail: the published set of dry asphalt becomes that of wet asphalt. For other dry parameters `wet_factors`
+    halve c1 and c3, and thus mu at every slip. The published sets are for any v0 and have no reference slip.
     """
 
     name: ClassVar[str] = "burckhardt"
@@ -42,26 +41,27 @@ class Burckhardt(AdhesionLaw):
         {Rail.DRY: SURFACES["dry asphalt"], Rail.WET: SURFACES["wet asphalt"]}
     )
 
-    c1: float = quantity("1", "height the curve tends to, without its fall", gt=0)
-    c2: float = quantity("1", "rise by slip", gt=0)
-    c3: float = quantity("1", "fall by slip", ge=0)
+    c1: float = quantity("1", "limit of the rising part of the curve", gt=0)
+    c2: float = quantity("1", "rate of the rise with slip", gt=0)
+    c3: float = quantity("1", "slope of the fall with slip", ge=0)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip at which mu vanishes: beyond 1, and so no limit, with every published set."""
+        """Slip at which mu vanishes; for every published set it is above 1, so that it is no limit."""
         reason = "the adhesion coefficient is no longer positive"
         if self.c3 == 0.0:
             return math.inf, reason
         from scipy.special import lambertw
 
-        zero = self.c1 / self.c3  # of the curve's asymptote; x = c2 (lambda - zero) solves x exp(x) = -c2 zero exp(...)
+        # zero of the asymptote; x = c2 (lambda - zero) solves x exp(x) = -c2 zero exp(-c2 zero)
+        zero = self.c1 / self.c3
         x = lambertw(-self.c2 * zero * math.exp(-self.c2 * zero)).real
         return max(0.0, float(zero + x / self.c2)), reason
 
     @classmethod
     def statement(cls) -> Statement:
-        """The curve without `sign`, whose derivative at 0 would be lost, and without an exponential that overflows.
+        """The curve without `sign`, which loses the derivative at 0, and without an exponential that overflows.
 
-        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2), and |t| in the denominator makes it odd.
+        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2); |t| in the denominator makes it odd.
         """
         import sympy as sp
 

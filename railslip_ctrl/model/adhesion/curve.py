@@ -1,4 +1,4 @@
-"""Bristle curve, static: the force that the bristle model builds along a slip ramp ([Park2008] Fig. 17)."""
+"""Bristle curve, static: the force of the bristle model along a slip ramp ([Park2008] Fig. 17)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from railslip_ctrl.model.vehicle import Rail
 from .base import AdhesionLaw, Statement, check_published_range
 from .bristle import REFERENCE, published_coefficients
 
-SLIP_ACCELERATION = 2.93  #: R, m/s^2, of the ramp: 10.55 km/h/s, which gives the published peak at v0 = 100 km/h
+SLIP_ACCELERATION = 2.93  #: R of the ramp, m/s^2 (10.55 km/h/s): the value that gives the published peak at 100 km/h
 
 
 class Curve(AdhesionLaw):
-    """Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, along the ramp s = lambda v0 at slip acceleration R.
+    """Bristle curve Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, along the ramp s = lambda v0.
 
-    h = beta/(gamma - s). A function of the slip ratio alone, odd; defined for lambda v0 < gamma.
+    R is the slip acceleration of the ramp and h = beta/(gamma - s). F depends only on the slip ratio, is odd, and is
+    defined for lambda v0 < gamma.
     """
 
     name: ClassVar[str] = "curve"
@@ -36,19 +37,19 @@ class Curve(AdhesionLaw):
     beta: float = quantity("m/s/N", "slope of 1/h, vs/(Fs - Fc)", gt=0)
     gamma: float = quantity("m/s", "slip velocity at which the adhesion vanishes, Fs vs/(Fs - Fc)", gt=0)
     R: float = quantity("m/s^2", "slip acceleration of the ramp", gt=0, default=SLIP_ACCELERATION)
-    v0: float = quantity("m/s", "initial speed, which turns the slip ratio into the ramp's slip velocity", gt=0)
+    v0: float = quantity("m/s", "initial speed; the slip velocity of the ramp is the slip ratio times it", gt=0)
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """(30)-(32) and the ramp that gives the published peak; wheel load as in the bristle model."""
+        """The law with parameters of (30)-(32) and the ramp that gives the published peak; N as in `Bristle`."""
         check_published_range(initial_speed_kmh, wheel_load)
         alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
         law = cls(alpha=alpha, beta=beta, gamma=gamma, v0=initial_speed_kmh * KMH, reference=REFERENCE)
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """The ramp's slip velocity lambda v0 must stay below gamma."""
-        return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, where its adhesion vanishes"
+        """Slip ratio at which the slip velocity lambda v0 of the ramp reaches gamma."""
+        return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, at which its adhesion vanishes"
 
     @classmethod
     def statement(cls) -> Statement:
@@ -63,11 +64,12 @@ class Curve(AdhesionLaw):
 
 
 def _curve_function() -> Any:
+    """SymPy function of the bristle curve."""
     import sympy as sp
     from sympy.core.function import ArgumentIndexError
 
     class BristleCurve(sp.Function):  # type: ignore[misc]
-        """F(lambda; alpha, beta, gamma, R, v0)."""
+        """Force F as a function of (lambda; alpha, beta, gamma, R, v0)."""
 
         nargs = 6
         is_real = True
@@ -82,25 +84,25 @@ def _curve_function() -> Any:
     return BristleCurve
 
 
-# The integrand decays by exp(-_DEPTH) over the range integrated: to less than the rounding of the result. In the
-# logarithm of the distance to gamma it is entire, and 40 nodes of Gauss-Legendre leave 2e-13 of the result,
-# whatever the parameters: the rounding of the outermost weights.
+# Over the range of integration the integrand decays by exp(-_DEPTH), to less than the rounding of the result. As a
+# function of the logarithm of the distance to gamma it is entire. For all parameters 40 Gauss-Legendre nodes have a
+# relative error of 2e-13, the rounding of the outermost weights.
 _DEPTH = 37.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
-_NEWTON_STEPS = 8
-_BLOCK = 256  # slip ratios at once, so that memory stays in the cache; a whole table at once takes four times as long
+_NEWTON_STEPS = 8  # enough for every start of the integration
+_BLOCK = 256  # slip ratios at once: their arrays stay in the cache; a whole table at once takes four times as long
 
-# Between slips close together 5 nodes leave less than that: where over the gap Phi grows by at most
-# _STEP and its slope by at most _BEND over the gap's width, and gamma is at least _GAPS gaps away.
+# Between slips close together 5 nodes have a smaller error than that, if over the gap Phi grows by at most _STEP and
+# its slope by at most _BEND over the width of the gap, and gamma is at least _GAPS gaps away.
 _STEP, _BEND, _GAPS = 0.4, 0.05, 10.0
 _FEW_NODES, _FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
 def curve_force(slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float) -> Floats | np.float64:
-    """F of `Curve`, N, at slip ratios of any shape, to 2e-13 of it; NaN where |slip| v0 >= gamma.
+    """Force of the bristle curve, N, at slip ratios of any shape, accurate to 2e-13; NaN where |slip| v0 >= gamma.
 
-    Variation of constants: with Phi' = (alpha beta/R) s/(gamma - s),
-    F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt, by Gauss-Legendre over the part of [0, s] that counts.
+    By variation of constants, with Phi' = (alpha beta/R) s/(gamma - s),
+    F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt, by Gauss-Legendre quadrature over the relevant part of [0, s].
     """
     lam = np.asarray(slip, dtype=float)
     s = np.abs(lam) * v0
@@ -128,7 +130,7 @@ def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
 
 
 def _close_together(s: Floats, c: float, gamma: float) -> int:
-    """How many of the first slip velocities rise from 0 in gaps short enough for `_in_steps`."""
+    """Number of first slip velocities that rise from 0 in gaps short enough for `_in_steps`."""
     if s.size < 2 or s[0] != 0:
         return 0
     gap = np.diff(s)
@@ -140,7 +142,7 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """The same at slip velocities that are close together: what is left of the one before and the gap's own share."""
+    """Integral as in `_each_alone` at slip velocities close together, each from the one before and the gap."""
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]
@@ -158,10 +160,10 @@ def _phi_difference(s: Floats, back: Floats, c: float, gamma: float) -> Floats:
 
 
 def _start_of_integration(s: Floats, c: float, gamma: float) -> Floats:
-    """Where, below s, the integrand has decayed by exp(-_DEPTH); 0 where it never has.
+    """Slip velocity below s at which the integrand has decayed by exp(-_DEPTH); 0 if it never has.
 
-    Phi is convex and rising, so Newton's iteration from s comes down to the root without passing it; an iterate
-    short of the root only integrates less of what is already negligible.
+    Phi is convex and rising: Newton's iteration from s descends to the root without passing it. An iterate above the
+    root only omits a negligible part of the integral.
     """
     found, deep = np.zeros(s.shape), _phi_difference(s, s, c, gamma) > _DEPTH
     end = start = s[deep]

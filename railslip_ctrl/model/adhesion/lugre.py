@@ -1,5 +1,7 @@
-"""Friction models with a deflection of bristles, dynamic: Dahl [Dahl1976], LuGre [CanudasDeWit1995] and its lumped tyre
-model [CanudasDeWit1999], as [Park2008] (11)-(18) print them."""
+"""Dynamic friction models with bristle deflection: Dahl, LuGre and the lumped LuGre tyre model.
+
+Sources: [Dahl1976], [CanudasDeWit1995] and [CanudasDeWit1999], in the form of [Park2008] (11)-(18).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from .base import AdhesionLaw, Statement
 
 
 class Dahl(AdhesionLaw):
-    """Fa = alpha z, z' = sigma - alpha |sigma| z/Fc: Coulomb friction with presliding; constant Fc at rest."""
+    """Dahl's law Fa = alpha z, z' = sigma - alpha |sigma| z/Fc: Coulomb friction with presliding, Fa = Fc at rest."""
 
     name: ClassVar[str] = "dahl"
     title: ClassVar[str] = "Dahl model, dynamic"
@@ -26,7 +28,7 @@ class Dahl(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """(11), (12)."""
+        """Equations (11) and (12) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -42,7 +44,7 @@ class Dahl(AdhesionLaw):
 
 
 class LuGre(AdhesionLaw):
-    """Fa = alpha z + alpha1 z' + alpha2 sigma, z' = sigma - alpha |sigma| z/g.
+    """LuGre law Fa = alpha z + alpha1 z' + alpha2 sigma, z' = sigma - alpha |sigma| z/g.
 
     g = Fc + (Fs - Fc) exp(-(sigma/vs)^2).
     """
@@ -62,7 +64,7 @@ class LuGre(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """(13)-(15)."""
+        """Equations (13)-(15) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol
@@ -81,7 +83,7 @@ class LuGre(AdhesionLaw):
 
 
 class TyreLuGre(AdhesionLaw):
-    """Fa = (alpha z + alpha1 z' + alpha2 sigma) N, z' = sigma - alpha |sigma| z/g.
+    """LuGre tyre law Fa = (alpha z + alpha1 z' + alpha2 sigma) N, z' = sigma - alpha |sigma| z/g.
 
     g = mu_c + (mu_s - mu_c) exp(-|sigma/vs|^(1/2)); the coefficients are normalised by the wheel load N.
     """
@@ -101,7 +103,7 @@ class TyreLuGre(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """(16)-(18)."""
+        """Equations (16)-(18) of [Park2008]."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

@@ -11,21 +11,21 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 
-SHEAR_MODULUS = 84e9
-SEMI_AXIS = 6e-3
-KALKER_C11 = 4.12
+SHEAR_MODULUS = 84e9  #: G of steel, Pa
+SEMI_AXIS = 6e-3  #: semi-axes a and b of the contact ellipse, m
+KALKER_C11 = 4.12  #: Kalker's coefficient c11 of longitudinal creep, dimensionless
 
 
 class Polach(AdhesionLaw):
-    """Fa = (2 N mu/pi) [kA e/(1 + (kA e)^2) + arctan(kS e)], e = G pi a b c11 lambda/(4 N mu).
+    """Polach's law Fa = (2 N mu/pi) [kA e/(1 + (kA e)^2) + arctan(kS e)], e = G pi a b c11 lambda/(4 N mu).
 
-    mu = mu0 [(1 - A) exp(-Bw w) + A], w = |sigma|. Bw is the source's B, a letter the plant has taken. Odd in sigma,
-    finite for every slip, and without kinks: about 0, N mu e does not depend on mu, so |sigma| enters Fa only from
-    its fourth order on.
+    mu = mu0 [(1 - A) exp(-Bw w) + A], w = |sigma|. Bw is B in the source; here B is the viscous friction. Fa is odd in
+    sigma, finite for every slip and without kinks: N mu e does not depend on mu, so that |sigma| enters the expansion
+    of Fa about 0 only from the fourth order on.
 
-    Wet rail: dry and wet are two sets, not one scaled, so the published dry set becomes the published wet one. Of
-    other dry parameters `wet_factors` halve mu0, as the peak of the other laws is. The published sets are for any v0
-    and have no reference slip; that the contact ellipse is the same for every wheel load is this project's assumption.
+    Wet rail: the published dry set becomes the published wet one. For other dry parameters `wet_factors` halve mu0, as
+    the other laws halve their peak. The published sets are for any v0 and have no reference slip. The project assumes
+    the same contact ellipse for every wheel load.
     """
 
     name: ClassVar[str] = "polach"
@@ -46,7 +46,7 @@ class Polach(AdhesionLaw):
     kA: float = quantity("1", "reduction of the stiffness in the area of adhesion", gt=0)
     kS: float = quantity("1", "reduction of the stiffness in the area of slip", gt=0)
     mu0: float = quantity("1", "friction coefficient at no slip velocity", gt=0)
-    A: float = quantity("1", "friction coefficient at infinite slip velocity, by mu0", gt=0, le=1)
+    A: float = quantity("1", "friction coefficient at infinite slip velocity over mu0", gt=0, le=1)
     Bw: float = quantity("s/m", "decay of the friction coefficient with slip velocity (B in the source)", ge=0)
     G: float = quantity("Pa", "shear modulus", gt=0, default=SHEAR_MODULUS)
     a: float = quantity("m", "semi-axis of the contact ellipse, along the rail", gt=0, default=SEMI_AXIS)
@@ -55,7 +55,7 @@ class Polach(AdhesionLaw):
 
     @classmethod
     def statement(cls) -> Statement:
-        """The closed form; |sigma| stands in mu alone, so its derivative at 0 is the right one."""
+        """The closed form; only mu contains |sigma|, so that the derivative at 0 is correct."""
         import sympy as sp
 
         from railslip_ctrl.core.notation import symbol

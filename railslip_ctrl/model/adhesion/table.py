@@ -1,4 +1,4 @@
-"""Lookup table, static: adhesion coefficients by slip ratio, smoothly between them."""
+"""Lookup table, static: adhesion coefficients by slip ratio with smooth interpolation."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 
-MOST_KNOTS = 1000  #: rows of a table; an adhesion curve has a few dozen
-WET_FACTOR = 0.5  #: as of the other laws, the adhesion on wet rail is half of that on dry rail
+MOST_KNOTS = 1000  #: most rows of a table; an adhesion curve has a few dozen
+WET_FACTOR = 0.5  #: adhesion on wet rail over that on dry rail, as for the other laws
 
 
 class LookupTable(AdhesionLaw):
-    """Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP) of a table, odd in lambda.
+    """Tabulated law Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP), odd in lambda.
 
-    `slip` rises strictly within 0 to 1; a first knot beyond 0 is preceded by (0, 0). `mu` is not negative. Between
-    knots the curve overshoots neither, its slope is continuous, and it ends with its last knot. In a file:
+    `slip` rises strictly within 0 to 1; if the first knot is above 0, (0, 0) precedes it. `mu` is not negative. Between
+    knots the curve does not overshoot, its slope is continuous, and it ends at its last knot. In a file:
 
         law = "table"
         [parameters]
@@ -43,8 +43,10 @@ class LookupTable(AdhesionLaw):
     source: ClassVar[str] = "a table"
     has_state: ClassVar[bool] = False
 
-    slip: tuple[float, ...] = Field(description="slip ratios, rising", min_length=2, max_length=MOST_KNOTS)
-    mu: tuple[float, ...] = Field(description="adhesion coefficients at them", min_length=2, max_length=MOST_KNOTS)
+    slip: tuple[float, ...] = Field(description="slip ratios, ascending", min_length=2, max_length=MOST_KNOTS)
+    mu: tuple[float, ...] = Field(
+        description="adhesion coefficients at these slip ratios", min_length=2, max_length=MOST_KNOTS
+    )
 
     @field_validator("slip", "mu", mode="before")
     @classmethod
@@ -58,7 +60,7 @@ class LookupTable(AdhesionLaw):
     def _rising(cls, slip: tuple[float, ...]) -> tuple[float, ...]:
         for low, high in itertools.pairwise(slip):
             if high <= low:
-                raise InputError(f"slip: {high:g} after {low:g} is not allowed; give slip ratios that rise strictly")
+                raise InputError(f"slip: {high:g} after {low:g} is not allowed; give strictly ascending slip ratios")
         if slip[0] < 0.0 or slip[-1] > 1.0:
             worst = slip[0] if slip[0] < 0.0 else slip[-1]
             raise InputError(f"slip: {worst:g} is not allowed; give slip ratios from 0 to 1")
@@ -67,48 +69,48 @@ class LookupTable(AdhesionLaw):
     @model_validator(mode="after")
     def _one_each(self) -> Self:
         if len(self.slip) != len(self.mu):
-            raise InputError(f"mu: {len(self.mu)} values for {len(self.slip)} slip ratios; give one for each")
+            raise InputError(f"mu: {len(self.mu)} values for {len(self.slip)} slip ratios; give one per slip ratio")
         if min(self.mu) < 0.0:
             raise InputError(f"mu: {min(self.mu):g} is not allowed; give adhesion coefficients >= 0")
         if self.slip[0] == 0.0 and self.mu[0] != 0.0:
-            raise InputError(f"mu: {self.mu[0]:g} at slip 0 is not allowed; there is no adhesion without slip, give 0")
+            raise InputError(f"mu: {self.mu[0]:g} at slip 0 is not allowed; give 0, the adhesion without slip")
         return self
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
-        """The two columns."""
+        """Names of the two columns of the table."""
         return ("slip", "mu")
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """All of the table as one: its length is not fixed."""
+        """One starred name for the whole table, because its length varies."""
         return ("*table",)
 
     @classmethod
     def symbols(cls) -> tuple[Any, ...]:
-        """One symbol that stands for the whole table."""
+        """One SymPy symbol for the whole table."""
         import sympy as sp
 
         return (sp.Symbol("table", real=True),)
 
     def parameters(self) -> tuple[float, ...]:
-        """The slip ratios, then the coefficients."""
+        """All slip ratios, then all adhesion coefficients."""
         return (*self.slip, *self.mu)
 
     def wet(self) -> Self:
-        """The coefficients times `WET_FACTOR`; a wet table is returned as it is."""
+        """The law on wet rail: coefficients times `WET_FACTOR`; a table for wet rail is unchanged."""
         if self.rail is Rail.WET:
             return self
         return self.model_copy(update={"mu": tuple(WET_FACTOR * mu for mu in self.mu), "rail": Rail.WET})
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Just beyond the last knot."""
+        """Slip ratio just above the last knot."""
         limit = math.inf if self.slip[-1] == 1.0 else float(np.nextafter(self.slip[-1], 1.0))
         return limit, "its table ends there"
 
     @classmethod
     def statement(cls) -> Statement:
-        """The table as a SymPy function whose derivative is another."""
+        """The table as a SymPy function, with its derivative as a second function."""
         from railslip_ctrl.core.notation import symbol
 
         force = _table_force()
@@ -119,17 +121,18 @@ class LookupTable(AdhesionLaw):
 
 
 def _table_force() -> Any:
+    """SymPy function of the tabulated force."""
     import sympy as sp
     from sympy.core.function import ArgumentIndexError
 
     class TableSlope(sp.Function):  # type: ignore[misc]
-        """dF/dlambda (lambda; N, table)."""
+        """Derivative dF/dlambda as a function of (lambda; N, table)."""
 
         nargs = 3
         is_real = True
 
     class TableForce(sp.Function):  # type: ignore[misc]
-        """F(lambda; N, table)."""
+        """Tabulated force F as a function of (lambda; N, table)."""
 
         nargs = 3
         is_real = True
@@ -143,20 +146,24 @@ def _table_force() -> Any:
 
 
 def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
-    """F, N, at slip ratios of any shape, for a table as `LookupTable.parameters` gives it; NaN beyond its last knot."""
+    """Tabulated force, N, at slip ratios of any shape; NaN above the last knot.
+
+    `table`: values as `LookupTable.parameters` returns them.
+    """
     ratio = np.asarray(slip, dtype=float)
     value, _ = _interpolants(tuple(table))
     return np.asarray(wheel_load * np.sign(ratio) * value(np.abs(ratio)), dtype=float)[()]
 
 
 def table_slope(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> Floats | np.float64:
-    """dF/dlambda, N, as `table_force`; even in the slip ratio."""
+    """Derivative dF/dlambda, N, of `table_force`; even in the slip ratio."""
     _, slope = _interpolants(tuple(table))
     return np.asarray(wheel_load * slope(np.abs(np.asarray(slip, dtype=float))), dtype=float)[()]
 
 
 @lru_cache(maxsize=256)
 def _interpolants(table: tuple[float, ...]) -> tuple[Any, Any]:
+    """Interpolants of mu and of its derivative over the slip ratio."""
     from scipy.interpolate import PchipInterpolator
 
     count = len(table) // 2
