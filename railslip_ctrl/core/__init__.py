@@ -1,6 +1,7 @@
-"""What every room needs: errors, units, argument checks, notation, files, processes.
+"""Foundations of all rooms: errors, units, argument checks, notation, files, processes.
 
-Imports nothing of the package. Begin with `errors`, then `units` (numbers with units) and `arguments` (their checks).
-`records` has dataclasses that compare by content, `notation` the symbols and the cited sources; `user_files` reads what
-a user gives, `folders` has those for output and cache, `templates` fills texts, `processes` runs on every core.
+The room imports nothing of the package. Begin with `errors`, then `units` (numbers with units) and `arguments` (their
+checks). `records` has dataclasses that compare by content; `notation` has the symbols and the cited sources.
+`user_files` reads the user's files, `folders` manages output folders and the cache, `templates` fills in texts, and
+`processes` runs work on several cores.
 """

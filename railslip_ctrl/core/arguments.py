@@ -1,6 +1,7 @@
-"""Checks of the arguments of public functions: types, from the annotations, and ranges of numbers.
+"""Checks of the arguments of public functions: types by annotation, and ranges of numbers.
 
-Not pydantic's `validate_call`: it knows neither arrays nor NumPy's numbers, and its messages are several lines.
+pydantic's `validate_call` does not fit: it supports neither arrays nor NumPy's numbers, and its messages have several
+lines.
 """
 
 from __future__ import annotations
@@ -34,20 +35,20 @@ Flags = NDArray[np.bool_]
 
 
 class _Refused(Exception):
-    """A value of another kind; the message names the wanted one with its article."""
+    """The value is of another kind; the message names the expected kind with its article."""
 
 
 def checked(function: F) -> F:
-    """Check a function's arguments against its annotations: InputError in one line for one of another kind.
+    """Decorate a function to check its arguments against its annotations; InputError in one line otherwise.
 
-    An enumeration's value counts as its member. The function itself checks ranges, for example by `number`.
+    The value of an enumeration member counts as the member. The function itself checks ranges, for example by `number`.
     """
-    text: Any = unwrap(function)  # what a cache holds
-    names = text.__code__.co_varnames[: text.__code__.co_argcount]
+    plain: Any = unwrap(function)  # the function inside a cache
+    names = plain.__code__.co_varnames[: plain.__code__.co_argcount]
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        kinds = _kinds_of(text)
+        kinds = _kinds_of(plain)
         given = [_apply(name, kinds.get(name, Any), value) for name, value in zip(names, args, strict=False)]
         named = {name: _apply(name, kinds.get(name, Any), value) for name, value in kwargs.items()}
         return function(*given, *args[len(given) :], **named)
@@ -56,7 +57,7 @@ def checked(function: F) -> F:
 
 
 def check_fields(record: Any) -> None:
-    """As `checked`, for the fields of a frozen dataclass; called first in its `__post_init__`."""
+    """Check the fields of a frozen dataclass, as `checked` does arguments; the first call in its `__post_init__`."""
     kind: Any = type(record)
     kinds = _kinds_of(kind)
     for name in (field.name for field in fields(record) if field.init):
@@ -73,13 +74,13 @@ def number(
     lt: float | None = None,
     le: float | None = None,
 ) -> float:
-    """Return a finite number within its bounds; InputError, which begins with `name`, for any other."""
+    """Return a finite number within its bounds; InputError, beginning with `name`, for any other value."""
     value = real(name, value)
     compared = ((">", gt, operator.gt), (">=", ge, operator.ge), ("<", lt, operator.lt), ("<=", le, operator.le))
-    asked = [(sign, bound, holds) for sign, bound, holds in compared if bound is not None]
-    if math.isfinite(value) and all(holds(value, bound) for _, bound, holds in asked):
+    given_bounds = [(sign, bound, holds) for sign, bound, holds in compared if bound is not None]
+    if math.isfinite(value) and all(holds(value, bound) for _, bound, holds in given_bounds):
         return value
-    bounds = " and ".join(f"{sign} {bound:g}" for sign, bound, _ in asked)
+    bounds = " and ".join(f"{sign} {bound:g}" for sign, bound, _ in given_bounds)
     given = f"{value:g} {unit}".rstrip()
     raise InputError(f"{name}: {given} is not allowed; give a finite value {bounds}".rstrip())
 
@@ -117,48 +118,49 @@ def numbers(
 
 
 def _apply(name: str, kind: Any, value: Any) -> Any:
+    """Convert a value to an annotated kind; InputError, beginning with `name`, if it is of another kind."""
     try:
-        return _taken(kind, value)
+        return _converted(kind, value)
     except _Refused as wanted:
         raise InputError(f"{name}: {_shown(value)} is not allowed; give {wanted}") from None
 
 
 def _shown(value: object) -> str:
-    """As `shown`, with what a container begins with."""
+    """Short text of a value for an error, as `shown`, with the first members of a container."""
     if not isinstance(value, (list, tuple, dict)):
         return shown(value)
     try:
         return " ".join(reprlib.repr(value).split())
-    except ValueError:  # an integer in it that Python refuses to print
+    except ValueError:  # it contains an integer too long for Python to print
         return shown(value)
 
 
-# --- values by annotation --------------------------------------------------------------------------------------------
+# --- conversion of values to the kinds of annotations ----------------------------------------------------------------
 
 
 _ARRAY = "a number or an array of numbers"
-_WORDS = {Mapping: "a mapping", str: "text", NoneType: "None", Callable: "a function"}
+_KIND_NAMES = {Mapping: "a mapping", str: "text", NoneType: "None", Callable: "a function"}
 
 
 @cache
 def _kinds_of(thing: Any) -> dict[str, Any]:
-    """The annotations of a function's arguments or a dataclass's fields, by name."""
+    """Annotations of a function's arguments or a dataclass's fields, by name."""
     known = vars(sys.modules[thing.__module__])
     found = {}
     for name, annotation in thing.__annotations__.items():
-        with suppress(NameError):  # imported for type checkers alone
+        with suppress(NameError):  # a name imported for type checkers only
             found[name] = eval(annotation, known) if isinstance(annotation, str) else annotation
     return found
 
 
 @cache
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """What an annotation is made of: its origin, or itself, and its arguments, of a union those that decide."""
+    """Split an annotation into its origin (or itself) and its arguments; for a union only the members to test."""
     origin, inner = get_origin(kind) or kind, get_args(kind)
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
     if origin in (Union, UnionType):
-        # text that is no name of an enumeration is not one of its members
+        # beside an enumeration of text, str is not a kind of its own: other text is refused
         named = any(isinstance(member, type) and issubclass(member, StrEnum) for member in inner)
         return Union, tuple(member for member in inner if not (named and member is str))
     if getattr(origin, "_is_protocol", False) and not getattr(origin, "_is_runtime_protocol", False):
@@ -166,8 +168,8 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
     return (NoneType if origin is None else origin), inner
 
 
-def _taken(kind: Any, value: Any) -> Any:
-    """The value, if it is of an annotation's kind, an enumeration's name as its member; raises `_Refused`."""
+def _converted(kind: Any, value: Any) -> Any:
+    """Value as an annotated kind, an enumeration's value as its member; _Refused if it is of another kind."""
     if type(value) is kind and kind is not tuple:
         return _not_too_large(value) if kind is int else value
     origin, inner = _parts(kind)
@@ -178,34 +180,35 @@ def _taken(kind: Any, value: Any) -> Any:
     if origin in (tuple, list, Sequence):
         return _members(origin, inner, value)
     if origin is Literal:
-        return _that(
+        return _required(
             any(type(value) is type(one) and value == one for one in inner), value, " or ".join(map(repr, inner))
         )
     if origin in (float, int):
         value = value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
         abstract, wanted = (Real, "a number") if origin is float else (Integral, "an integer")
-        _that(isinstance(value, abstract) and not isinstance(value, (bool, np.bool_)), value, wanted)
+        _required(isinstance(value, abstract) and not isinstance(value, (bool, np.bool_)), value, wanted)
         return _not_too_large(value)
     if origin is bool:
-        return bool(_that(isinstance(value, (bool, np.bool_)), value, "True or False"))
+        return bool(_required(isinstance(value, (bool, np.bool_)), value, "True or False"))
     if origin is Callable:
-        return _that(callable(value), value, _WORDS[Callable])
+        return _required(callable(value), value, _KIND_NAMES[Callable])
     if not isinstance(origin, type) or origin in (Any, object, type):
         return value
     if issubclass(origin, Enum):
         return _member_of(origin, value)
     article = "an" if origin.__name__[0] in "AEIO" else "a"
-    return _that(isinstance(value, origin), value, _WORDS.get(origin, f"{article} {origin.__name__}"))
+    return _required(isinstance(value, origin), value, _KIND_NAMES.get(origin, f"{article} {origin.__name__}"))
 
 
-def _that(holds: bool, value: Any, wanted: str) -> Any:
-    """The value as it is."""
+def _required(holds: bool, value: Any, wanted: str) -> Any:
+    """Return the value if the condition holds; otherwise _Refused, with the expected kind."""
     if not holds:
         raise _Refused(wanted)
     return value
 
 
 def _not_too_large(value: Any) -> Any:
+    """Return a number that fits in a double; otherwise _Refused."""
     try:
         float(value)
     except OverflowError:
@@ -214,22 +217,24 @@ def _not_too_large(value: Any) -> Any:
 
 
 def _array(value: Any) -> Any:
+    """Return a numeric array, or what NumPy makes one of; otherwise _Refused."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "fciu":
         return value
     try:
         array = np.asarray(value)
-    except (ValueError, TypeError):  # lists of several lengths
+    except (ValueError, TypeError):  # nested lists of different lengths
         raise _Refused(_ARRAY) from None
     if array.dtype.kind == "O":
         try:
             for one in array.flat:
-                _taken(float, one)
+                _converted(float, one)
         except _Refused as wanted:
             raise _Refused(f"{_ARRAY}, each {wanted}") from None
-    return _that(array.dtype.kind in "fciuO", value, _ARRAY)
+    return _required(array.dtype.kind in "fciuO", value, _ARRAY)
 
 
 def _member_of(kind: type[Enum], value: object) -> Enum:
+    """Member of an enumeration with a value; otherwise _Refused."""
     try:
         return kind(value)
     except ValueError:
@@ -237,22 +242,23 @@ def _member_of(kind: type[Enum], value: object) -> Enum:
 
 
 def _any_of(kinds: tuple[Any, ...], value: object) -> object:
+    """Value as the first kind of a union that fits; otherwise _Refused."""
     wanted = []
     for kind in kinds:
         try:
-            return _taken(kind, value)
+            return _converted(kind, value)
         except _Refused as refused:
             wanted.append(str(refused))
     raise _Refused(" or ".join(wanted))
 
 
 def _members(origin: Any, inner: tuple[Any, ...], value: Any) -> Any:
-    """A tuple of so many, or a list of any length, each of its kind; as it is where no member became another."""
+    """Convert the members of a tuple of fixed length or of a list; the same object if no member changes."""
     if origin is tuple and inner[-1] is not Ellipsis:
-        _that(isinstance(value, (list, tuple)) and len(value) == len(inner), value, f"a tuple of {len(inner)}")
+        _required(isinstance(value, (list, tuple)) and len(value) == len(inner), value, f"a tuple of {len(inner)}")
         return tuple(_within(kind, one) for kind, one in zip(inner, value, strict=True))
     one_row = isinstance(value, (list, tuple, range, np.ndarray)) and getattr(value, "ndim", 1) == 1
-    _that(one_row, value, "a list")
+    _required(one_row, value, "a list")
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and inner[0] is float:
         return value
     made = [_within(inner[0], one) for one in value]
@@ -260,7 +266,8 @@ def _members(origin: Any, inner: tuple[Any, ...], value: Any) -> Any:
 
 
 def _within(kind: Any, value: object) -> object:
+    """Convert a member of a container; a _Refused names the member."""
     try:
-        return _taken(kind, value)
+        return _converted(kind, value)
     except _Refused as wanted:
         raise _Refused(f"{wanted} in place of {_shown(value)}") from None

@@ -1,7 +1,7 @@
-"""The package's exceptions, and the check for packages that `pip install .` leaves out.
+"""Exceptions of the package, and the check for optional dependencies.
 
-Each exception derives from `RailslipError` and from a builtin, so that callers may catch either. A message is one
-line: the quantity, its value, the bound and the remedy.
+Each exception derives from `RailslipError` and from a builtin; callers may catch either. A message is one line with the
+quantity, its value, the bound and the remedy.
 """
 
 from __future__ import annotations
@@ -10,30 +10,30 @@ from importlib.util import find_spec
 
 
 class RailslipError(Exception):
-    """Base of every exception this package raises on purpose."""
+    """Base class of all exceptions that the package raises on purpose."""
 
 
 class InputError(RailslipError, ValueError):
-    """A value, key, unit or file given by the user is not acceptable."""
+    """A value, key, unit or file from the user is not allowed."""
 
 
 class DomainError(RailslipError, ValueError):
-    """A model is asked for a point outside its domain (for example slip velocity >= gamma)."""
+    """A point is outside the domain of a model (for example slip velocity >= gamma)."""
 
 
 class KinkError(RailslipError, ValueError):
-    """A linearisation is asked for at a point where the right-hand side has no unique derivative."""
+    """The right-hand side has no unique derivative at the point of a linearisation."""
 
 
 class MissingParametersError(RailslipError, LookupError):
-    """An adhesion law without published parameters is used without parameters from the user."""
+    """An adhesion law has no published parameters, and the user gives none."""
 
 
 class UnstableLoopError(RailslipError, ArithmeticError):
-    """Margins are asked for of a closed loop that is not stable.
+    """Margins are not defined because the closed loop is unstable.
 
-    unstable_poles: closed-loop poles with non-negative real part, inf for a neutral loop with a chain of them;
-    stabilizing_gain_range: factors on the loop gain, nearest to 1 in ratio, for which the loop is stable, or None.
+    - unstable_poles: number of closed-loop poles with non-negative real part, inf for a neutral loop with a chain.
+    - stabilizing_gain_range: interval of loop-gain factors with a stable loop, nearest to 1 in ratio, or None.
     """
 
     def __init__(
@@ -45,17 +45,18 @@ class UnstableLoopError(RailslipError, ArithmeticError):
 
 
 class InfeasibleDesignError(RailslipError, ValueError):
-    """No controller of the asked structure meets the specification; the message says what can be met."""
+    """No controller of the given structure meets the specification; the message names one that can be met."""
 
 
 EXTRAS = {"campaign": ("pyarrow",), "cluster": ("distributed",), "html": ("latex2mathml",), "identify": ("pandas",)}
-"""Packages that one command needs, by the extra of pyproject.toml that has them."""
+"""Packages of each extra in pyproject.toml that `check_extra` looks for."""
 
 
 def check_extra(name: str, wanted_by: str, otherwise: str = "") -> None:
-    """InputError, which begins with `wanted_by`, where a package of the extra `name` is not installed.
+    """Raise InputError if a package of the extra `name` is not installed.
 
-    `otherwise` says what could be done instead.
+    - wanted_by: option or argument that needs the package; the message begins with it.
+    - otherwise: alternative remedy, appended to the message.
     """
     for package in EXTRAS[name]:
         if find_spec(package) is None:

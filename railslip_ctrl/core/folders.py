@@ -1,7 +1,7 @@
-"""Output folders and the cache. Files are written whole, by one process at a time.
+"""Output folders and the cache; files are written as a whole, by one process at a time.
 
-Results are cached from report to report beside the compiled kernels, by a hash of this package's source, of the
-versions of what it computes with, and of what a result is for.
+The cache keeps compiled kernels and results of reports. The key of a result is a hash of the package's source, of the
+versions of its numerical dependencies, and of the inputs of the result.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from .processes import undisturbed
 
 T = TypeVar("T")
 
-LOCK = ".lock"
+LOCK = ".lock"  #: name of the lock file in an output folder
 
-INCOMPLETE = ".incomplete-"  #: what the name of a folder of unfinished files begins with
+INCOMPLETE = ".incomplete-"  #: prefix of the names of folders with unfinished files
 CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Environment variable that names another folder for compiled kernels and cached results."""
+"""Environment variable with another folder for compiled kernels and cached results."""
 
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Lock a folder, made if missing, for this process alone; one that was made and stays empty is removed.
+    """Lock a folder for this process; make the folder if missing, and remove it at the end if it stays empty.
 
-    The lock is the operating system's, and ends with the process. InputError where another process has it or the folder
-    cannot be written to.
+    The operating system releases the lock when the process ends. InputError if another process has the lock or the
+    folder cannot be written to.
     """
     from filelock import FileLock, Timeout
 
@@ -56,7 +56,8 @@ def claimed(folder: Path) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            with suppress(OSError):  # while it is held: who has opened it by now finds it gone, and makes another
+            # before the release: a process that has opened the file already finds it deleted and makes another
+            with suppress(OSError):
                 (folder / LOCK).unlink()
             lock.release()
         for one in made:
@@ -66,9 +67,9 @@ def claimed(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """A hidden folder inside `folder` to write files to: they are moved out of it, each in one step, at the end.
+    """Hidden folder inside `folder` for new files; at the end each file is moved to `folder` in one step.
 
-    After an error none is moved; an interruption waits until all are.
+    After an error no file is moved. An interruption waits until all files are moved.
     """
     with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=folder) as staging:
         yield Path(staging)
@@ -78,14 +79,14 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
-    """The error of a folder that cannot be written to."""
+    """InputError for a folder that cannot be written to."""
     return InputError(
         f"out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
     )
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Cache folder of a kind: in `RAILSLIP_CACHE`, or the user's; a temporary one if that cannot be written to."""
+    """Cache folder of a kind, in `RAILSLIP_CACHE` or the user's cache; a temporary one if it is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -102,7 +103,7 @@ def cache_folder(kind: str = "kernels") -> Path:
 
 @cache
 def _temporary() -> Path:
-    """A folder for this process and those that it starts from now on; removed at its end."""
+    """Temporary folder for this process and the processes that it starts; removed when the process ends."""
     folder = tempfile.mkdtemp(prefix="railslip-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ[CACHE_VARIABLE] = folder
@@ -111,20 +112,22 @@ def _temporary() -> Path:
 
 _PACKAGE = Path(__file__).parents[1]
 
-_MOST = 600  # results in the folder, some 100 MB: beyond, those that were longest not asked for go
-_COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")
+_MOST = 600  # results in the cache, about 100 MB; beyond it the least recently used are deleted
+_COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")  # dependencies whose versions may change a result
 
 
 def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
-    """The result of `compute` by its `name`, a word, from the cache or computed now (always if `fresh`) and put there.
+    """Return the result of `compute` from the cache, or compute it (always if `fresh`) and store it there.
 
-    `compute` depends on what `given` says and this package's source alone; its result is not None.
+    - name: one word; beginning of the file name.
+    - compute: depends only on `given` and the package's source; its result is not None.
+    - given: text of all inputs of the result.
     """
     result: T | None = None if fresh else look_up(name, given)
     if result is None:
         result, path = compute(), _path(name, given)
         content = pickle.dumps(result)
-        with suppress(OSError):  # a folder that cannot be written to costs the next report some time, and this one none
+        with suppress(OSError):  # without a writable cache the next report computes the result again
             with staged(path.parent) as new:
                 (new / path.name).write_bytes(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
             for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
@@ -133,27 +136,28 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
 
 
 def look_up(name: str, given: str = "") -> Any:
-    """What `cached` has put there under a name for what is given; None if nothing."""
+    """Result that `cached` has stored for a name and inputs; None if there is none."""
     path = _path(name, given)
     try:
         digest, content = path.read_bytes().split(b"\n", 1)
     except (OSError, ValueError):
         return None
-    if hashlib.sha256(content).hexdigest().encode() != digest:  # not all of it is there
+    if hashlib.sha256(content).hexdigest().encode() != digest:  # the file is incomplete
         return None
     with suppress(OSError):
-        os.utime(path)  # asked for now
+        os.utime(path)  # the time of last use
     return pickle.loads(content)
 
 
 def _path(name: str, given: str) -> Path:
+    """File of a cached result."""
     key = hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
     return cache_folder("results") / f"{name}-{key}.pickle"
 
 
 @cache
 def _of_code() -> str:
-    """A hash of what computes."""
+    """Hash of the package's source and of the versions of Python and of the numerical dependencies."""
     digest = hashlib.sha256(" ".join([sys.version, *(f"{name} {version(name)}" for name in _COMPUTES)]).encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")

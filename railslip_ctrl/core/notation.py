@@ -1,6 +1,6 @@
-"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning; and the sources cited by key.
+"""Symbols of the plant with LaTeX, unit and meaning; and the cited sources by key.
 
-Symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a source.
+The symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a source.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .templates import texts
 
 @dataclass(frozen=True)
 class Notation:
-    """One symbol. `positive` is what SymPy may assume of it; every symbol is real."""
+    """One symbol; all symbols are real, and SymPy assumes that a `positive` one is positive."""
 
     name: str
     latex: str
@@ -26,15 +26,15 @@ class Notation:
 
 
 def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
-    """A table of symbols by name, from rows of LaTeX, unit, meaning and, where it is so, "positive"."""
+    """Table of symbols by name, from rows of LaTeX, unit, meaning and, for positive symbols, "positive"."""
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 
-NOTATION = notation_in(texts(__package__, "notation.toml"))  #: the table, by name
+NOTATION = notation_in(texts(__package__, "notation.toml"))  #: symbols of the plant by name
 
 
 def symbol(name: str) -> Any:
-    """The SymPy symbol of a name in `NOTATION`; KeyError for another name. Imports SymPy."""
+    """SymPy symbol of a name in `NOTATION`; KeyError for another name. Imports SymPy."""
     import sympy as sp
 
     entry = NOTATION[name]
@@ -42,7 +42,7 @@ def symbol(name: str) -> Any:
 
 
 def latex_names() -> dict[Any, str]:
-    """What `sympy.latex(..., symbol_names=...)` needs to print the table's symbols as the source does."""
+    """Argument `symbol_names` of `sympy.latex` that prints the symbols of the plant as the source does."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
 
 
@@ -51,6 +51,6 @@ SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in texts(_
 
 
 def cite(key: str, where: str = "") -> str:
-    """Return "[key] where"; raises KeyError for a key that is not in `SOURCES`."""
+    """Return the citation "[key] where"; KeyError for a key that is not in `SOURCES`."""
     SOURCES[key]
     return f"[{key}] {where}".rstrip()

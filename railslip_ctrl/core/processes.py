@@ -1,4 +1,4 @@
-"""Processes, how many the machine has room for, and interruptions."""
+"""Pool of processes, number of usable cores, and handling of interruptions."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-_IMPORTING = 87  # exit status of a process that could not import the script, as that starts processes itself
+_IMPORTING = 87  # exit status, any unused: the process's script starts processes while it is imported
 
-Submit: TypeAlias = "Callable[..., Future[Any]]"  #: takes a function and its arguments
+Submit: TypeAlias = "Callable[..., Future[Any]]"  #: function that submits a function with its arguments to the pool
 
 
 def cpu_count() -> int:
-    """Cores this process may use."""
+    """Number of cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 @contextmanager
 def processes(count: int) -> Iterator[Submit]:
-    """Pool of at most `count` processes, each started when there is work for it; yields what submits work.
+    """Pool of at most `count` processes, each started when it has work; yields the function that submits work.
 
-    Only this process is interrupted; the others end with it, or when an exception leaves the context. InputError where
-    a script calls this as it is imported: each process imports it again.
+    Only this process receives interruptions. The others end with it, or when an exception leaves the context.
+    InputError if a script calls this while it is imported, because each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context
 
-    if getattr(current_process(), "_inheriting", False):  # one that is yet to import the script may start none
+    if getattr(current_process(), "_inheriting", False):  # this process is still importing the script
         sys.exit(_IMPORTING)
-    # new ones, not copies: a copy of a process with threads may hang
+    # spawn, not fork: a forked process with threads may hang
     context: Any = _Context(get_context("spawn"))
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_follow)
 
@@ -51,13 +51,13 @@ def processes(count: int) -> Iterator[Submit]:
     try:
         yield submit
     except BaseException as error:
-        if isinstance(error, BrokenExecutor):  # ends the others; who waits beside it may miss the status of one
+        if isinstance(error, BrokenExecutor):  # shut down first: it collects the exit status of every process
             pool.shutdown()
         started = [process for process in context.made if process.pid is not None]
         if any(process.exitcode == _IMPORTING for process in started):
             raise InputError(
-                "the script starts processes, which run it again as they import it; put the call under if __name__ == "
-                '"__main__":'
+                "the script starts processes while it is imported, and each process imports it again; put the call "
+                'under if __name__ == "__main__":'
             ) from None
         for process in started:
             process.terminate()
@@ -67,7 +67,7 @@ def processes(count: int) -> Iterator[Submit]:
 
 
 class _Context:
-    """A context of processes that remembers those made of it: one that has ended is no active child any more."""
+    """Multiprocessing context that records its processes, because those that have ended are no active children."""
 
     def __init__(self, context: BaseContext) -> None:
         self.context: Any = context
@@ -76,16 +76,16 @@ class _Context:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.context, name)
 
-    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # as the pool calls it
+    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # the name that the pool uses
         self.made.append(self.context.Process(*given, **named))
         return self.made[-1]
 
 
 def _follow() -> None:
-    """End with the parent process, also if that is killed."""
+    """End this process when its parent ends, even if the parent is killed."""
     from multiprocessing import parent_process
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked by now, as on Windows
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems on which it is not blocked, as Windows
     parent = parent_process()
 
     def follow() -> None:
@@ -98,13 +98,13 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delay an interruption (Ctrl-C, SIGTERM) until this is done; processes that are started in it never get Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():  # which alone hears it
+    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the context; processes started in it never get Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return
-    heard: list[int] = []
+    received: list[int] = []
     both = signal.SIGINT, signal.SIGTERM
-    before = {number: signal.signal(number, lambda number, frame: heard.append(number)) for number in both}
+    before = {number: signal.signal(number, lambda number, frame: received.append(number)) for number in both}
     mask: Callable[..., object] = getattr(signal, "pthread_sigmask", lambda *_: None)
     try:
         mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT})
@@ -113,5 +113,5 @@ def undisturbed() -> Iterator[None]:
         mask(getattr(signal, "SIG_UNBLOCK", 0), {signal.SIGINT})
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
-        if heard:
-            signal.raise_signal(heard[0])
+        if received:
+            signal.raise_signal(received[0])

@@ -1,4 +1,4 @@
-"""Dataclasses that compare by content: arrays element by element, NaN equal to NaN, and what they hold likewise."""
+"""Dataclasses that compare by content: arrays element by element, NaN equal to NaN, nested values likewise."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, **options):
-        """As `dataclasses.dataclass`, with `==` and, if frozen, `hash` by content."""
+        """Make a dataclass, as `dataclasses.dataclass`, with `==` and, if frozen, `hash` by content."""
         if cls is None:
             return lambda given: dataclass(given, **options)
         own = vars(cls)
         cls.__eq__ = own.get("__eq__", _equal)
         cls.__hash__ = own.get("__hash__") or (_hash if options.get("frozen") else None)
-        if "__str__" in own:  # what a notebook shows
+        if "__str__" in own:  # notebooks show this text
             cls._repr_pretty_ = lambda self, printer, cycle: printer.text(str(self))
         return dataclasses.dataclass(cls, **options, eq=False)
 
 
 def by_content(kind: type[T]) -> type[T]:
-    """A named tuple that holds arrays, made to compare by content."""
+    """Make a named tuple with arrays compare by content; a class decorator."""
     for name, method in (("__eq__", same), ("__ne__", lambda one, other: not same(one, other))):
         setattr(kind, name, method)
     return kind
 
 
-# what python-control's systems, which have no `==`, are compared by
+# attributes by which python-control's systems are compared, as they have no `==`
 _OF_SYSTEMS = ("dt", "A", "B", "C", "D", "num", "den", "frdata", "omega")
 
 
@@ -60,7 +60,7 @@ def same(one: object, other: object) -> bool:
 
 
 def _parts(value: object) -> tuple[Any, ...] | None:
-    """What an object without an `==` of its own is compared by; None if it has one, or only its identity."""
+    """Parts by which an object without its own `==` is compared; None if it has `==` or is compared by identity."""
     kind: Any = type(value)
     if dataclasses.is_dataclass(value) and kind.__eq__ is _equal:
         return tuple(getattr(value, field.name) for field in dataclasses.fields(value) if field.compare)
@@ -72,15 +72,17 @@ def _parts(value: object) -> tuple[Any, ...] | None:
 
 
 def _equal(self: Any, other: object) -> bool:
+    """Method `__eq__` of the dataclasses."""
     return same(_parts(self), _parts(other)) if type(self) is type(other) else NotImplemented
 
 
 def _hash(self: Any) -> int:
+    """Method `__hash__` of the dataclasses."""
     return hash((type(self), _hash_of(_parts(self))))
 
 
 def _hash_of(value: object) -> int:
-    """Equal values have equal hashes; TypeError for a list or a mapping, which may change."""
+    """Hash by content, equal for equal values; TypeError for a list or a mapping, which may change."""
     if isinstance(value, float):
         return hash(value) if value == value else 0
     if isinstance(value, np.ndarray):

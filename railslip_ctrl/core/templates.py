@@ -1,4 +1,4 @@
-"""Texts loaded from TOML files, and Jinja templates filled."""
+"""Texts from TOML files, and Jinja templates with their values filled in."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 
 @cache
 def texts(package: str | None, name: str) -> dict[str, Any]:
-    """The tables of a TOML file of a package, `__package__` of who asks; not to be changed."""
+    """Tables of a TOML file in a package, usually the caller's `__package__`; do not modify them, they are cached."""
     return tomllib.loads(files(package or "").joinpath(name).read_text("utf-8"))
 
 
 def environment(package: str, **options: Any) -> Any:
-    """Jinja's environment of the files in `templates/` of a package; lines with nothing but a statement leave none."""
+    """Jinja environment of the files in `templates/` of a package; lines with only a statement leave no blank line."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -30,12 +30,13 @@ def environment(package: str, **options: Any) -> Any:
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """The template's text with its numbers, in one line; a float as :g unless the filter f(spec) says otherwise."""
+    """Fill numbers into a template; one line of text, floats as :g unless the filter f(spec) gives a format."""
     return " ".join(_template(text).render(numbers).split())
 
 
 @cache
 def _template(text: str) -> Any:
+    """Compiled Jinja template of a text."""
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(

@@ -1,8 +1,8 @@
-"""Numbers with units: the one place where text becomes SI; and numbers rounded to the safe side.
+"""Conversion of numbers and text with units, and rounding of numbers to the safe side.
 
-A plain number is in the unit that its option or key states; text may carry its own ("65 N*m/(km/h)"). Text without one
-is taken on the command line, and refused in records and files. Options, TOML files and log headers share one grammar:
-the names of `TRADE_UNITS` first, then Pint's. Pint is imported only for text with a unit.
+A plain number is in the unit that its option or key states; text may have its own unit ("65 N*m/(km/h)"). Text without
+a unit is accepted on the command line and refused in records and files. Options, TOML files and log headers share one
+grammar: first the names of `TRADE_UNITS`, then those of Pint. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     import pint
 
 KMH = 1.0 / 3.6  #: one kilometre per hour in m/s (exact)
-_LONGEST_QUANTITY = 60  # characters: what is longer is not looked at
+_LONGEST_QUANTITY = 60  # characters; longer text is refused unread
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
 
-_MINUS = str.maketrans({"\N{MINUS SIGN}": "-"})  # word processors and spreadsheets write it for a hyphen
+_MINUS = str.maketrans({"\N{MINUS SIGN}": "-"})  # word processors and spreadsheets replace a hyphen by it
 
 TRADE_UNITS = MappingProxyType(
     {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "min": "min", "h": "h", "hr": "h"}
@@ -40,27 +40,27 @@ TRADE_UNITS = MappingProxyType(
     | dict.fromkeys(("rev", "revs"), "turn")
     | {"N": "N", "daN": "daN", "kN": "kN", "Nm": "N*m", "daNm": "daN*m", "kNm": "kN*m", "MNm": "MN*m"}
 )
-"""Names of units in railway logs, and Pint's names for them.
+"""Names of units in railway logs, and Pint's names of the same units.
 
-Pint reads some as other units: kmph as kilo-mile per hour, kNm as a textile unit. Another case (RPM, KM/H) is read
-alike if Pint knows no unit of the right dimension in that case.
+Pint reads some of them as other units: kmph as kilo-mile per hour, kNm as a textile unit. Names in another case (RPM,
+KM/H) are accepted if Pint has no unit of the right dimension in that case.
 """
 
-_ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm would be milli or mega
-_TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))  # of an angular speed; U is German
+_ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm: milli or mega, unclear
+_TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))  # for an angular speed; U is German
 _TON = re.compile(r"k?tons?(_?f(orce)?)?", re.IGNORECASE)
 
-# The words of a unit. Only these reach Pint, whose own grammar is wider (numbers, towers of powers such as
-# 9**9**9**9, the word "squared") and can be made to compute for ever. A digit that follows a name is a power (m2,
+# The words of a unit; only these are passed to Pint. Pint's own grammar is wider (numbers, towers of powers such as
+# 9**9**9**9, the word "squared"), and some input would make it compute for ever. A digit after a name is a power (m2,
 # min-1); a point or a hyphen between names is a product (N.m, N-m).
 _UNIT_WORD = re.compile(
     r"\s*(?:(?P<name>[A-Za-zµμΩ]+(?:_[A-Za-zµμΩ]+)*|°[A-Za-z]*|%)"
     r"|(?P<power>(?:(?:\^|\*\*)\s*|(?<=[A-Za-z)]))-?[1-4](?![0-9]))"
     r"|(?P<one>1(?![0-9]))|(?P<open>\()|(?P<close>\))|(?P<sign>[*/·⋅∙×.-]))\s*"
 )
-_MOST_POWERS = 6
+_MOST_POWERS = 6  # in one unit
 
-# What Pint raises on an unknown name or on words in an impossible order, besides its own errors.
+# Errors that Pint raises on an unknown name or on words in an impossible order, besides its own errors.
 _FAILURES = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, SyntaxError, TypeError, ValueError, TokenError),
 )
@@ -76,9 +76,11 @@ def _registry() -> pint.UnitRegistry[Any]:
 def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
     """Return `value` as a finite number of `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
-    A number is in `unit` already; text is a number with a unit of the same dimension (names, products, quotients,
-    parentheses, powers of 1 to 4) or, unless `text_needs_unit`, a number alone. InputError, which begins with `name`
-    if given, for what is no finite number or of another dimension.
+    - value: a number in `unit`; or text, a number with a unit of the same dimension (names, products, quotients,
+      parentheses, powers of 1 to 4) or, unless `text_needs_unit`, a number without unit.
+    - name: beginning of the error message, if given.
+
+    InputError: not a finite number, or another dimension.
     """
     try:
         number = _number(value, unit, text_needs_unit=text_needs_unit)
@@ -90,24 +92,26 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
 
 
 def shown(value: object) -> str:
-    """Return `value` as a short piece of one line, for an error: text quoted and cut, containers by kind only."""
+    """Return short text of `value` for an error, in one line: text quoted and cut, containers only by kind."""
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST_QUANTITY else value[:_LONGEST_QUANTITY] + "...")
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, (list, tuple)):
         return "a list"
-    if isinstance(value, int) and value.bit_length() > 200:  # Python refuses to print the largest
+    if isinstance(value, int) and value.bit_length() > 200:  # Python cannot print the longest integers
         return f"an integer of {value.bit_length()} bits"
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST_QUANTITY else text[:_LONGEST_QUANTITY] + "..."
 
 
 def _in(unit: str) -> str:
+    """Text " in unit" of a message; empty for a pure number."""
     return "" if unit == "1" else f" in {unit}"
 
 
 def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
+    """Value as a number of `unit`, finite or not; InputError otherwise."""
     if isinstance(value, str):
         return _parse(value, unit, needs_unit=text_needs_unit)
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -119,6 +123,7 @@ def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
 
 
 def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
+    """Text as a number of `unit`; InputError if it is no number, or lacks a unit that it needs."""
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     text = text.translate(_MINUS)
@@ -138,9 +143,11 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
 
 
 def factor(given: str, unit: str, *, of: str = "") -> float:
-    """Return how many `unit` one `given` is.
+    """Return the conversion factor from the unit `given` to `unit`.
 
-    InputError for text that is no unit, is ambiguous, or has another dimension; it names `of`, the text with the unit.
+    - of: the whole text with the unit, for the error message.
+
+    InputError: text that is no unit, is ambiguous, or has another dimension.
     """
     words = _unit_words(given)
     if words is None:
@@ -161,10 +168,10 @@ def factor(given: str, unit: str, *, of: str = "") -> float:
             continue
         except _FAILURES:
             continue
-        # to Pint a hertz is 1/s and a radian 1
+        # in Pint a hertz is 1/s and a radian 1, so that both convert to rad/s
         if ("rad" in unit and "hertz" in str(parsed)) or (unit == "rad/s" and str(parsed).startswith("1 / ")):
             raise InputError(f"{shown(of or given)} may mean cycles or radians; give a number in {unit!r}")
-        # decibels and temperatures with an offset are no multiples of a unit
+        # decibels and temperatures with an offset are not proportional to `unit`
         if math.isclose(two, 2.0 * one, rel_tol=1e-9):
             return one
     if wrong:
@@ -173,11 +180,12 @@ def factor(given: str, unit: str, *, of: str = "") -> float:
 
 
 def _not_a_unit(given: str, unit: str, of: str) -> InputError:
+    """InputError for text that is no unit."""
     return InputError(f"{shown(given)}{f' in {shown(of)}' if of else ''} is not a unit; give a number{_in(unit)}")
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield what a unit may mean, for Pint: in the trade's names, in Pint's own, in the trade's names in any case."""
+    """Yield possible meanings of a unit in Pint's names: by `TRADE_UNITS`, by Pint, by `TRADE_UNITS` in any case."""
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -186,7 +194,7 @@ def _readings(words: list[str], unit: str) -> Iterator[str]:
 
 
 def _unit_words(given: str) -> list[str] | None:
-    """`given` in the words that Pint may see, a product for every space; None if it holds others."""
+    """Split the unit `given` into words for Pint, with a product for every space; None if it contains other words."""
     words: list[str] = []
     previous, position = "", 0
     given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces
@@ -195,7 +203,7 @@ def _unit_words(given: str) -> list[str] | None:
         if match is None:
             return None
         kind = str(match.lastgroup)
-        # a power stands on a unit, never on a power
+        # a power follows a unit, never another power
         if kind == "power" and previous not in {"name", "close"}:
             return None
         if kind in {"name", "one", "open"} and previous in {"name", "one", "close", "power"}:
@@ -216,45 +224,46 @@ def quantity(
     lt: float | None = None,
     le: float | None = None,
 ) -> Any:
-    """A field of a parameter record (`vehicle.Record`): a float in `unit` that may be given as a string with a unit.
+    """Define a field of a parameter record (`vehicle.Record`): a float in `unit`, also given as text with a unit.
 
-    Written `mass: float = quantity("kg", "quarter-car mass M", gt=0)`; without `default` the field is required.
+    Example: `mass: float = quantity("kg", "quarter-car mass M", gt=0)`. Without `default` the field is required.
     """
     return Field(default, gt=gt, ge=ge, lt=lt, le=le, description=description, json_schema_extra={"unit": unit})
 
 
-BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases, the same wherever one is said
-_EXACT = 1e-12  # a number that has the digits already keeps them
-_SAME = 1e-6  # relative: a design tuned to an Ms meets it to less than that
-_LARGE = 100.0  # an Ms beyond is as good as unstable
+BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases in all texts
+_EXACT = 1e-12  # relative tolerance within which a number has the digits already and is not changed
+_SAME = 1e-6  # relative tolerance of an Ms: a tuned design meets its bound more closely than that
+_LARGE = 100.0  # Ms from which on a loop is practically unstable and three digits suffice
 
 
 def rounded_up(value: float, digits: int = BOUND_DIGITS) -> float:
-    """The least number of so many significant digits that is not below a value."""
+    """Least number with `digits` significant digits that is not below a value."""
     return _rounded(value, digits, lambda scaled: math.ceil(scaled - _EXACT * abs(scaled)))
 
 
 def rounded_down(value: float, digits: int = BOUND_DIGITS) -> float:
-    """The largest number of so many significant digits that is not above a value."""
+    """Largest number with `digits` significant digits that is not above a value."""
     return _rounded(value, digits, lambda scaled: math.floor(scaled + _EXACT * abs(scaled)))
 
 
 def rounded(value: float, digits: int) -> float:
-    """A value to so many significant digits, the nearest."""
+    """Nearest number with `digits` significant digits."""
     return _rounded(value, digits, round)
 
 
 def ms_up(ms: float) -> str:
-    """An Ms as it is said everywhere: two decimals, not below it; three digits from 100 up."""
+    """Text of an Ms, not below it: two decimals; three significant digits from 100 on."""
     return f"{math.ceil(100 * ms * (1 - _SAME)) / 100:.2f}" if ms < _LARGE else f"{rounded_up(ms):g}"
 
 
 def ms_down(bound: float) -> str:
-    """A lower bound of Ms, likewise not above it."""
+    """Text of a lower bound on Ms, not above it: two decimals; three significant digits from 100 on."""
     return f"{math.floor(100 * bound * (1 + _SAME)) / 100:.2f}" if bound < _LARGE else f"{rounded_down(bound):g}"
 
 
 def _rounded(value: float, digits: int, rounding: Callable[[float], float]) -> float:
+    """Round to `digits` significant digits by a function that rounds to integers."""
     if value == 0 or not math.isfinite(value):
         return value
     places = digits - 1 - math.floor(math.log10(abs(value)))

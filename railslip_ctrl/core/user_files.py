@@ -1,6 +1,6 @@
-"""Reading the user's files: text, TOML, and the checker's complaints as one line.
+"""Read the user's files (text, TOML, Python) and report errors in them in one line.
 
-A message reads `file: key: value is not allowed; remedy`, whatever was wrong with the file.
+Every message has the form `file: key: value is not allowed; remedy`.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 _M = TypeVar("_M", bound=BaseModel)
 
-LARGEST_FILE = 1_000_000  #: bytes; a parameter file has a few thousand, and a parser should not be handed a disk image
+LARGEST_FILE = 1_000_000  #: largest size, bytes; a parameter file has a few thousand, a disk image far more
 
-# pydantic's names of the range violations: (sign, key of the bound in the error's context)
+# by pydantic's name of a range error: (sign, key of the bound in the error's context)
 _RANGES = {
     "greater_than": (">", "gt"),
     "greater_than_equal": (">=", "ge"),
@@ -44,16 +44,16 @@ _KINDS = {
 
 
 def given_path(value: object, name: str = "path") -> Path:
-    """Return a path given as text or as a `Path`; InputError, which begins with `name`, for anything else."""
+    """Return a path given as text or as a `Path`; InputError, beginning with `name`, for anything else."""
     if isinstance(value, (str, os.PathLike)) and value:
         return Path(value)
     raise InputError(f"{name}: {shown(value)} is not a path; give the name of a file, as text or a Path")
 
 
 def read_text(path: Path, *, where: str = "") -> str:
-    """The text of a parameter file: regular, UTF-8 with or without a byte-order mark, at most `LARGEST_FILE` bytes.
+    """Read the text of a parameter file: regular, UTF-8 with or without byte-order mark, at most `LARGEST_FILE` bytes.
 
-    InputError, which begins with `where` or else the path, for any other.
+    InputError, beginning with `where` or else the path, for any other file.
     """
     where = where or file_name(path)
     content = _read_bytes(path, where)
@@ -63,13 +63,13 @@ def read_text(path: Path, *, where: str = "") -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: byte {error.start + 1} is not UTF-8; save the file as UTF-8 text") from None
-    if not text.strip() and path.suffix != ".py":  # a Python file has no keys: it lacks a name
+    if not text.strip() and path.suffix != ".py":  # for a Python file `record_in` reports the missing name
         raise InputError(f"{where}: the file is empty; give at least one key")
     return text
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The keys of a TOML file; InputError as of `read_text`, or with the line of a syntax error."""
+    """Read the keys of a TOML file; InputError as in `read_text`, or with the line of a syntax error."""
     import tomllib
 
     text = read_text(path)
@@ -77,44 +77,44 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{file_name(path)}: is nested too deeply; give plain tables of keys") from None
-    except ValueError as error:  # TOMLDecodeError is one; so is an integer of more digits than Python reads
+    except ValueError as error:  # TOMLDecodeError, or an integer with more digits than Python allows
         raise InputError(f"{file_name(path)}: not valid TOML: {_flat(error)}") from None
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """The record that `values`, a mapping of its keys or a record, make; InputError as `one_line` says it."""
+    """Make a record from `values`, a mapping of its keys or a record; InputError with the line of `one_line`."""
     try:
-        # not model_validate, in which a record calls itself by the name of its class
+        # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
     except ValidationError as error:
         raise InputError(one_line(error, where, model=model)) from None
 
 
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
-    """A pydantic error as one line for the user: `where: key: value is not allowed; remedy`, and how many more.
+    """Return a pydantic error as one line: `where: key: value is not allowed; remedy`, and how many more errors.
 
-    With `model`, the record that refused, the line gives the unit of a number and the allowed keys.
+    - model: the record that raised the error; with it the line has the unit of a number and the allowed keys.
     """
     complaints = error.errors(include_url=False)
-    # a misspelt key is why another is missing
+    # an unknown key comes first: misspelt, it is also the reason for a missing one
     first = min(complaints, key=lambda complaint: complaint["type"] != "extra_forbidden")
     owner, field = _locate(model, first["loc"])
     key = ".".join(_key(part) for part in first["loc"])
     start = f"{where}: {key}: " if key else f"{where}: "
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
-    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # a check may name its key itself
+    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # some messages name their key already
     return f"{start}{reason}{more}"
 
 
 def unknown_key(key: str, owner: type[BaseModel] | None) -> str:
-    """Return the complaint about a key that its record, where that is known, does not have."""
+    """Return the message for an unknown key of a record; `owner` is the record, if known."""
     if owner is None:
         return "unknown key; remove it"
     return f"unknown key; {close_match(key, owner.model_fields)}allowed: {', '.join(owner.model_fields)}"
 
 
 def close_match(given: str, allowed: Iterable[str]) -> str:
-    """Return "did you mean 'x'? " for the nearest of `allowed`, or nothing when none is near."""
+    """Return "did you mean 'x'? " for the nearest of `allowed`, or empty text if none is near."""
     import difflib
 
     near = difflib.get_close_matches(given[:60], list(allowed), n=1)
@@ -122,16 +122,17 @@ def close_match(given: str, allowed: Iterable[str]) -> str:
 
 
 def file_name(path: Path) -> str:
-    """Return a path for an error: as given, quoted if it could break the line."""
+    """Return a path for an error message: as given, or quoted if it contains unprintable characters."""
     text = str(path)
     return text if text.isprintable() else repr(text)
 
 
 def _read_bytes(path: Path, where: str) -> bytes:
+    """Read at most `LARGEST_FILE` + 1 bytes of a regular file; InputError otherwise."""
     try:
         if path.is_dir():
             raise InputError(f"{where}: is a directory; give a file")
-        if path.exists() and not path.is_file():  # a pipe or device may never end
+        if path.exists() and not path.is_file():  # reading a pipe or device may never end
             raise InputError(f"{where}: is not a regular file; give a file")
         with path.open("rb") as file:
             return file.read(LARGEST_FILE + 1)
@@ -140,11 +141,12 @@ def _read_bytes(path: Path, where: str) -> bytes:
     except InputError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        told = getattr(error, "strerror", None) or _flat(error)
-        raise InputError(f"{where}: cannot be read ({told}); check the path and its permissions") from None
+        reason = getattr(error, "strerror", None) or _flat(error)
+        raise InputError(f"{where}: cannot be read ({reason}); check the path and its permissions") from None
 
 
 def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) -> str:
+    """Message of a pydantic error without file and key: value, bound and remedy."""
     kind, value, context = complaint["type"], complaint["input"], complaint.get("ctx", {})
     extra = getattr(field, "json_schema_extra", None)
     unit = extra.get("unit", "1") if isinstance(extra, dict) else "1"
@@ -169,14 +171,14 @@ def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) 
 
 
 def _number(value: object) -> str:
-    """A number as a user writes it: converted already, it is a float, and 0 should not read 0.0."""
+    """Text of a number in a message: a float as :g, so that 0 is not shown as 0.0."""
     return f"{value:g}" if isinstance(value, float) else shown(value)
 
 
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
-    """The record that holds the last key of `loc`, and its field there, each None where there is none."""
+    """Record that contains the last key of `loc`, and its field of that name; each None if unknown."""
     owner, field = model, None
-    names = [part for part in loc if isinstance(part, str)]  # a number is a place in a list of records
+    names = [part for part in loc if isinstance(part, str)]  # a number is an index in a list of records
     for depth, part in enumerate(names):
         field = owner.model_fields.get(part) if owner is not None else None
         if depth < len(names) - 1:
@@ -186,11 +188,12 @@ def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[
 
 
 def _key(part: int | str) -> str:
+    """Text of one part of a key in a message."""
     return str(part) if isinstance(part, int) or part.isidentifier() else shown(part)
 
 
 def _flat(error: object) -> str:
-    """A foreign message as one line."""
+    """Text of an error or value in one line."""
     return " ".join(str(error).split())
 
 
@@ -198,26 +201,26 @@ def _flat(error: object) -> str:
 
 
 def place(file: str, line: int | None) -> str:
-    """A line of a user's file, its path relative to the working directory."""
+    """Text of a line in a user's file, with the path relative to the working directory."""
     path = Path(file)
     near = path.is_relative_to(Path.cwd())
     return f"{file_name(path.relative_to(Path.cwd()) if near else path)}, line {line}"
 
 
 def failure(error: BaseException, what: str) -> str:
-    """One line: file and line of the user's code in which `what` failed, the error, and the remedy."""
+    """Return an error in a user's code as one line: file and line, `what` failed, the error, and the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))
-    file, line = (_own(frames) or frames)[-1]
-    told = f": {_flat(error)}" if str(error) else ""
-    return f"{place(file, line)}: {what} fails with {type(error).__name__}{told}; mend the file"
+    file, line = (_user_frames(frames) or frames)[-1]
+    message = f": {_flat(error)}" if str(error) else ""
+    return f"{place(file, line)}: {what} fails with {type(error).__name__}{message}; correct the file"
 
 
-def _own(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
-    """Those of the user's code; <string> is what dataclasses write."""
+def _user_frames(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
+    """Frames of the user's code, without this package, Python and installed packages."""
     not_own = (
-        "<string>",
+        "<string>",  # code generated by dataclasses
         str(Path(__file__).parents[1]),
         *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")),
     )
@@ -225,34 +228,38 @@ def _own(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
 
 
 def place_of(function: Any) -> str:
-    """Where a user's function is written, for a message; nothing of one that is written in C."""
+    """Return file and line of a user's function for a message; empty text for a function written in C."""
     code = getattr(getattr(function, "py_func", function), "__code__", None)
     return "" if code is None else f"{place(code.co_filename, code.co_firstlineno)}: "
 
 
 def call_failure(error: BaseException, function: Any, name: str, arguments: str, when: str = "") -> str:
-    """As `failure`, of a call of a user's function; where it cannot even be called, with its place and arguments."""
+    """Return an error in a call of a user's function as one line.
+
+    If the function cannot be called with the arguments, the line has its file, line and arguments; otherwise it is that
+    of `failure`.
+    """
     frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
-    if _own(frames[1:]) or not isinstance(error, TypeError):  # the first is of the call itself
+    if _user_frames(frames[1:]) or not isinstance(error, TypeError):  # the first frame is the call itself
         return failure(error, name + when)
-    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; mend it"
+    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; correct it"
 
 
 def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
-    """Run a Python file and take what it calls `name`; InputError where that lacks an attribute `needed`."""
+    """Run a Python file and return its object `name`; InputError if that lacks an attribute of `needed`."""
     where = file_name(path)
     text = read_text(path)
     module = ModuleType(f"railslip_{name.lower()}_{path.stem}")
     module.__file__ = str(path.resolve())
-    sys.modules[module.__name__] = module  # dataclasses look their module up by its name
-    try:  # of its text: what Python keeps compiled of a file may be of another of equal length and second
+    sys.modules[module.__name__] = module  # dataclasses find their module by its name
+    try:  # compiled from the text: Python's cached bytecode may be that of another file of equal size and time
         exec(compile(text, module.__file__, "exec", dont_inherit=True), module.__dict__)
-    except (Exception, SystemExit) as error:  # the user's file may fail in any way, and is an input
+    except (Exception, SystemExit) as error:  # the user's file is an input and may fail in any way
         raise InputError(failure(error, "running it")) from error
     found = getattr(module, name, None)
     missing = [attribute for attribute in needed if not hasattr(found, attribute)]
     if found is None or missing:
         lacking = f"has no {name}" if found is None else f"{name} has no {', '.join(missing)}"
-        wanted = f"a record that has {', '.join(needed)}" if needed else "it"
-        raise InputError(f"{where}: {lacking}; name {wanted} so")
+        wanted = f"an object with {', '.join(needed)}" if needed else "it"
+        raise InputError(f"{where}: {lacking}; assign {wanted} to {name}")
     return found

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "7e2cdd1bd40d31e2e10587790c157c2184cbd4b14ddc50015719e46e322277aa"
+SOURCES_SHA256 = "3613dfa1f5cdcc8da9a2f85b10ea00d697449e7c7d26ac55ef6fb47f19c824e3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8d8bda50e50a814878d48559a9c069ba0d1fd6f07b8d31df6f41724d9571d9e7"
+SOURCES_SHA256 = "0e92f59bedfc1ba8fe67cd6b42c3232015308e92d8c76cd0c71e814b9574a37a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "604f517373c09f2055b29d0c8359d19e073c95d61c885e8d2e48338a54cb82d9"
+SOURCES_SHA256 = "bfc08f6e6cf8017f3a6f144cdc6ef004bb2bea27acfa623808957e0ec8423868"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "05c10690d712c3082ee2531c699fdd9317c9d455da80caa220235dbe75e5aa2d"
+SOURCES_SHA256 = "7fbf96bfef8aa694169e7a0138fffeb053ae3c8ae20721620ca088ffc12911cb"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "016c8f9b79077df5085c0f0c67aa3f5a066c5eb28706c56d5faaac9f7d262869"
+SOURCES_SHA256 = "c648da4bb0252d88a607439d7a739bbf9b93582580829b7e3666e045cf8f4d0a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "f793c5824673d84909fb384b2b150630b20543b651919407d41844fd2467b58c"
+SOURCES_SHA256 = "1d817b79f93925be4ed3b4098e99ee11a2a7a351b1d5789849078a3d0aca0767"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

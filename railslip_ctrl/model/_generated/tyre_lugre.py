@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2e4cadec2a25399da098961a028bf43bad28bc881c2aa5b386e848dcdf0001be"
+SOURCES_SHA256 = "b59fc9694af3686909c8e110d0957871033f00b435471cac24909e211f57aeeb"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
