@@ -79,7 +79,7 @@ class QuasiPolynomial:
 
     @cached_property
     def _alone(self) -> QuasiPolynomials:
-        """This quasi-polynomial as an array of one."""
+        """The quasi-polynomial as an array of one."""
         delays = tuple(np.array([delay]) for delay in self.delays)
         return QuasiPolynomials(tuple(c[None] for c in self.terms), delays, self.removed)
 
