@@ -75,7 +75,7 @@ def test_the_relay_s_own_cycle_is_that_of_other_methods(rail, scale, K, period, 
     # what is left is 2 ms of the switches; the extremes of the simulator in C are over its whole run
     assert cycle.period == pytest.approx(period, rel=0.01 if released else 1e-3)
     assert cycle.slip_range == pytest.approx((low, high), abs=4e-3 if released else 2e-4)
-    assert cycle.held != released
+    assert cycle.in_range != released
     # the linearised cycle, without load, is near where the swing is small and the relay does more than carry the load
     linear_period, each = linear_cycle(loop)
     if cycle.amplitude < 0.3 * loop.plant.point.slip and 2 * loop.load < K:
@@ -86,11 +86,11 @@ def test_the_relay_s_own_cycle_is_that_of_other_methods(rail, scale, K, period, 
 def test_a_wheel_that_locks_is_lost():
     loop = published_loop(Rail.DRY, inertia_scale=0.05).with_gains(K=5000.0)  # a light wheel under a heavy relay
     cycle = effects.run_behind(loop, frozen=True, duration=50.0)
-    assert (cycle.held, math.isnan(cycle.slip_range[0])) == (False, True)
+    assert (cycle.in_range, math.isnan(cycle.slip_range[0])) == (False, True)
     assert "km/h: slip velocity" in cycle.lost
     effect = effect_on(Rail.WET)
-    assert effect.holds_the_wheel
-    assert not replace(effect, cycle=cycle).holds_the_wheel
+    assert effect.keeps_slip_in_range
+    assert not replace(effect, cycle=cycle).keeps_slip_in_range
 
 
 def test_integrator_with_dead_time_has_the_textbook_cycle():

@@ -273,8 +273,8 @@ def peak_slip(cells: Cells) -> float:
     counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
     low = np.searchsorted(slip, slip * (1.0 - _PEAK_WINDOW))
     high = np.searchsorted(slip, slip * (1.0 + _PEAK_WINDOW), side="right")
-    held = counts[high] - counts[low]
-    mean = np.where(held >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / held, -math.inf)
+    samples = counts[high] - counts[low]
+    mean = np.where(samples >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / samples, -math.inf)
     return float(slip[np.argmax(mean)])
 
 

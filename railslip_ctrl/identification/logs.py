@@ -181,9 +181,9 @@ def _split(cell: str) -> tuple[str, list[str]]:
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
     """Yield splits of a header cell without brackets into name and unit: v_kmh, v_m_s, "Tb kN m", v_ms (m/s)."""
-    words = re.split(r"[\s_,:]+", cell.strip())
+    pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
-        name, text = " ".join(words[:-count]).rstrip(" /"), sign.join(words[-count:])
+        name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
         if name and all(part.lower() in _SUFFIXES for part in re.split(r"[ /*.]", text)):
             yield name, text
             if text.lower() == "ms":

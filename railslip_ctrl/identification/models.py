@@ -129,7 +129,7 @@ class Coordinates:
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
 
-    # --- one parameter after the other ------------------------------------------------------------------------------
+    # --- single parameters ------------------------------------------------------------------------------------------
 
     def by_inverse(self, index: int) -> bool:
         """True if a parameter is represented by its inverse, which maps infinity to 0."""
@@ -155,7 +155,7 @@ class Coordinates:
         return result
 
 
-# --- a model and what is known ---------------------------------------------------------------------------------------
+# --- a model and its known quantities --------------------------------------------------------------------------------
 
 
 TABLE_KNOTS = 25
@@ -326,7 +326,7 @@ def check_model(name: str) -> None:
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InputError if a fixed or bounded parameter is of none of the models, or is fixed outside its bounds."""
+    """Raise InputError if a fixed or bounded parameter is in no model, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:

@@ -76,7 +76,7 @@ class Readhesion:
         return found
 
 
-# --- rows kept as they came ----------------------------------------------------------------------------------------
+# --- unfiltered rows -----------------------------------------------------------------------------------------------
 
 
 MOST_ROWS = 20_000  #: most rows kept: about a hundred rig tests at 100 rows a second

@@ -352,8 +352,8 @@ def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, found: Fl
         return found_peak
     surely = found_peak.lowest_slip if math.isfinite(found_peak.lowest_slip) else -math.inf
     reference = min(max(surely, lowest), OFF_THE_PEAK * slip)
-    held = float(adhesion_coefficient(law, speed, reference, wheel_load))
-    return replace(found_peak, reference=reference, reference_coefficient=held)
+    mu_at_reference = float(adhesion_coefficient(law, speed, reference, wheel_load))
+    return replace(found_peak, reference=reference, reference_coefficient=mu_at_reference)
 
 
 def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, coefficient: float) -> float:

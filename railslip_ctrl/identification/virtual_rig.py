@@ -260,7 +260,7 @@ def brake_trial(
     number("interval", interval, "s", gt=0)
     law.check_domain(speed, course.release_slip * speed)
     radius, every = vehicle.wheel.radius, max(round(interval / _COMMANDS), 1)
-    # the impulse of the torque that stops train and wheel, whatever the adhesion
+    # impulse of the torque that stops train and wheel, independent of the adhesion
     impulse = (vehicle.effective_inertia / radius + vehicle.effective_mass * radius) * speed
     run = simulate(
         Scenario(

@@ -157,15 +157,15 @@ def _ahead() -> DerivationStep:
 def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
     """Derive e_hat, its delay-free rate e_hat', and the prediction error e(t + theta) - e_hat."""
     t, x = sp.symbols("t x", real=True)
-    torque, held, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
-    error_rate = -_r / _J * (torque(x - theta) - held(x))
+    torque, holding, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
+    error_rate = -_r / _J * (torque(x - theta) - holding(x))
     under_way = sp.Integral(torque(x), (x, t - theta, t))
     predicted = error(t) - _r / _J * (under_way - theta * estimate(t))
     names = {
         error(t).diff(t): error_rate.subs(x, t),
         estimate(t).diff(t): H_hat_rate,
     }
-    rate = sp.expand(predicted.diff(t).subs(names)).subs({torque(t): T_plus, held(t): H})
+    rate = sp.expand(predicted.diff(t).subs(names)).subs({torque(t): T_plus, holding(t): H})
     shown_rate = -_r / _J * (T_plus - H - theta * H_hat_rate)
     definition = e - _r / _J * (sliding_symbol("under_way") - theta * H_hat)
     reduced = step(
@@ -177,10 +177,10 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
     # e(t + theta) by integrating e' over the next dead time; the torque's integral becomes one over the last dead time
     span = (x, t, t + theta)
     torque_ahead = sp.Integral(torque(x - theta), span).transform(x - theta, x)
-    surplus = sp.Integral(held(x), span) - theta * estimate(t)
-    ahead = error(t) - _r / _J * (torque_ahead - sp.Integral(held(x), span))
+    surplus = sp.Integral(holding(x), span) - theta * estimate(t)
+    ahead = error(t) - _r / _J * (torque_ahead - sp.Integral(holding(x), span))
     left_over = sp.expand(ahead - predicted - _r / _J * surplus)
-    constant = sp.Integral(held(x) - estimate(t), span).expand().doit() - surplus
+    constant = sp.Integral(holding(x) - estimate(t), span).expand().doit() - surplus
     prediction = step(
         "error of the prediction",
         (sliding_symbol("prediction_error"), _r / _J * sliding_symbol("H_surplus")),

@@ -94,15 +94,15 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 
 
 @dataclass(frozen=True)
-class HeldRun:
-    """Slip range of a run, and whether it stayed between 0 and twice the reference slip (`held`).
+class SlipRun:
+    """Slip range of a run, and whether it stayed between 0 and twice the reference slip (`in_range`).
 
     - lost: reason if the wheel locked or left the law's domain, else None; the range is then NaN.
     - period: time between upward zero crossings of s, s; NaN if the run has no cycle.
     """
 
     slip_range: tuple[float, float]
-    held: bool
+    in_range: bool
     lost: str | None = None
     period: float = math.nan
 
@@ -123,7 +123,7 @@ def whole_periods(run: FixedRun) -> tuple[float, slice]:
     return float((instants[1] - instants[0]) / (up.size - 1)), slice(int(up[0]), int(up[-1]))
 
 
-def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> HeldRun:
+def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> SlipRun:
     """Simulate the law from 5 % above the reference, undisturbed, with known parameters.
 
     Times are in s, before the inertia scale. The speed is frozen, or falls to 5 km/h. The slip range is that after
@@ -134,16 +134,16 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
     try:
         run = simulate_behind(point, loop.gains, loop.actuator, frozen=frozen, **started)
     except DomainError as error:
-        return HeldRun((math.nan, math.nan), False, str(error))
+        return SlipRun((math.nan, math.nan), False, str(error))
     late = run.time >= scale * settling
     run = FixedRun(*(one[late] for one in vars(run).values()))
     period, part = whole_periods(run) if settling else (math.nan, slice(None))
     slip = run.sigma[part] / run.speed[part]
     low, high = float(slip.min()), float(slip.max())
-    return HeldRun((low, high), low > 0.0 and high < 2.0 * point.slip, None, period)
+    return SlipRun((low, high), low > 0.0 and high < 2.0 * point.slip, None, period)
 
 
-def relay_cycle(loop: SurfaceLoop) -> HeldRun | None:
+def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
     """Limit cycle of the relay without adaptation at frozen speed; None if it has none, or cannot carry the load."""
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
@@ -168,8 +168,8 @@ class ActuatorEffect:
 
     loop: SurfaceLoop
     existence: Mapping[str, Any]
-    cycle: HeldRun | None
-    runs: Mapping[str, HeldRun]
+    cycle: SlipRun | None
+    runs: Mapping[str, SlipRun]
     unstable_ideal: float
     unstable_actual: float
     unstable_linear: float
@@ -182,9 +182,9 @@ class ActuatorEffect:
         return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
 
     @property
-    def holds_the_wheel(self) -> bool:
+    def keeps_slip_in_range(self) -> bool:
         """True if the relay's cycle keeps the slip in range or, without a cycle, if the linear loop is stable."""
-        return self.unstable_linear == 0 if self.cycle is None else self.cycle.held
+        return self.unstable_linear == 0 if self.cycle is None else self.cycle.in_range
 
 
 def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
@@ -223,8 +223,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
             ratios[f"{adhesion} {rail}"] = largest_adaptation(scaled) / scaled.gains.k1
     acting = {**first.existence, "existence": first.existence}
     ran = {"runs": {one.name: one.runs for one in effects}, "K": K, "k": first.loop.gains.k1}
-    spares = all(one.holds_the_wheel for one in effects)
-    law_spares = all(run.held for one in effects for run in one.runs.values())
+    spares = all(one.keeps_slip_in_range for one in effects)
+    law_spares = all(run.in_range for one in effects for run in one.runs.values())
     stable = all(one.unstable_actual == 0 for one in effects)
     conditions = (
         Condition("sliding exists behind the actuator", first.existence["exists"], RULE, acting, claimed=True),

@@ -39,7 +39,7 @@ END_SPEED = 5.0 * KMH  #: speed at which a stop ends, m/s ([Park2008] p. 56)
 STEP = 0.002  # s; with a dead time, the largest step up to this that divides it
 RUNS = 8  #: runs of a simulated condition, with consecutive seeds
 _NONE = Actuator(dead_time=0.0, lag=0.0)  # ideal actuator
-_NOISE_HELD = 0.02  # s, over which the random adhesion force is constant
+_NOISE_INTERVAL = 0.02  # s, over which the random adhesion force is constant
 
 
 @cache
@@ -153,14 +153,14 @@ def simulate_ideal(
     disturbed: bool = False,
     slip_noise: float = 0.0,
     seeds: Sequence[int] = (0,),
-    held_speed: float | None = None,
+    constant_speed: float | None = None,
     change: tuple[float, Vehicle] | None = None,
 ) -> IdealRun:
     """Simulate the law without actuator on the bristle model, dry rail, for `duration` seconds or until 5 km/h.
 
     - nominal: vehicle whose parameters the law uses; by default `vehicle`.
-    - held_speed: m/s; if given, v is constant (v' = 0 for wheel and law), and the run starts at the reference slip, at
-      rest. By default it starts free rolling at 100 km/h.
+    - constant_speed: m/s; if given, v is constant (v' = 0 for wheel and law), and the run starts at the reference slip,
+      at rest. By default it starts free rolling at 100 km/h.
     - disturbed: adds the published random adhesion force (limited to three standard deviations, constant over 0.02 s),
       Td = 0.05 Tb exp(-4t) sin(10 pi t), and the vehicle's resistance.
     - slip_noise: standard deviation of the measured slip velocity, m/s, white over the steps.
@@ -176,12 +176,12 @@ def simulate_ideal(
         vehicles = [one.model_copy(update={"resistance": Resistance()}) for one in vehicles]
     changed = steps if change is None else round(change[0] / STEP)
     start = [INITIAL_SPEED_KMH * KMH, 0.0, 0.0, 0.0]
-    if held_speed is not None:
-        at_rest = (held_speed, slip * held_speed, 0.0, 0.0, 0.0, 0.0, plant_parameters(law, vehicle))
+    if constant_speed is not None:
+        at_rest = (constant_speed, slip * constant_speed, 0.0, 0.0, 0.0, 0.0, plant_parameters(law, vehicle))
         start = [*at_rest[:2], float(numeric_plant(type(law)).rest_state(*at_rest)), 0.0]
     force, noise = _random(seeds, steps)
     force *= vehicle.wheel_load * disturbed
-    known: dict[str, Any] = {"reference": slip, "nominal": nominal, "frozen": held_speed is not None}
+    known: dict[str, Any] = {"reference": slip, "nominal": nominal, "frozen": constant_speed is not None}
     rows, _ = _rows(
         *(law, vehicles, gains, start, (force, slip_noise * noise)), **known, changed=changed, disturbed=disturbed
     )
@@ -207,12 +207,12 @@ def simulate_ideal(
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
     """Random forces over the wheel load, and noise of variance 1; a row for each seed, with its own generator."""
-    each = round(_NOISE_HELD / STEP)
+    each = round(_NOISE_INTERVAL / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
-        force[row] = np.repeat(held, each)[:steps]
+        values = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(values, each)[:steps]
         noise[row] = generator.standard_normal(steps)
     return force, noise
 

@@ -178,8 +178,8 @@ def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
         "reaching (40)": signals.available > signals.asked,
     }
     found = []
-    for name, held in judged.items():
-        broken = np.flatnonzero(~held)
-        share = float(weight[held].sum() / weight.sum())
+    for name, satisfied in judged.items():
+        broken = np.flatnonzero(~satisfied)
+        share = float(weight[satisfied].sum() / weight.sum())
         found.append(AlongRun(name, share, float(signals.time[broken[0]]) if broken.size else math.nan))
     return tuple(found)

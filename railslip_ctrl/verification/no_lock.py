@@ -146,9 +146,9 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
         acting = torques[left] * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
         at, cell = row[left], np.minimum((slip[left] * _CELLS).astype(int), _CELLS - 1)
         # the torque does not rise again: a rate below 0 over the cell keeps the slip below the cell's upper end
-        held = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
-        safe[left[held]] = True
-        left, at, cell, acting = left[~held], at[~held], cell[~held], acting[~held]
+        falls = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
+        safe[left[falls]] = True
+        left, at, cell, acting = left[~falls], at[~falls], cell[~falls], acting[~falls]
         if not left.size:
             break
         slowest = speeds[left] - falling[left] * (t + _STEP)

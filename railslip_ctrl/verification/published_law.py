@@ -328,9 +328,9 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     torque (J/r) |Ta theta1_hat'|, N m per s.
     """
     speed = INITIAL_SPEED_KMH * KMH
-    held: dict[str, Any] = {"duration": DRIFT_TIME, "held_speed": speed}
-    quiet = simulate_ideal(vehicle, gains, **held)
-    run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **held)
+    settings: dict[str, Any] = {"duration": DRIFT_TIME, "constant_speed": speed}
+    quiet = simulate_ideal(vehicle, gains, **settings)
+    run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **settings)
     r, sigma = vehicle.wheel.radius, float(quiet.sigma[0, 0])
     omega = (speed - sigma) / r
     h = 1e-4 * speed

@@ -124,11 +124,11 @@ class ReleasedRun:
 
     @property
     def share(self) -> float:
-        """Share of the samples for which no lock is certain."""
+        """Share of the samples that certainly do not lock."""
         return float(np.mean(self.inside))
 
     @property
     def outside_kmh(self) -> tuple[float, float] | None:
-        """Lowest and highest speed, km/h, of the samples for which no lock is not certain; None if there are none."""
+        """Lowest and highest speed, km/h, of the samples that may lock; None if there are none."""
         speeds = self.speed[~self.inside] / KMH
         return (float(speeds.min()), float(speeds.max())) if speeds.size else None
