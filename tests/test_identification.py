@@ -240,7 +240,7 @@ def test_bounds_hold_and_an_active_one_is_said():
     assert (mu_max.status, math.isnan(mu_max.stderr), math.isfinite(Kx.stderr)) == ("at upper bound", True, True)
     # a beam that falls short of the data fits the worse the lower it is, so that little below the bound is left
     assert 0.24 < mu_max.interval[0] < mu_max.interval[1] <= 0.25 * (1 + 1e-9)
-    assert any(note.startswith("mu_max: rests on its upper bound; by this log it is not less") for note in found.notes)
+    assert any(note.startswith("mu_max: rests on its upper bound; at least 0.") for note in found.notes)
 
 
 @pytest.mark.parametrize(("noise", "bounded"), [(300.0, True), (1500.0, True), (3000.0, False)])
@@ -280,8 +280,8 @@ def flat(name: str = "beam", **setting: object) -> Fit:
     (lambda: check_options(("beam",), {"a": 0.5}, {"a": (0.1, 0.3)}), "`fixed` a: 0.5 is outside `bounds` a"),
     (lambda: flat(fixed={"mu_max": 0.3, "a": 0.0, "Kx": 2e5}), "every parameter of 'beam' is fixed"),
     (lambda: flat(bounds={"a": (2.0, 1.0)}), "`bounds` a: 2:1 is not allowed; give the lower bound first"),
-    (lambda: flat(bounds={"a": (-2.0, -1.0)}), "`bounds` a: -2 to -1 leaves nothing; it must hold values > "),
-    (lambda: flat("bristle", slip_acceleration=None), "no ramp of rising slip"),
+    (lambda: flat(bounds={"a": (-2.0, -1.0)}), "`bounds` a: -2 to -1 .* values > "),
+    (lambda: flat("bristle", slip_acceleration=None), "ramps of rising slip.*`slip_acceleration`"),
     (lambda: fitted("beam", gathered(samples([0.1, 0.1, 0.2], V100, 0.2))), "2 distinct slips are too few"),
 ])  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(refuse, message):
@@ -408,7 +408,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         held += low <= 1.0 <= high
     assert binomtest(held, 2500, CONFIDENCE).pvalue > 0.01
     beyond = np.abs(generator.standard_t(4.0, 200_000)) > log_checks.Rolling(*np.zeros(8), 4.0).sure
-    assert binomtest(int(beyond.sum()), beyond.size, log_checks._DOUBT).pvalue > 0.01
+    assert binomtest(int(beyond.sum()), beyond.size, log_checks._FALSE_ALARM).pvalue > 0.01
 
 
 def test_pieces_of_a_test_are_one():

@@ -143,7 +143,7 @@ def test_what_is_told_of_given_values_names_options_and_not_arguments(railslip, 
     assert len(texts) == 5
     for text in texts:
         assert "--initial-speed is 60 km/h, and the highest" in text
-        assert "is given by --bound: the log asks" in text
+        assert "is given by --bound" in text
         assert "`" not in text
     found = json.loads(out)
     assert found["known"] == {"Kx": 274360.0}
@@ -167,8 +167,8 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
         "line 401: a control character",
         f"line {len(lines)}: the file ends within this line",
         "1 row with outliers left out, the first in line 701",
-        "before line 2001: the observer starts anew",
-        "column 'a' names no unit: s is taken for time",
+        "s before line 2001",
+        "column 'a' has no unit: time is read in s",
     ):
         assert told in err
     assert all(line.startswith(("railslip: warning: ", "railslip: note: ")) for line in err.splitlines())
@@ -186,8 +186,8 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, log,
     path.write_text("\n".join([lines[0] + ",wheel load [kN]", *(f"{x},2" for x in lines[1:])]) + "\n")
     files = ("--out", tmp_path / "fitted", "--observed", tmp_path / "observed.csv")
     line = refused(railslip("identify", path, "--model", "beam", *files))
-    assert float(line.split("coefficient is ")[1].split(",")[0]) == pytest.approx(0.261 * 34.5 / 2, rel=0.03)
-    assert f"above {IMPOSSIBLE_MU:g}, which no steel on steel in air has; check the unit of the brake torque" in line
+    assert float(line.split(", above ")[0].split()[-1]) == pytest.approx(0.261 * 34.5 / 2, rel=0.03)
+    assert all(part in line for part in (f"above {IMPOSSIBLE_MU:g},", "check the unit of the brake torque"))
     assert {each.name for each in tmp_path.iterdir()} == {"log.csv"}
 
 
@@ -207,10 +207,10 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json():
     odd = changed(rows, wheel_speed=1.16 * RADIUS * rows.columns["wheel_angular_speed"])
     found = identified(changed(odd, wheel_load=np.full(len(rows), 0.36 * LOAD)), initial_speed=60.0)
     told = (
-        f"wheel load of the log is {0.36 * LOAD:.4g} N on average, that of the vehicle {LOAD:.4g} N",
-        "wheel speed is 1.16 times the angular speed",
+        f"wheel load of the log is {0.36 * LOAD:.4g} N, that of the vehicle {LOAD:.4g} N",
+        "wheel speed is 1.16 times",
         "`initial_speed` is 216 km/h, and the highest train speed of the log 100 km/h",
-        "the fitted beam has a highest adhesion coefficient of 0.7",
+        "of the fitted beam is 0.7",
     )
     text, file = " ".join(identification_text(found).split()), model_toml(found)
     assert all(heading in text for heading in ("Std. error", "Correlation", "BIC"))
@@ -260,7 +260,7 @@ def test_a_log_that_stays_below_the_peak_has_no_slip_to_hold(railslip, tmp_path)
     path = write_log(tmp_path / "below.csv", rows.where(kept))
     status, out, _ = railslip("identify", path, "--model", "beam", "--out", tmp_path / "fitted")
     assert (status, "Reference: none; the slip of this log goes up to 0.0" in out) == (0, True)
-    told = re.search(r"mu_max: by this log it is not less than (0\.\d+) \(99 %\), and has no upper end", out)
+    told = re.search(r"mu_max: at least (0\.\d+) by this log \(99 %\)", out)
     assert 0.5 * BEAM.mu_max < float(told[1]) < BEAM.mu_max  # the rise alone leaves it free upwards
     assert "[reference_slip]" not in (tmp_path / "fitted" / "model.toml").read_text()
     found = json.loads((tmp_path / "fitted" / "identification.json").read_text())
@@ -307,6 +307,6 @@ def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(factor):
     wheel = np.trapezoid(torque + 0.25 * omega, t) + 60.35 * (omega[-1] - omega[0])
     own = 3517.0 * (v[0] - v[-1]) / (wheel / RADIUS + np.trapezoid(0.63 * v**2, t))
     assert curve.deceleration_ratio == pytest.approx(own, rel=0.01)  # of two runs, whose noise differs
-    words = f"slows down {curve.deceleration_ratio:.3g} times as much as the adhesion of this wheel makes"
-    assert [words in text for text in curve.warnings if "the train slows down" in text] == [True] * (factor != 1.0)
+    ratio = f" {curve.deceleration_ratio:.3g} times "
+    assert [ratio in text for text in curve.warnings if "train's deceleration" in text] == [True] * (factor != 1.0)
     assert factor != 1.0 or curve.deceleration_ratio == pytest.approx(1.0, abs=2e-3)

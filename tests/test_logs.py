@@ -145,7 +145,7 @@ def test_dialects_are_read_as_the_plain_log_in_si(tmp_path, name, block_bytes):
     ("# a\n# b\n1,2,3,4\n", "line 3: no header, but numbers; name the columns in a line above"),
     ("# time,v,vw,pressure\n# rig\n1,2,3,4\n", r"header: no column for brake_torque.*has 'time', 'v', 'vw', 'pr"),
     ("# time,v,vw,Tb\n1,2,3,4,5\n", "line 2: no header, but numbers"),
-    (PLAIN.replace("\n0.", "\n2026-01-01T00:00:0."), "is a date or a time of day, not a num.*give the time in s"),
+    (PLAIN.replace("\n0.", "\n2026-01-01T00:00:0."), "date or a time of day.*column .* in s"),
     (b"PK\x03\x04" + bytes(100), "is a ZIP archive or an Excel workbook; give a CSV file, gzipped or not"),
     (bz2.compress(PLAIN.encode()), "is packed with bzip2"),
     (gzip.compress(b"PK\x03\x04" + bytes(100), mtime=0), "is a ZIP archive"),
@@ -287,7 +287,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
     (["time", "a [km/h", "vw", "Tb"], {"train_speed": "2"}, {}, "a bracket is not closed; give a unit of train_speed"),
     (["time", "v", "omega [1/s]", "Tb"], {}, {}, "'1/s' may mean cycles or radians; give a unit of wheel_angular_spe"),
     (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
-    (TWO, {}, {}, "say which with `columns` wheel_angular_speed=HEADER, or by its place: 3 or 4"),
+    (TWO, {}, {}, "`columns` wheel_angular_speed=HEADER, .*: 3 or 4"),
     (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
     (TWO, {"wheel_angular_speed": "6"}, {}, "no column is called '6'"),
 ])  # fmt: skip
@@ -305,7 +305,7 @@ def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes, fille
     rows, log = read(path, block_bytes=block_bytes)
     empty = filled_from == 1500
     assert ("wheel_load" in rows.columns, log.broken.count) == ((False, 0) if empty else (True, 900))
-    assert any("column 'wheel load [kN]' is empty in 1000 rows" in note for note in log.notes) == empty
+    assert any("'wheel load [kN]'" in note and "1000 rows" in note for note in log.notes) == empty
 
 
 DAMAGED = [
@@ -315,14 +315,14 @@ DAMAGED = [
     ("0.18,100,99,7,1.5", "5 cells where the header has 4"),
     ("0.18,9\r9,98,1.5", "a control character or a carriage return within the line"),
     ("0.18,99,98,1.5\x001", "a control character"),  # read as 1.5 otherwise
-    ("\0" * 50, "a control character, 50 null bytes, which may stand for many rows and count as one line"),
-    ("8" * (5 * LONGEST_LINE), "more than 1048576 bytes without a line end, which count as one line"),
-    ('0.18,"99,98,1.5', "a quotation mark without its other one"),
+    ("\0" * 50, "a control character, 50 null bytes"),
+    ("8" * (5 * LONGEST_LINE), "more than 1048576 bytes"),
+    ('0.18,"99,98,1.5', "quotation mark"),
     ('0.18,99,98,x"1,5"', "quotation marks within a cell"),
     ('0.18,9"9",98,1.5', "is not a number"),
     ("0.18,9_9,98,1.5", "'9_9' is not a number"),
     *((f"{stamp},99,98,1.5", "") for stamp in ("", "nan", "-inf", "later")),
-    ("1e300,99,98,1.5", "time 1e+300 s is beyond any clock; check its unit"),
+    ("1e300,99,98,1.5", "time 1e+300 s"),
 ]
 
 
@@ -359,8 +359,9 @@ def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_byte
     """Ahead: the first row, the last but one, around the borders of blocks; behind: the last row too."""
     rows, log = read(write(tmp_path, with_stamps(ROWS, {line: stamp})), block_bytes=block_bytes)
     assert lost(rows, ROWS) == [line]
-    named = f"line {line}: time {float(stamp):.9g} s stands apart from those beside it; it is left out"
-    assert (log.stamps.warnings, log.broken.count) == ((named,), 0)
+    (named,) = log.stamps.warnings
+    assert named.startswith(f"line {line}: time {float(stamp):.9g} s ")
+    assert log.broken.count == 0
 
 
 @at_any_block
@@ -487,11 +488,11 @@ def test_nothing_is_said_of_a_log_without_fault():
 
 
 @pytest.mark.parametrize(("offset", "zeros", "words"), [
-    (-2000.0, {}, "reads -2000 N.m where the wheel rolls freely, .*=-2000 takes it off"),
+    (-2000.0, {}, " -2000 N.m, .*`zeros` brake_torque=-2000 "),
     (0.0, {"brake_torque": 500.0}, "leave `zeros` brake_torque out"),
-    (800.0, {"brake_torque": 500.0}, "reads 300 N.m beside the 500 N.m that is taken off.*=800 takes it off"),
-    (0.0, {"wheel_angular_speed": 0.5}, "without the `zeros` wheel_angular_speed=0.5 that is given .*leave it out"),
-    (0.0, {"train_speed": -0.3}, "without the `zeros` train_speed=-0.3 that is given .*leave it out"),
+    (800.0, {"brake_torque": 500.0}, " 300 N.m .* 500 N.m, .*`zeros` brake_torque=800 "),
+    (0.0, {"wheel_angular_speed": 0.5}, "`zeros` wheel_angular_speed=0.5: leave it out"),
+    (0.0, {"train_speed": -0.3}, "`zeros` train_speed=-0.3: leave it out"),
 ])  # fmt: skip
 def test_a_zero_that_is_wrong_is_told(offset, zeros, words):
     three = rig(tests=3)
@@ -546,7 +547,7 @@ def test_a_lag_is_found_however_large(late, log, known):
     assert error < known
     remedy = float(text.split("`delays` wheel_angular_speed=")[1].split(" ")[0])
     assert remedy == pytest.approx(late or 0.005, abs=3.0 * error if late else 0.0)
-    assert ("half an interval, as a difference of counts is" in text) == (late == 0.0)
+    assert ("half an interval" in text) == (late == 0.0)
 
 
 def test_a_model_that_does_not_fit_is_named_first_and_no_delay_rests_on_it(monkeypatch):
@@ -617,7 +618,7 @@ def test_wheel_loads_that_differ_are_told():
     factor = np.where(three.columns["time"] > three.columns["time"][len(three) // 2], 1.2, 1.0)
     loads = {"wheel_load": factor * three.columns["wheel_load"], "brake_torque": factor * three.columns["brake_torque"]}
     (text,) = told(changed(three, **loads), "wheel load")
-    assert "lies between 3.45e+04 and 4.14e+04 N from run to run" in text
+    assert re.search(r"3\.45e\+04 .* 4\.14e\+04 N", text)
     (text,) = job.different_loads([("a.csv", 3.0e4), ("b.csv", 3.1e4), ("c.csv", 4.0e4)])
     assert "between 3e+04 N (a.csv) and 4e+04 N (c.csv)" in text
     assert "their mean, 3.367e+04 N" in text
@@ -637,7 +638,7 @@ def test_one_log_of_several_speeds_says_which_v0_it_is_taken_at():
     slow.columns["time"] = slow.columns["time"] + 30.0
     (text,) = told(fast.then(slow), "braking begins between")
     # the train has lost a little when the slip comes to 0.005
-    assert re.search(r"between (4[5-9]|50)[.\d]* and (9[5-9]|100)[.\d]* km/h: v0.* is taken as 100 km/h", text)
+    assert re.search(r"between (4[5-9]|50)[.\d]* and (9[5-9]|100)[.\d]* km/h.* v0.* 100 km/h", text)
     assert not told(fast, "braking begins")
 
 
@@ -653,7 +654,7 @@ def test_what_gaps_cost_is_told():
         told(rows.where(time % 0.3 > 0.06))
 
 
-BACKWARD = "train speed is negative in 1800 rows, and positive in 0; reverse its sign"
+BACKWARD = "train speed is negative in 1800 rows, and positive in 0; .*sign"
 
 
 @pytest.mark.parametrize(("unit", "second"), [("s", "ms"), ("h", "s"), ("ms", "s"), ("us", "ms"), ("ks", "s")])
@@ -671,7 +672,7 @@ def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, secon
     ({"train_speed": 3.6}, {}, r"times the train's: .* \(km/h and m/s are 3.6 apart\), and that no .* swapped$"),
     ({"train_speed": -1.0}, {}, BACKWARD),
     ({"train_speed": -1.0, "wheel_angular_speed": -1.0}, {}, BACKWARD),
-    ({"brake_torque": -1.0}, {}, "negative in .* rows with slip, and positive in 0; reverse its sign: torque that"),
+    ({"brake_torque": -1.0}, {}, "negative in .* rows with slip, and positive in 0; reverse its sign"),
     ({"brake_torque": 1e300}, {}, r"brake torque 1.*e\+30. N\*m is beyond any wheel \(\d+ such rows\); check"),
     ({}, {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}}, "the rows are corrected by `delays` br"),
     ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller `time_constant`"),
@@ -683,11 +684,11 @@ def test_what_leaves_no_row_is_refused_with_its_cause(recwarn, factors, options,
 
 
 def test_every_sentence_is_used_and_has_its_numbers():
-    sentences = texts("railslip_ctrl.identification", "words.toml")
+    sentences = texts("railslip_ctrl.identification", "messages.toml")
     sources = [path.read_text("utf-8") for path in (ROOT / "railslip_ctrl" / "identification").glob("*.py")]
     calls = [node for text in sources for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
     used = set()
-    for call in (call for call in calls if getattr(call.func, "id", "") == "told"):
+    for call in (call for call in calls if getattr(call.func, "id", "") == "message"):
         given = {keyword.arg for keyword in call.keywords}
         for name in {part.value for part in ast.walk(call.args[0]) if isinstance(part, ast.Constant)}:
             wanted = {re.split(r"[.\[]", field)[0] for _, field, *_ in Formatter().parse(sentences[name]) if field}

@@ -74,7 +74,7 @@ def test_report_has_every_condition_with_its_numbers(paper):
     # theta1 (1/5276 - 1/3517)/0.43, in SI and 3.6 times less as published; its square over 2 k, and 0.43 * 0.25/60.35
     steps = ("theta1 steps by -0.0002205", "V jumps by 1.157 m^2/s^2", "-6.124e-05", "V jumps by 0.08929 m^2/s^2")
     constant = " ".join(evidence(paper["theta constant"]).split())
-    told = (*steps, "worth V = 5.83 m^2/s^2", "the undisturbed ideal stop is over at 9.08 s", "25.62 km/h")
+    told = (*steps, "V = 5.83 m^2/s^2", "9.08 s", "25.62 km/h")
     assert [one for one in told if one not in constant] == []
     assert "k1 in kg^-2 m^-4 s^2, k2 dimensionless" in evidence(paper["matrix gain"])
 
@@ -288,7 +288,7 @@ def test_gains_are_checked_and_a_diverging_run_leaves_the_domain():
     for name, value in (("K", -1.0), ("D", 0.0)):
         with pytest.raises(InputError, match=f"^{name}: "):
             replace(PUBLISHED_LAW, **{name: value})
-    with pytest.raises(DomainError, match=r"^simulation: the wheel is lost at .*; give smaller gains$"):
+    with pytest.raises(DomainError, match=r"^simulation: .* s and .* km/h: .* m/s is outside .*; give smaller gains$"):
         simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
 
 

@@ -74,9 +74,9 @@ TOO_FAR |= {"brake": Actuator(dead_time=0.15, lag=0.6)}
     ({"rate": 0.0}, r"^rate: 0 is not allowed; give a finite value > 0$"),
     ({"random_force": -1.0}, r"^random_force: -1 is not allowed; give a finite value >= 0$"),
     ({"release_slip": 1.0}, r"^release_slip: 1 is not allowed; give a finite value > 0 and < 1$"),
-    ({"rate": 20.0}, r"^rate: with 20 N\*m/s the slip does not come to 0.5 before .*; give a steeper ramp"),
+    ({"rate": 20.0}, r"^rate: with 20 N\*m/s .* 0\.5; give a steeper ramp"),
     ({"tests": 0}, "tests: 0 is not allowed; give an integer from 1"),
-    (TOO_FAR, r"^release_slip: at 0\.8 the slip runs on to where 'curve' is not defined"),
+    (TOO_FAR, r"^release_slip: .* 0\.8 .* 'curve' is not defined"),
 ])  # fmt: skip
 def test_impossible_conditions_are_refused_in_one_line(changes, message):
     given = {"vehicle": PARK2008, "law": BEAM, "initial_speed": V100, "tests": 1} | CLEAN | changes
@@ -114,7 +114,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
     whole, again = (identified(rows, model, initial_speed=V30) for rows in (few, other))
     found = whole.chosen.fit
     assert np.isfinite(found.values).all()
-    assert any("has no upper end" in note for note in found.notes)
+    assert any("without an upper limit" in note for note in found.notes)
     # a search ends within some 1e-4 of where an unidentified parameter is least ill told; that was any number before
     for p, same in zip(found.parameters, again.chosen.fit.parameters, strict=True):
         assert same.status == p.status
@@ -204,7 +204,7 @@ def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     share = (high - low) / (0.04 * R) * spread
     assert found.own_peak.slip_stderr**2 == pytest.approx(without**2 + share**2, rel=1e-2)  # R's square is bent
     assert share > 0.2 * without
-    assert f"counts the ramp's scatter from run to run, {spread:.2g} m/s^2" in fitted.notes[0]
+    assert f"scatter from run to run, {spread:.2g} m/s^2" in fitted.notes[0]
 
 
 def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
@@ -216,7 +216,7 @@ def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
     fit, other = given.chosen.fit, own.chosen.fit
     assert (fit.model.known["R"], fit.known_stderrs) == (2.93, {})
     assert "a ramp of 2.93 m/s^2 (as given" in fit.notes[0]
-    assert "its standard error is of alpha, beta and gamma alone" in fit.notes[0]
+    assert "of alpha, beta and gamma only" in fit.notes[0]
     assert other.model.known["R"] == own.setting.slip_acceleration
     assert "the log's mean up to its peak" in other.notes[0]
 

@@ -1,17 +1,17 @@
 """From a log of a brake rig or a train to an adhesion law: `railslip identify`.
 
-Imports `model` and `core`; `virtual_rig` also `simulation`. Begin with `identify`; a log goes through the modules
-below it in this order, of which later ones import earlier ones.
+Imports `model` and `core`; `virtual_rig` also `simulation`. Begin with `identify`. A log goes through the other modules
+in this order, and later ones import earlier ones.
 
-- `identify`: the models of a log compared, the best one chosen; several logs together
-- `observer`: encoder and torque sensor; the adhesion torque observed, published and by a Kalman filter
-- `logs`: the quantities and units of the header; blocks of `Rows` in SI, lines that are no rows
-- `cleaning`: stray time stamps, outliers, offsets and delays of columns
-- `observed`: samples of adhesion over slip, and the raw rows under brake
-- `log_checks`: what a log shows to be wrong, as a list of `Finding`s
-- `curves`: sums by cell of slip and speed: the adhesion curve
-- `models`, `fits`, `prediction`: what can be fitted; least squares over the cells; prediction-error fits
-- `results`: comparison, regimes, the peak and the slip to hold, parameters over the initial speed
-- `words`: the sentences of warnings, doubts and notes, from `words.toml`
-- `virtual_rig`: a brake rig and brake trials of known truth, to try all this on
+- `identify`: compares the models of a log and chooses one; handles several logs
+- `observer`: encoder and torque sensor; observers of the adhesion torque, the published one and a Kalman filter
+- `logs`: reads a log into blocks of `Rows` in SI, and notes lines that cannot be read
+- `cleaning`: removes stray time stamps and outliers, corrects offsets and delays of columns
+- `observed`: computes samples of adhesion over slip, and records the raw rows under brake
+- `log_checks`: checks the plausibility of a log; each fault is a `Finding`
+- `curves`: reduces the samples to the adhesion curve, by cells of slip and speed
+- `models`, `fits`, `prediction`: the models, least squares over the cells, prediction-error fits
+- `results`: comparison, regimes, peak and reference slip, parameters over the initial speed
+- `messages`: the sentences of warnings and notes, from `messages.toml`
+- `virtual_rig`: a simulated brake rig whose true adhesion law is known
 """

@@ -1,6 +1,6 @@
-"""Rows made good: stray time stamps and outliers left out, columns brought to one time and one zero.
+"""Clean a log: remove stray time stamps and outliers, correct sensor offsets and delays between columns.
 
-Each works on rows that come in blocks of any size, and what comes out does not depend on the blocks.
+Each filter works on blocks of rows of any size; its result does not depend on the block size.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from .logs import UNITS, Lines, Rows
 
 
 class RowFilter(ABC):
-    """Leaves out rows by comparing them with those beside them; `count` tells how many.
+    """Filter that drops rows by comparing them with their neighbours; `count` is the number dropped.
 
-    A row's judgement needs so many rows `ahead` and `behind`; the rows of a `piece` are judged together.
+    To judge a row, the filter needs the next `ahead` and the previous `behind` rows. It judges `piece` rows at a time.
     """
 
     ahead: ClassVar[int]
@@ -36,9 +36,9 @@ class RowFilter(ABC):
         self.count = 0
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """The rows that stay; the last ones wait for those after them, or for the log's end."""
+        """Yield the rows that are kept; the last ones of a block wait for the next block or the end of the log."""
         waiting: Rows | None = None
-        start = 0  # rows at the front of those waiting that are judged already
+        start = 0  # number of rows at the front of `waiting` that are judged already
         for block in itertools.chain(blocks, (None,)):
             if block is not None:
                 waiting = block if waiting is None else waiting.then(block)
@@ -56,34 +56,34 @@ class RowFilter(ABC):
 
     @abstractmethod
     def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
-        """Which of the rows from start to stop are left out."""
+        """Mask of the rows from start to stop that are dropped."""
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------
 
-BESIDE = 16  #: rows on either side among which a stamp that is left out must be the only one out of order
+BESIDE = 16  #: rows on either side; an outlying stamp must be the only one out of order among them
 
 FAR = 100.0
-"""How far from both its neighbours a stamp that is left out must be, in usual intervals: the median of those beside it.
+"""Least distance of an outlying stamp from both neighbours, in median intervals of the rows beside it.
 
-A stamp that is nearer is a row out of its place, or a clock set back.
+A stamp that is nearer comes from a misplaced row or from a clock that was set back.
 """
 
-_LEAST_BESIDE = 4  # other stamps, without which nothing tells the usual interval
+_LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
 
-# A stamp jumps ahead where its step is this many times the way back to the next one; neighbours exchanged have less.
+# A step forward counts as a jump if it is this many times the step back after it; swapped rows have a smaller ratio.
 _JUMP = 5.0
-_STAMPS_KEPT = 64  # rows judged already, among which a jump is looked for
-_MOST_NAMED = 5
+_STAMPS_KEPT = 64  # judged rows that are kept to locate a jump
+_MOST_NAMED = 5  # stamps that have a warning of their own
 
 
 class StampFilter(RowFilter):
-    """Leaves out rows whose time stamp is an outlier, and refuses time that does not grow without them.
+    """Drops rows with an outlying time stamp; raises InputError if the time does not grow without them.
 
-    An outlier is a single stamp more than `FAR` usual intervals away from both its neighbours (at an end of a log: from
-    one), without which time grows over the `BESIDE` rows on either side. Two within `BESIDE` rows are a second clock,
-    and refused, as is a stamp that repeats another or steps back by less. A stamp far ahead that time goes on from is a
-    gap; so is one in the last row, and one far behind in the first. `name` is the log's, for errors.
+    An outlier is a single stamp more than `FAR` usual intervals away from both neighbours (from one, at an end of the
+    log). Without it the time must grow over `BESIDE` rows on either side. Two outliers within `BESIDE` rows count as a
+    second clock and are refused; so are repeated stamps and smaller steps back. A stamp far ahead is a gap if the time
+    goes on from it or if it is in the last row, as is one far behind in the first row. `name` is the log's, for errors.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -95,13 +95,13 @@ class StampFilter(RowFilter):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was left out, a sentence each."""
+        """One sentence for each dropped stamp, up to a limit, and the total."""
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
     def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
         bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
-        # the step into the first row was judged with the rows before, but tells whether the first row is the outlier
+        # the step into the first row was judged before, but it shows if the first row is the outlier
         first, end = max(start - 1, 0), min(stop, len(time) - 1)
         for i in first + np.flatnonzero(time[first + 1 : end + 1] <= time[first:end]):
             outlier = _outlier(time, int(i))
@@ -111,13 +111,13 @@ class StampFilter(RowFilter):
         for at in start + np.flatnonzero(bad[start:stop]):
             if len(self.named) < _MOST_NAMED:
                 where = f"line {rows.line[at]}: time {time[at]:.9g} s"
-                self.named.append(f"{where} stands apart from those beside it; it is left out")
+                self.named.append(f"{where} is far from its neighbours; the row is left out")
         return bad[start:stop]
 
 
 def _outlier(time: Floats, i: int) -> int | None:
-    """Of the stamps i and i+1, the latter not later, the one that is an outlier; None where neither is."""
-    # where both may be, that with two neighbours
+    """Index of the outlier, i or i+1, where stamp i+1 is not later than stamp i; None if neither is one."""
+    # if either may be the outlier, take the one with two neighbours
     for at in (i, i + 1) if i > 0 else (i + 1, i):
         low = max(at - BESIDE, 0)
         others = np.delete(time[low : at + BESIDE + 1], at - low)
@@ -131,9 +131,10 @@ def _outlier(time: Floats, i: int) -> int | None:
 
 
 def _complaint(lines: Lines, time: Floats, at: int) -> str:
-    """What is wrong with the stamp at a place, which is not later than that before it."""
+    """Describe the fault at a stamp that is not later than the one before it."""
     earlier = np.flatnonzero(time[:at] < time[at])
-    sound = int(earlier[-1]) + 1 if len(earlier) else 0  # from here on stamps are later than that at the place
+    # index of the first of the stamps just before `at` that are not earlier than the stamp at `at`
+    sound = int(earlier[-1]) + 1 if len(earlier) else 0
     if 0 < sound < at and time[sound] - time[sound - 1] > _JUMP * (time[at] - time[sound - 1]):
         return (
             f"line {lines[sound]}: time jumps from {time[sound - 1]:.9g} s to {time[sound]:.9g} s, "
@@ -143,24 +144,24 @@ def _complaint(lines: Lines, time: Floats, at: int) -> str:
     return f"line {lines[at]}: time {time[at]:.9g} s {kind} {time[at - 1]:.9g} s"
 
 
-# --- the steps in which values come --------------------------------------------------------------------------------
+# --- resolution of the columns -------------------------------------------------------------------------------------
 
-# Second differences: of values in steps they are whole steps, of a straight ramp they are 0, so that a ramp is
-# not taken for a staircase. 0 is what rounding leaves of the values.
-_ROUNDING = 1e-7
-_LEAST_CHANGES = 20
-_LEAST_SHARE = 0.01  # of the rows: fewer are the corners of ramps
+# The resolution comes from second differences. They are multiples of the step for quantised values, and 0 on a straight
+# ramp, so that a ramp does not look quantised.
+_ROUNDING = 1e-7  # relative; smaller differences are rounding errors
+_LEAST_CHANGES = 20  # nonzero differences needed for an estimate
+_LEAST_SHARE = 0.01  # of the rows; fewer nonzero differences may be the corners of ramps
 
-# The step is the largest of these quantiles of the differences in which all but a few of them are whole numbers: the
-# least ones may be of a glitch. Of differences without a step a fifth would be within this tolerance of one.
+# The step is the largest of these quantiles of which nearly all differences are a multiple. The smallest differences
+# may come from a glitch.
 _QUANTILES = (0.0, 0.01, 0.03, 0.1, 0.3, 0.5)
-_TOLERANCE = 0.1
-_WHOLE_SHARE = 0.95
-_FEW = 20.0  # steps: of larger differences, uneven intervals of an encoder blur the step
+_TOLERANCE = 0.1  # of a step; a fifth of unquantised differences would lie within it
+_WHOLE_SHARE = 0.95  # share of the differences that must be multiples
+_FEW = 20.0  # steps; larger differences are not used, as an encoder's uneven intervals blur them
 
 
 def step_of(values: Floats) -> float:
-    """The step in which some values, in the order they came, change; 0 where they show none."""
+    """Quantisation step of a sequence of values; 0 if they show none."""
     changes = np.abs(np.diff(values, 2))
     changes = changes[changes > _ROUNDING * np.abs(values).max(initial=0.0)]
     if len(changes) < max(_LEAST_CHANGES, _LEAST_SHARE * len(values)):
@@ -171,61 +172,62 @@ def step_of(values: Floats) -> float:
 def _comes_in(changes: Floats, step: float) -> bool:
     counts = changes[changes < _FEW * step] / step
     whole = np.abs(counts - np.round(counts)) < _TOLERANCE
-    # below half a step a difference is none of it
+    # a difference below half a step is no multiple of it
     return bool(len(counts) >= _LEAST_CHANGES and np.mean(whole & (counts > 0.5)) >= _WHOLE_SHARE)
 
 
 class Resolution:
-    """Steps of the columns of a log, from pieces of it: the least that any piece shows, as a piece may miss some."""
+    """Quantisation steps of a log's columns: the smallest step seen in any piece of the log."""
 
     def __init__(self) -> None:
         self._steps: dict[str, float] = {}
 
     def add(self, name: str, values: Floats) -> None:
-        """Take a piece of a column in."""
+        """Include a piece of a column."""
         step = step_of(values)
         if step > 0.0:
             self._steps[name] = min(step, self._steps.get(name, step))
 
     def __getitem__(self, name: str) -> float:
-        """The step of a column, SI; 0 where none was seen."""
+        """Step of a column, SI; 0 if none was seen."""
         return self._steps.get(name, 0.0)
 
 
 # --- outliers ------------------------------------------------------------------------------------------------------
 
-HALF_WINDOW = 4  #: rows on either side with which a row is compared
+HALF_WINDOW = 4  #: rows on either side; a row is compared with the median of this window
 
-NOISE_ROWS = 64  #: rows before a row, and as many after it, whose noise it is compared with
+NOISE_ROWS = 64  #: rows before and after a row from which the noise near it is estimated
 
-# All of them must be passed. Of normal noise one row in some 200 passes the local limit, as the spread of nine values
-# is a poor estimate: it is there for slopes and corners. The overall limit is of the log's first rows, and a wheel
-# under brake is noisier than when it rolled there. What then guards a row is the spread beside it, on the side where it
-# is larger, as braking begins between two rows. The median S of 64 absolute normal deviates has P(S < x) = P(Bin(64,
-# 2 Phi(x) - 1) > 32), so that a deviate exceeds 8 * 1.4826 times the larger S of two sides with probability 1e-11, and
-# that of one side, at the end of a noisier stretch, with 1e-8: at 10 million rows of three
-# columns no false outlier is to be expected.
+# An outlier exceeds all three limits, in standard deviations of the noise.
+# - Local, of the window of nine rows: it protects slopes and corners. As nine values estimate a spread poorly, one row
+#   in 200 of normal noise exceeds it.
+# - Overall, of the log's first rows: a braked wheel is noisier than the free rolling there.
+# - Beside, of the noisier side of the row, as braking may begin at the row. The median S of 64 absolute normal deviates
+#   has P(S < x) = P(Bin(64, 2 Phi(x) - 1) > 32). A deviate exceeds 8 * 1.4826 times the larger S of two sides with
+#   probability 1e-11, and that of one side with 1e-8 (at the end of a noisier stretch). So no false outlier is expected
+#   in 10 million rows of three columns.
 _LOCAL_LIMIT = 6.0
 _OVERALL_LIMIT = 8.0
 _BESIDE_LIMIT = 8.0
-_SIGMA_PER_MAD = 1.4826
+_SIGMA_PER_MAD = 1.4826  # standard deviation over the median absolute deviation of normal noise
 
-_REACH = NOISE_ROWS + HALF_WINDOW  # rows that a judgement needs on either side
+_REACH = NOISE_ROWS + HALF_WINDOW  # rows needed on either side to judge a row
 
-# What is never an outlier, m/s and N*m (rad/s: of a wheel of 0.5 m): resolution of the usual pickups.
+# Smallest deviation of an outlier: the resolution of usual sensors, m/s and N*m (rad/s for a wheel of 0.5 m).
 _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "brake_torque": 50.0}
 
-# Steps in which a column's values come: rounding puts a value and the median of its neighbours half a step off each,
-# and a count more or less is another two, so that what is further off is none of it.
+# Smallest deviation in steps of the column: rounding explains half a step each of value and median, and one encoder
+# count more or less explains two.
 _LEAST_STEPS = 3.5
 
-PIECE = 4096  #: rows judged together: from the first, the noise of the log is known
+PIECE = 4096  #: rows judged together; the first piece gives the noise of the log
 
 
 class OutlierFilter(RowFilter):
-    """Leaves out rows where a speed or the torque deviates from the median of its neighbours far beyond the noise.
+    """Hampel filter: drops rows whose speed or torque is far from the median of its neighbours, beyond the noise.
 
-    The Hampel filter. `first_line` tells the first that was left out, `resolution` the steps in which values come.
+    `first_line` is the line of the first row dropped, `resolution` has the steps of the columns.
     """
 
     ahead = behind = _REACH
@@ -270,34 +272,34 @@ class OutlierFilter(RowFilter):
 
 
 def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
-    """Median absolute deviation from the median in the windows of some values."""
+    """Median absolute deviation in the windows around the indices `at`."""
     padded = np.pad(values, HALF_WINDOW, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
     return np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
 
 
 def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
-    """Median of the deviations before some rows, or of those after them where it is larger."""
+    """Larger of the median deviations before and after the indices `at`."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(deviation, NOISE_ROWS, mode="symmetric"), NOISE_ROWS)
     return np.maximum(np.median(windows[at], axis=1), np.median(windows[at + NOISE_ROWS + 1], axis=1))
 
 
 # --- alignment -----------------------------------------------------------------------------------------------------
 
-LONGEST_DELAY = 2.0  #: s, of a column; what is later is another event, not a delay
+LONGEST_DELAY = 2.0  #: longest delay of a column, s; a longer one would belong to another event
 
-_WHEEL = ("wheel_angular_speed", "wheel_speed")  # the first of them in a log is the one used
+_WHEEL = ("wheel_angular_speed", "wheel_speed")  # by priority: the first that a log has is used
 
 
-def corrections_told(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
-    """The options by which a log is corrected, as they were given, in one sentence if any."""
+def corrections_note(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
+    """One sentence that lists the corrections given as options; empty if none was given."""
     given = [f"`delays` {name}={delay:g}" for name, delay in delays.items()]
     given += [f"`zeros` {name}={zero:g}" for name, zero in zeros.items()]
     return (f"the rows are corrected by {', '.join(given)}",) if given else ()
 
 
 def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -> None:
-    """InputError unless delays (s) and zeros (SI) are of quantities of a log, and in range."""
+    """Check that delays (s) and zeros (SI) belong to quantities of a log and are in range, or raise InputError."""
     known = tuple(name for name in UNITS if name != "time")
     for option, given in (("`delays`", delays), ("`zeros`", zeros)):
         for name, value in given.items():
@@ -314,21 +316,21 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
 
 
 class Alignment:
-    """The rows of a log with sensor offsets taken off and the delays of the columns made equal.
+    """Subtracts sensor offsets and removes the delay differences between the columns of a log.
 
-    An encoder's speed, a difference of counts, is the mean over its interval and so half an interval late; a filtered
-    torque is late by its filter. Only the difference in delay counts, so the wheel's samples, whose noise a
-    prediction-error fit is to see, stay as they are, and the others, which are smooth, are read off between theirs.
-    `delays`, s, and `zeros`, SI, are by quantity; `name` is the log's. InputError for a quantity that it does not have.
+    Example delays: an encoder's speed is a mean over the interval, so half an interval late; a filtered torque is late
+    by its filter. Only differences of delays matter. The wheel's samples stay unchanged, because a prediction-error fit
+    needs their noise; the other columns are smooth and are interpolated. `delays`, s, and `zeros`, SI, are by quantity;
+    `name` is the log's. InputError for a quantity that the log does not have.
     """
 
     def __init__(self, delays: Mapping[str, float], zeros: Mapping[str, float], name: str) -> None:
         self._delays, self._zeros, self._name = dict(delays), dict(zeros), name
-        self._held: Rows | None = None  # what later rows are read off from, and rows that wait for them
-        self._told = 0  # rows of these that were given out
+        self._buffer: Rows | None = None  # rows needed to interpolate later ones, then rows that wait for later ones
+        self._given_out = 0  # number of buffered rows that were yielded
 
     def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
-        """The rows of the blocks, corrected; none is lost."""
+        """Yield the corrected rows; no row is dropped."""
         if not (self._delays or self._zeros):
             yield from blocks
             return
@@ -338,30 +340,30 @@ class Alignment:
                     raise InputError(f"{self._name}: no column {name} to correct; it has {', '.join(rows.columns)}")
             columns = {name: values - self._zeros.get(name, 0.0) for name, values in rows.columns.items()}
             rows = Rows(rows.line, columns)
-            held = rows if self._held is None else self._held.then(rows)
-            time = held.columns["time"]
-            known = time[-1] - max(0.0, *self._shifts(held).values()) if len(time) else 0.0
-            yield self._given(held, int(np.searchsorted(time, known, side="right")))
-        if self._held is not None:
-            yield self._given(self._held, len(self._held))
+            buffer = rows if self._buffer is None else self._buffer.then(rows)
+            time = buffer.columns["time"]
+            known = time[-1] - max(0.0, *self._shifts(buffer).values()) if len(time) else 0.0
+            yield self._corrected(buffer, int(np.searchsorted(time, known, side="right")))
+        if self._buffer is not None:
+            yield self._corrected(self._buffer, len(self._buffer))
 
     def _shifts(self, rows: Rows) -> dict[str, float]:
-        """By how much later than the wheel's sample each column shows the same moment, s."""
+        """Delay of each column relative to the wheel's speed, s."""
         wheel = next(name for name in _WHEEL if name in rows.columns)
         late = self._delays.get(wheel, 0.0)
         return {n: self._delays.get(n, 0.0) - late for n in rows.columns if n not in ("time", *_WHEEL)}
 
-    def _given(self, held: Rows, stop: int) -> Rows:
-        """The rows up to a place among those held; what later ones are not read off from is forgotten."""
-        stop = max(stop, self._told)
-        time, shifts = held.columns["time"], self._shifts(held)
-        out = held.part(self._told, stop)
+    def _corrected(self, buffer: Rows, stop: int) -> Rows:
+        """Interpolate the buffered rows up to `stop`, and forget rows that no later one needs."""
+        stop = max(stop, self._given_out)
+        time, shifts = buffer.columns["time"], self._shifts(buffer)
+        out = buffer.part(self._given_out, stop)
         moved = {
-            name: np.interp(out.columns["time"] + shift, time, held.columns[name])
+            name: np.interp(out.columns["time"] + shift, time, buffer.columns[name])
             for name, shift in shifts.items()
             if shift and len(out)
         }
         behind = max(0.0, *(-shift for shift in shifts.values()))
         keep = max(int(np.searchsorted(time, time[min(stop, len(time) - 1)] - behind)) - 1, 0) if len(time) else 0
-        self._held, self._told = held.part(keep, None), stop - keep
+        self._buffer, self._given_out = buffer.part(keep, None), stop - keep
         return Rows(out.line, {**out.columns, **moved})

@@ -1,11 +1,13 @@
-"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted.
+"""Adhesion curve of a log, with all findings about the log, before anything is fitted.
 
-Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time: memory
-is bounded, and least squares over every sample needs no more. With n, the mean and the scatter of mu in a cell, and the
-moments of the slips that it is the mean over, the model's mean there is a two-point Gauss rule, exact for a cubic;
-cells are 1/800 of the range wide or less. The noise of neighbouring samples is correlated: by the observer's filter, by
-the rig, by the run. So its long-run variance, that of means over long times, is taken from stretches of time, their
-number halved whenever they, or their entries by cell, grow beyond bounds, by adding neighbours.
+Samples are reduced to sums by cell of slip and speed, to bins of the curve, and to sums over stretches of time. So
+memory is bounded, and least squares over all samples needs no more. Each cell has the number of samples, the mean and
+scatter of mu, and moments of the slip. From these the model's mean over a cell follows by a two-point Gauss rule, exact
+for a cubic; a cell is at most 1/800 of the slip range wide.
+
+The noise of neighbouring samples is correlated, by the observer's filter, by the rig and by the run. Its long-run
+variance, that of means over long times, is therefore computed from stretches of time. When there are too many
+stretches, or entries by cell, neighbouring stretches are added in pairs.
 """
 
 from __future__ import annotations
@@ -24,24 +26,24 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from . import log_checks
-from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
+from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_note
 from .logs import BLOCK_BYTES, Broken, Column, Log, Rows
+from .messages import message
 from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedRows, Observed, Observer, Survey
-from .words import told
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to identify; None takes it from the log. See `railslip identify --help`.
+    """Options of an identification, as of `railslip identify --help`; None means that the log gives the value.
 
-    - model: a model's name, or "best": of those with a formula the one with the lowest BIC.
-    - rail
+    - model: a model's name, or "best": the formula with the lowest BIC that fits.
+    - rail: rail condition of the log.
     - initial_speed, slip_acceleration, time_constant: v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
     - columns, units: header and unit of a quantity's column, by quantity.
     - delays, zeros: column delay, s, and sensor offset, SI, by quantity.
-    - fixed, bounds: value (SI), or lowest and highest, of a parameter, by name.
-    - skip_lines: lines at the beginning of a log, before which no header is looked for.
-    - block_bytes: how much of a log is read at a time.
+    - fixed, bounds: value (SI), or lower and upper bound, of a parameter, by name.
+    - skip_lines: number of lines to skip before the header.
+    - block_bytes: bytes of a log read at a time.
     """
 
     model: str = "best"
@@ -63,23 +65,23 @@ class Options:
 # --- sums over the samples -----------------------------------------------------------------------------------------
 
 
-SLIP_CELLS = 400  #: cells over the slip ratio, of equal width in its square root: narrow where the curve rises
+SLIP_CELLS = 400  #: cells over the slip ratio, equally wide in its square root: narrow where the curve rises
 
-SPEED_CELL = 10.0 * KMH
-_SPEED_CELLS = 80
+SPEED_CELL = 10.0 * KMH  #: width of a cell in train speed, m/s
+_SPEED_CELLS = 80  # up to 800 km/h
 
 STRETCH = 5.0  #: length of the shortest stretches, in time constants of the observer
 
-_MOST_STRETCHES = 8192
-_MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still
+_MOST_STRETCHES = 8192  # their number is halved beyond this
+_MOST_ENTRIES = 1 << 18  # (stretch, cell) pairs, 6 MB; leaves some hundred stretches if a log fills many cells
 
 BINS = 50
-"""Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13: to be shown. Fits take the cells, finer ones."""
+"""Bins of the curve over slip ratios 0 to 1, for display, as in [Park2008] Fig. 13. Fits use the finer cells."""
 
 
 @dataclass(frozen=True)
 class Bins:
-    """mu over slip ratio, by bins that hold a sample: arrays of one length, as [Park2008] Fig. 13."""
+    """Statistics of mu by bin of slip ratio, as in [Park2008] Fig. 13; empty bins left out, arrays of one length."""
 
     low: Floats
     high: Floats
@@ -93,10 +95,10 @@ class Bins:
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells that hold samples, arrays of one length: their count and means, SI.
+    """Sample count and means of each cell that holds samples, SI; arrays of one length.
 
-    `squares` is the sum of the squared deviations from mu. `nodes`, `node_speeds` and `weights`, (2, cells), give the
-    mean of a function over a cell.
+    `squares` is the sum of the squared deviations from the mean mu. `nodes` (slip ratio), `node_speeds` and `weights`,
+    (2, cells), are the quadrature rule for the mean of a function over a cell.
     """
 
     count: Floats
@@ -112,7 +114,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Sums by stretch of time, of a `length` in s, and cell, by its place in `Cells`: samples and total of mu."""
+    """Sample count and sum of mu for each pair of a time stretch, `length` in s, and a cell (index into `Cells`)."""
 
     length: float
     stretch: Integers
@@ -121,20 +123,20 @@ class Stretches:
     total: Floats
 
 
-_FINE = 1_000_000
+_FINE = 1_000_000  # slip steps of `slip_counts`
 _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load")
 
 
 class Accumulator:
-    """Sums over samples that come in blocks of any size; the result does not depend on how they come.
+    """Sums over samples that arrive in blocks; the result does not depend on the block size.
 
-    `slip_counts` are samples by slip, in steps of a millionth, so that any slip may part them.
+    `slip_counts` counts samples by slip in steps of 1e-6, so that they can be split at any slip.
     """
 
     def __init__(self, time_constant: float) -> None:
         self._length = STRETCH * time_constant
         self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
-        self._centre = 0.0  # mu is summed about it, so that squares do not cancel
+        self._centre = 0.0  # subtracted from mu before summing, so that squares do not cancel
         self._bins = np.zeros((4, BINS))
         self.slip_counts = np.zeros(_FINE, dtype=np.int64)
         self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
@@ -143,7 +145,7 @@ class Accumulator:
         self._origin: float | None = None
 
     def add(self, samples: Observed) -> None:
-        """Take samples in."""
+        """Add a block of samples."""
         if not len(samples):
             return
         if self._origin is None:
@@ -179,7 +181,7 @@ class Accumulator:
             self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)
 
     def bins(self) -> Bins:
-        """The curve so far."""
+        """Bins of the samples so far."""
         full = self._bins[0] > 0
         count, slip, total, squares = self._bins[:, full]
         edges = np.arange(BINS + 1) / BINS
@@ -197,7 +199,7 @@ class Accumulator:
         )
 
     def cells(self) -> Cells:
-        """The cells so far."""
+        """Cells of the samples so far."""
         s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
         n = s["count"]
         mean = {name: s[name] / n for name in _SUMS[1:]}
@@ -218,7 +220,7 @@ class Accumulator:
         )
 
     def stretches(self) -> Stretches:
-        """The stretches so far."""
+        """Stretches of the samples so far."""
         place = np.cumsum(self._sums[0] > 0) - 1
         count, total = self._entries
         return Stretches(
@@ -232,12 +234,12 @@ class Accumulator:
 
 _CELLS = SLIP_CELLS * _SPEED_CELLS
 
-# Spread of slip, squared, that is rounding of moments of slips up to 1, not spread.
+# Variance of slip below which it is only rounding of the moments of slips up to 1.
 _NO_SPREAD = 1e-13
 
 
 def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
-    """The distinct keys in order, and the sums of their columns."""
+    """Return the distinct keys in order, and the sum of the values for each."""
     distinct, place = np.unique(keys, return_inverse=True)
     return distinct, np.stack([np.bincount(place, row, minlength=len(distinct)) for row in values])
 
@@ -251,7 +253,7 @@ def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
     spread = variance > _NO_SPREAD
     third = m3 - 3.0 * m1 * m2 + 2.0 * m1**3
     skew = np.divide(third, 2.0 * variance, out=np.zeros_like(m1), where=spread)
-    # a node may not leave the curve's rise for slips below 0: rounding and noise of the moments, not slip
+    # rounding and noise of the moments must not move a node below slip 0
     skew = np.clip(skew, -np.sqrt(variance), np.sqrt(variance))
     root = np.sqrt(skew**2 + variance)
     low, high = skew - root, skew + root
@@ -260,38 +262,42 @@ def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
     return np.clip(nodes, 0.0, 1.0), np.stack([share, 1.0 - share])
 
 
-_PEAK_WINDOW = 0.15  # half width, relative, of the window in which mu is averaged to find its peak
-_LEAST_SHARE = 0.002  # of all samples that such a window must hold
+_PEAK_WINDOW = 0.15  # relative half width of the slip window over which mu is averaged to find its peak
+_LEAST_SHARE = 0.002  # least share of all samples that the window must hold
 
 
 def peak_slip(cells: Cells) -> float:
-    """The slip ratio at which the data's mu, averaged over neighbouring cells, is highest."""
+    """Slip ratio of the highest measured mu, averaged over neighbouring cells."""
     order = np.argsort(cells.slip)
     slip, n, total = cells.slip[order], cells.count[order], (cells.count * cells.mu)[order]
     counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
     low = np.searchsorted(slip, slip * (1.0 - _PEAK_WINDOW))
     high = np.searchsorted(slip, slip * (1.0 + _PEAK_WINDOW), side="right")
-    held = counts[high] - counts[low]
-    mean = np.where(held >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / held, -math.inf)
+    samples = counts[high] - counts[low]
+    mean = np.where(samples >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / samples, -math.inf)
     return float(slip[np.argmax(mean)])
 
 
 # --- the curve -----------------------------------------------------------------------------------------------------
 
 
-_LEAST_SAMPLES = 20
+_LEAST_SAMPLES = 20  # under brake; a log with fewer is refused
 
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """What was taken from a log before anything is fitted.
+    """Adhesion data of a log, before anything is fitted.
 
-    `name` is the file, `time_constant` tau, s. `record` has rows for prediction-error fits, of one run in
-    `record_stride`. `peak_slip` is where the data's own mu is highest, of which noise tells a part on a flat top:
-    searches for a fit start there. `wheel_column` is the quantity that the wheel's speed was read from, `rolling` what
-    the wheel showed without brake. `deceleration_ratio` is the train's deceleration over that which the wheel's
-    adhesion and the resistance make, NaN where it is not known. `factors` have what one of a column's unit is in SI, by
-    quantity. `findings` are what was wrong with the log, `notes` what was assumed.
+    - name: the file.
+    - time_constant: tau of the observer, s.
+    - record, record_stride: rows for prediction-error fits, from every `record_stride`-th run.
+    - peak_slip: slip ratio of the highest measured mu, where fits start; on a flat curve noise shifts it.
+    - wheel_column: the quantity from which the wheel's speed was read.
+    - deceleration_ratio: measured deceleration over that expected from the wheel's adhesion and the resistance; NaN if
+      not known.
+    - rolling: measurements of the wheel rolling without brake.
+    - factors: SI value of one unit of a column, by quantity.
+    - findings, notes: faults of the log; assumptions made.
     """
 
     name: str
@@ -316,25 +322,25 @@ class AdhesionCurve:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings, a sentence each."""
+        """Texts of the findings, with the log's name."""
         return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
 
     def parted_at(self, slip: float) -> tuple[int, int]:
-        """How many samples lie below a slip ratio, and how many from there on."""
+        """Number of samples below a slip ratio, and at or above it."""
         below = int(self.slip_counts[: round(slip * _FINE)].sum())
         return below, int(self.slip_counts.sum()) - below
 
     @property
     def highest_mu(self) -> float:
-        """Highest mean of mu in a bin."""
+        """Highest mean mu of any bin."""
         return float(self.bins.mean.max())
 
     @property
     def followed_note(self) -> str:
-        """Which rows the prediction-error fits are of, where that is not every row under brake; else empty."""
+        """Note on the rows used by prediction-error fits; empty if they use every row under brake."""
         if self.record_stride == 1:
             return ""
-        return told("rows followed", rows=len(self.record), most=MOST_ROWS, stride=self.record_stride)
+        return message("rows followed", rows=len(self.record), most=MOST_ROWS, stride=self.record_stride)
 
 
 def read_curve(
@@ -345,9 +351,9 @@ def read_curve(
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
 ) -> AdhesionCurve:
-    """The adhesion curve of a log; memory does not grow with it.
+    """Read the adhesion curve of a log; memory does not grow with its length.
 
-    `progress` is told the share read, `observed` is given the samples as they come.
+    `progress` is called with the share read, 0 to 1, and `observed` with each block of samples.
     InputError with one line for a log that cannot be used.
     """
     o = options
@@ -364,7 +370,7 @@ def read_curve(
     stamps = StampFilter(log.name)
     try:
         gathered = _Gathered(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
-    except InputError as error:  # what was assumed or not read may be what is wrong
+    except InputError as error:  # assumptions about the columns or unread lines may be the cause
         raise log.refused(error) from None
     finally:
         log.close()
@@ -372,12 +378,12 @@ def read_curve(
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
-    """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
+    """Adhesion curve of rows in memory, whose time must grow. InputError as `read_curve`."""
     return _Gathered(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
 class _Gathered:
-    """What is gathered from the rows of a log, and what it shows; InputError where there is nothing to use."""
+    """Accumulated data of a log from all its rows; InputError if none can be used."""
 
     def __init__(
         self,
@@ -419,31 +425,31 @@ class _Gathered:
         try:
             self._stream.check(self._name)
             if survey.used < _LEAST_SAMPLES:
-                raise InputError(told("too few rows", name=self._name, survey=survey, slips=SLIP_RANGE))
-        except InputError as error:  # a wheel that does not follow its train may be the cause
-            given = corrections_told(self._options.delays, self._options.zeros)
+                raise InputError(message("too few rows", name=self._name, survey=survey, slips=SLIP_RANGE))
+        except InputError as error:  # a wrong wheel radius or speed unit may be the cause
+            given = corrections_note(self._options.delays, self._options.zeros)
             wheel = [finding.text for finding in log_checks.rolling_findings(self._rolling, self._known())]
-            raise InputError("; ".join([str(error), *given, *self._torque_told(), *wheel])) from None
+            raise InputError("; ".join([str(error), *given, *self._torque_hints(), *wheel])) from None
         fault = log_checks.rolling_fault(self._rolling, self._known())
         if fault is not None:
             raise InputError(f"{self._name}: {fault}")
 
-    def _torque_told(self) -> tuple[str, ...]:
-        """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
+    def _torque_hints(self) -> tuple[str, ...]:
+        """Hints if all torques are too low for braking, or suggest another unit."""
         pull = self._stream.survey.highest_pull
         hint = log_checks.unit_hint(pull, self._factors)
         if pull > log_checks.HIGHEST_MU:
             return (hint,) if hint else ()
         if not 0.0 < pull < LEAST_PULL:
             return ()
-        text = told("weak brake", pull=pull, least=LEAST_PULL)
+        text = message("weak brake", pull=pull, least=LEAST_PULL)
         return (f"{text}; {hint}" if hint else text,)
 
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> log_checks.Known:
         return log_checks.Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> AdhesionCurve:
-        """The curve, with what else was met."""
+        """Build the curve with all its findings."""
         assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
@@ -452,14 +458,14 @@ class _Gathered:
         )
         free = [*log_checks.rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
         ratio = log_checks.deceleration_ratio(record, self._vehicle)
-        differs = log_checks.deceleration_differs(ratio) and not free  # else the cause is told
-        other = (log_checks.Finding("deceleration", told("other deceleration", ratio=ratio)),) if differs else ()
+        differs = log_checks.deceleration_differs(ratio) and not free  # otherwise `free` states the cause
+        other = (log_checks.Finding("deceleration", message("other deceleration", ratio=ratio)),) if differs else ()
         findings = (
             *self._left_out(broken, stamps),
             *log_checks.survey_findings(survey),
             *free,
             *(
-                log_checks.Finding("steps", f"column {step}: what is finer is known from means alone")
+                log_checks.Finding("steps", f"column {step}: smaller values are resolved only by averaging")
                 for step in steps
                 if step.matters
             ),
@@ -491,11 +497,11 @@ class _Gathered:
         )
 
     def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
-        """Lines that were no rows, stray time stamps, outliers."""
+        """Findings for unreadable lines, stray time stamps and outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
-            yield log_checks.Finding("lines", told("broken lines", broken=broken))
+            yield log_checks.Finding("lines", message("broken lines", broken=broken))
         yield from (log_checks.Finding("time stamps", text) for text in stamps.warnings)
         if count := self._outliers.count:
             rows = "1 row" if count == 1 else f"{count} rows"
-            yield log_checks.Finding("outliers", told("outliers", rows=rows, line=self._outliers.first_line))
+            yield log_checks.Finding("outliers", message("outliers", rows=rows, line=self._outliers.first_line))

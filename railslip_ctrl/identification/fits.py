@@ -1,8 +1,11 @@
-"""Least squares over all samples by way of their cells, and what is then known of the parameters.
+"""Least-squares fits to the cells of a log, and the uncertainty of the fitted parameters.
 
-One way for fits to the cells and for prediction-error fits (`prediction`): `search` finds the least, with one answer
-whatever the data; `estimate` takes the covariance from the slopes of the residuals and their long-run variance, or from
-what differs between tests, and an interval from the profile of the likelihood wherever the symmetric one does not hold.
+Fits to the cells and prediction-error fits (`prediction`) share two functions:
+
+- `search` minimises the residuals with a regularised, reproducible solution.
+- `estimate` computes covariance and intervals. The covariance comes from the Jacobian and the long-run variance of the
+  residuals, or from the differences between tests. An interval comes from the profile likelihood if the symmetric one
+  does not hold.
 """
 
 from __future__ import annotations
@@ -22,25 +25,25 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .curves import Cells, Stretches
+from .messages import message
 from .models import SLIDING_ALONE, Coordinates, FitModel, Setting
-from .words import told
 
 # --- the search ----------------------------------------------------------------------------------------------------
 
-# Without more, a search runs along a direction in which the residuals do not change for as long as rounding lets it:
-# the processor decides which numbers come out. Tikhonov's remedy: to the residuals is added, for every coordinate, its
-# distance from a centre in sizes, with a weight so small beside the noise that it moves nothing which the data tell.
+# Along a direction in which the residuals do not change, rounding would decide where a search ends, so the result would
+# depend on the processor. Tikhonov regularisation avoids this: each coordinate's scaled distance from a centre is added
+# to the residuals. Its weight is small beside the noise, so that it does not move what the data determine.
 
 
 Residuals = Callable[[Floats], Floats]
 
 PULL = 0.1
-"""Weight in standard deviations of the noise: the centre counts as known to ten sizes of a coordinate.
+"""Regularisation weight in standard deviations of the noise: as a prior of ten times a coordinate's size.
 
-An estimate with a standard error of one size, three sizes away, is moved by 3 % of that error.
+An estimate with a standard error of one size, three sizes from the centre, is moved by 3 % of that error.
 """
 
-_STEP = 1e-4  # of a coordinate's size, for differences: rounding and the third derivative both leave some 1e-8
+_STEP = 1e-4  # difference step, in sizes of a coordinate: rounding and truncation errors are then both about 1e-8
 
 
 def search(
@@ -53,10 +56,10 @@ def search(
     tolerance: float,
     most: int,
 ) -> tuple[float, Floats]:
-    """The sum of squares and the coordinates where it is least, within their bounds, looked for from `begin`.
+    """Minimise the sum of squared residuals within the bounds, from the coordinates `begin`; (sum, coordinates).
 
-    `residuals` are of the values; `weight` is `PULL` in their unit; the `centre` is where the search begins unless it
-    is given. It ends when the sum would change by less than `tolerance` of it, or after `most` evaluations.
+    `residuals` takes parameter values; `weight` is `PULL` in the residuals' unit; the `centre` is `begin` by default.
+    Ends when the relative change of the sum is below `tolerance`, or after `most` evaluations.
     """
     from scipy.optimize import least_squares
 
@@ -78,7 +81,7 @@ def search(
         jac=slopes,
         bounds=(coordinates.lower / size, coordinates.upper / size),
         x_scale="jac",
-        method="dogbox",  # it ends on a bound, where SciPy's other way only tends to it
+        method="dogbox",  # reaches a bound exactly; SciPy's "trf" only approaches it
         ftol=tolerance,
         xtol=tolerance,
         gtol=tolerance,
@@ -91,7 +94,7 @@ def search(
 def differences(
     residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, places: Iterable[int] | None = None
 ) -> Floats:
-    """Derivatives by the coordinates, all or some, (residuals, coordinates), by differences inside the bounds."""
+    """Jacobian (residuals, coordinates) by differences within the bounds; `places`: the coordinates, default all."""
     columns = []
     for i in range(len(x)) if places is None else places:
         high, low = x.copy(), x.copy()
@@ -103,24 +106,24 @@ def differences(
 
 # --- clustered covariance ------------------------------------------------------------------------------------------
 
-# Rail, weather and warmth are those of a test, and shift all its rows alike; one number for the noise of a long time
-# would widen every parameter as if all of that went into it. So, where the runs disagree, the covariance is that of the
-# jackknife which leaves out one test after the other (CV3 of [MacKinnon2023]), with Student's distribution of as many
-# degrees of freedom as there are tests, less one. It holds for any correlation within a test.
+# Rail, weather and temperature shift all rows of a test alike. A single long-run variance would widen the interval of
+# every parameter as if it took the whole shift. If the tests disagree, the covariance is therefore that of the
+# delete-one-test jackknife (CV3 of [MacKinnon2023]), with Student's distribution of (tests - 1) degrees of freedom. It
+# holds for any correlation within a test.
 
 
-LEAST_TESTS = 5  #: with fewer, Student's quantile is so large that nothing is told
+LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
 
-_ALONE = 0.99  # share of what is known of a direction: a test with more stands alone, and cannot be left out
-_DISAGREE = 0.01  # probability of runs that differ as these do, or more, by the noise within them
-_ONE_TEST = 0.5  # of the longest run: runs nearer to each other than that are pieces of one test
-_SEEN = 1e-8  # of the largest singular value: a direction that a test shows at all
+_ALONE = 0.99  # a test with a larger share of the information in some direction cannot be left out
+_DISAGREE = 0.01  # tests disagree if noise within them explains their differences with a lower probability
+_ONE_TEST = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
+_SEEN = 1e-8  # of the largest singular value: smaller ones are directions that a test does not determine
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
-    """The test that each interval belongs to, 0 on; its end at `time`, s, its length `step`, s, and its `run`.
+    """Number of the test, from 0, that each interval belongs to; an interval has its end `time` and length `step`, s.
 
-    Runs that a gap or a release has parted are pieces of one test where they lie near to each other.
+    Runs separated by a short gap or release belong to one test.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     if not len(first):
@@ -132,27 +135,27 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
 
 
 def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> tuple[Floats, int] | None:
-    """What the tests say of the estimates by differing: covariance (p, p) and degrees of freedom.
+    """Jackknife covariance (p, p) over tests, and its degrees of freedom; None if tests agree or are too few.
 
-    None where they agree, or are too few. `residuals` of least squares, of variance 1 each, `slopes` their derivatives
-    (residuals, parameters) at the least, of full rank, and the `test` of each, 0 on.
+    `residuals` at the least-squares solution have variance 1 each, `slopes` is their Jacobian (residuals, parameters),
+    of full rank; `test` is the number of each residual's test, from 0.
     """
     tests, size = int(test.max(initial=-1)) + 1, slopes.shape[1]
     if tests < max(LEAST_TESTS, size + 2):
         return None
     basis, triangle = np.linalg.qr(slopes)
-    known = np.array([basis[test == i].T @ basis[test == i] for i in range(tests)])  # they add up to one
+    known = np.array([basis[test == i].T @ basis[test == i] for i in range(tests)])  # these sum to the identity
     pull = np.array([basis[test == i].T @ residuals[test == i] for i in range(tests)])
     if not _disagree(known, pull) or float(np.linalg.eigvalsh(known).max()) > _ALONE:
         return None
-    # the estimates without a test, by one step of Gauss and Newton
+    # the estimates without each test, by one Gauss-Newton step
     without = -np.linalg.solve(np.eye(size) - known, pull[:, :, None])[:, :, 0]
     without = np.linalg.solve(triangle, (without - without.mean(axis=0)).T)
     return (tests - 1) / tests * (without @ without.T), tests - 1
 
 
 def _disagree(known: Floats, pull: Floats) -> bool:
-    """Whether fits to each test alone would lower the sum of squares by more than noise within the tests does."""
+    """True if separate fits to each test lower the sum of squares by more than the noise within tests explains."""
     from scipy.stats import chi2
 
     singular, directions = np.linalg.eigh(known)
@@ -165,28 +168,28 @@ def _disagree(known: Floats, pull: Floats) -> bool:
 
 # --- intervals from the profile of the likelihood ------------------------------------------------------------------
 
-# The rise of the sum of squares that a profile goes to is that which gives a nearly linear parameter its symmetric
+# The profile is followed to the rise of the sum of squares that would give a nearly linear parameter its symmetric
 # interval: the vertical adjustment of [ChandlerBate2007].
 
 
-_REACH = 2.6  # standard errors, or the parameter's size where that is less: the first place to look for an end;
-_FURTHER = 1.6  # and times that from trial to trial
-_TRIALS = 12  # up to 280 sizes: further than that the searches know nothing
-_FINE = 0.02  # of a standard error: how well the end is found
-_OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
-_PROFILE_CONVERGED = 1e-6
-_PROFILE_SEARCH = 60  # evaluations at most of the residuals and their slopes
-_SLOPE_STEP = 1e-3  # of a standard error, or of the value where that is less
-_TOLERATED = 0.125  # of an interval's half width; twice that of the rise of the sum of squares, which is quadratic
+_REACH = 2.6  # first trial distance of an interval's end, in standard errors, or 1 size of the parameter if less
+_FURTHER = 1.6  # factor on the distance from trial to trial
+_TRIALS = 12  # reaches 280 sizes, beyond which the searches are not reliable
+_FINE = 0.02  # tolerance of an interval's end, in standard errors
+_OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
+_PROFILE_CONVERGED = 1e-6  # relative tolerance of the sum of squares
+_PROFILE_SEARCH = 60  # most evaluations of the residuals and their Jacobian
+_SLOPE_STEP = 1e-3  # difference step, in standard errors, or of the value if that is less
+_TOLERATED = 0.125  # error of a symmetric interval, of its half width; of the quadratic rise, twice that
 
 
 def is_symmetric(
     residuals: Residuals, coordinates: Coordinates, x: Floats, end: Floats, index: int, half: float, rise: float
 ) -> bool:
-    """Whether a parameter's symmetric interval holds, by what is met on the way from the coordinates x to both ends.
+    """True if a parameter's symmetric interval holds: checks the model at both ends, x - end and x + end.
 
-    `end` is by how much the coordinates move, as their covariance has them follow, `half` by how much the parameter
-    then should have moved, and `rise` by how much the sum of squares should have risen. No end may lie beyond a bound.
+    `end` is the shift of the coordinates, along which the other parameters follow as their covariance says. There the
+    parameter must have moved by `half`, the sum of squares must have risen by `rise`, and no bound may be passed.
     """
     value = float(coordinates.values(x)[index])
     least = float(np.sum(residuals(coordinates.values(x)) ** 2))
@@ -212,11 +215,11 @@ def profile_interval(
     rise: float,
     beside: float = 0.0,
 ) -> tuple[float, float]:
-    """Where the sum of squares, least over the other parameters, has risen by `rise`; a bound where it does not.
+    """Profile-likelihood interval of a parameter; an end is the bound if the sum of squares does not rise by `rise`.
 
-    `values` are the best ones; `stderr` of the parameter `index` is for the first guess. `beside` is half the interval
-    of an error that the residuals do not show, and widens the interval by the rule for independent errors. No interval
-    is narrower than with the other parameters known: a search that stays above the best sum of squares tells nothing.
+    `values` are the best values; `stderr` of the parameter `index` gives the first trial. `beside` is half the interval
+    of an independent error that the residuals do not show; it is added in quadrature. The interval is at least as wide
+    as with the other parameters known, because a search may stop above the true least sum of squares.
     """
     inverse, value = coordinates.by_inverse(index), float(values[index])
     best, unit = coordinates.followed(index, value), value**-2 if inverse else 1.0
@@ -236,7 +239,7 @@ def profile_interval(
 
 
 class _Profile:
-    """The least sum of squares over one parameter, or over its inverse where it is followed by that."""
+    """Least sum of squares as a function of one parameter, or of its inverse if `Coordinates` uses that."""
 
     def __init__(self, residuals: Residuals, coordinates: Coordinates, values: Floats, index: int, rise: float) -> None:
         self._residuals, self._coordinates, self._values = residuals, coordinates, values
@@ -247,18 +250,18 @@ class _Profile:
         self._above, self._ways = {self._best: -rise}, {self._best: coordinates.at(values)}
 
     def alone(self, stderr: float) -> float:
-        """By how much the parameter alone moves while the sum of squares rises so far; 0 where it does not rise."""
+        """Half width of the interval with the other parameters held fixed; 0 if the sum of squares does not rise."""
         value, step = float(self._values[self._index]), np.zeros_like(self._values)
         step[self._index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
         here = self._residuals(self._values)
         slope = (self._residuals(self._values + step) - here) / step[self._index]
-        steepness, gradient = float(slope @ slope), abs(float(slope @ here))  # beside a bound the sum has a slope too
+        steepness, gradient = float(slope @ slope), abs(float(slope @ here))  # the gradient is not 0 on a bound
         if not (steepness > 0.0 and math.isfinite(steepness)):
             return 0.0
         return self._rise / (gradient + math.sqrt(gradient**2 + steepness * self._rise))
 
     def end(self, side: float, bound: float, stderr: float) -> float:
-        """The end of the interval on one side."""
+        """End of the interval on one side (-1 or 1)."""
         from scipy.optimize import brentq
 
         best = inside = self._best
@@ -273,21 +276,21 @@ class _Profile:
         return bound
 
     def _excess(self, x: float) -> float:
-        """By how much the sum lies above the end of the interval."""
+        """Excess of the profiled sum of squares over its value at the interval's end."""
         above, coordinates = self._above, self._coordinates
-        if x in above:  # a search from elsewhere could end a little lower, and turn the sign
+        if x in above:  # another search could end a little lower and change the sign
             return above[x]
-        way = coordinates.values(np.clip(self._way_to(x), coordinates.lower, coordinates.upper))
-        for start in (way, coordinates.typical):  # the way may lead to a least that is not the least of all
-            squares, there = self._held(start, coordinates.followed(self._index, x))
+        way = coordinates.values(np.clip(self._guess_at(x), coordinates.lower, coordinates.upper))
+        for start in (way, coordinates.typical):  # the first start may lead to a local minimum
+            squares, there = self._minimised(start, coordinates.followed(self._index, x))
             if not above.get(x, math.inf) <= squares - self._least - self._rise:
                 above[x], self._ways[x] = squares - self._least - self._rise, coordinates.at(there)
             if above[x] <= 0.0:
                 break
         return above[x]
 
-    def _way_to(self, x: float) -> Floats:
-        """Where the others are likely to be: on the line through the nearest that are known."""
+    def _guess_at(self, x: float) -> Floats:
+        """Start for the other coordinates, extrapolated linearly from the nearest profiled points."""
         known = sorted(self._ways)
         if len(known) == 1:
             return self._ways[known[0]]
@@ -296,8 +299,8 @@ class _Profile:
         share = (x - low) / (high - low)
         return (1.0 - share) * self._ways[low] + share * self._ways[high]
 
-    def _held(self, start: Floats, value: float) -> tuple[float, Floats]:
-        """The least sum of squares with the parameter held at a value, and where it is."""
+    def _minimised(self, start: Floats, value: float) -> tuple[float, Floats]:
+        """Least sum of squares with the parameter fixed at `value`, and all values there."""
         at = self._coordinates.moved(start, self._index, value)
         others = np.arange(len(at)) != self._index
         if not others.any():
@@ -305,38 +308,39 @@ class _Profile:
         rest = self._coordinates.without(self._index)
         begin = rest.inside(rest.at(at[others]), _OFF_BOUND)
 
-        def held(values: Floats) -> Floats:
+        def of_others(values: Floats) -> Floats:
             trial = at.copy()
             trial[others] = values
             return self._residuals(trial)
 
         weight = PULL * math.sqrt(self._rise) / _REACH
-        squares, x = search(held, rest, begin, weight=weight, tolerance=_PROFILE_CONVERGED, most=_PROFILE_SEARCH)
+        squares, x = search(of_others, rest, begin, weight=weight, tolerance=_PROFILE_CONVERGED, most=_PROFILE_SEARCH)
         at[others] = rest.values(x)
         return squares, at
 
 
-# --- what is known of the parameters -------------------------------------------------------------------------------
+# --- estimates and their uncertainty -------------------------------------------------------------------------------
 
 
-CONFIDENCE = 0.99  #: of the intervals given
+CONFIDENCE = 0.99  #: confidence level of the parameters' intervals
 
 NORMAL_QUANTILE = 2.5758293035489004  #: half width of a normal 99 % interval in standard errors
 
 SINGULAR = 1e-6
-"""Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can move
-without the curve following, so that the pull of a search decides. Differences of numbers of 1e-16, over steps of 1e-5
-of a parameter, leave 1e-10.
+"""Relative singular value of the scaled Jacobian below which a direction is not identifiable.
+
+There the regularisation of the search decides. Rounding leaves relative singular values of 1e-10: numbers exact to
+1e-16, differences over steps of 1e-5.
 """
 
-_DIFFERENCE = 1e-5  # of a coordinate's size, for derivatives
-_AT_BOUND = 1e-6  # of a coordinate's size: the search stays inside its bounds and only tends to them
-_NEAR_BOUND = 0.1  # of a standard error: a coordinate nearer to its bound rests on it,
-_NEXT_TO_BOUND = 0.05  # if it is nearer than this share of what is typical too: an error may be however large
+_DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
+_AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
+_NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as on it
+_NEXT_TO_BOUND = 0.05  # of the typical value: upper limit of that distance, as a standard error may be very large
 
 
 class Problem(Protocol):
-    """Residuals whose squares are made least, and the coordinates in which that is done."""
+    """Least-squares problem: residuals as a function of the values, and the coordinates of the search."""
 
     coordinates: Coordinates
 
@@ -345,13 +349,15 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """What is known of the free parameters; arrays by parameter.
+    """Estimates of the free parameters with their uncertainty; arrays by parameter.
 
-    `covariance`, (p, p), is scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN, while one
-    that rests on a bound has a row: the others are not as sure as if it were known. `coordinate_covariance` is that of
-    the coordinates of the search, in which a step of some standard errors is as good as linear. `active` is which bound
-    a parameter rests on: -1 the lower, 1 the upper, 0 none; `dead` are those that are not identifiable. `limits` are
-    intervals from the profile, by the place of the parameter, where the symmetric one does not hold.
+    - covariance: (p, p), scaled as `Parameter.stderr`; NaN for parameters that are not identifiable. A parameter on a
+      bound has its row too, since it is not known exactly.
+    - coordinate_covariance: covariance of the search coordinates, in which the model is nearly linear over some
+      standard errors.
+    - active: bound on which a parameter rests: -1 lower, 1 upper, 0 none.
+    - dead: mask of the parameters that are not identifiable.
+    - limits: profile-likelihood intervals by parameter index, where the symmetric interval does not hold.
     """
 
     values: Floats
@@ -374,11 +380,14 @@ def estimate(
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
 ) -> ParameterEstimate:
-    """What is known at the best coordinates x, where the residuals have `slopes` and a long-run variance.
+    """Estimate the uncertainty at the best coordinates x.
 
-    `tests` that the residuals, then of variance 1, belong to: where these disagree, that is what the errors are taken
-    from, if the model is straight as far as the interval without them reaches. `shifts` of the coordinates by errors
-    of the method, each a standard error of its own. Without `profiles` no interval but the symmetric ones.
+    - slopes: Jacobian of the residuals at x.
+    - variance, freedom: long-run variance of the residuals, and its degrees of freedom.
+    - tests: test number of each residual (then of variance 1). If tests disagree and the model is nearly linear within
+      the intervals, the errors come from the differences between tests.
+    - shifts: errors of the method, in coordinates, each counted as a standard error.
+    - profiles: if false, every interval is symmetric.
     """
     coordinates = problem.coordinates
     dead = unidentified(slopes * coordinates.sizes(x))
@@ -392,7 +401,7 @@ def estimate(
     limits = {}
     if profiles and math.isfinite(variance):
         limits = _profiles(problem, x, alive, unit, own, beside)
-    # estimates without a test are one linear step away: not where the model bends within the interval
+    # the jackknife takes one linear step, so it is not used if the model is nonlinear within the interval
     found = None
     if tests is not None and not limits:
         found = clustered_covariance(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
@@ -414,14 +423,14 @@ def estimate(
 
 
 def _wider(freedom: int) -> float:
-    """By how much Student's interval is wider than the normal one."""
+    """Ratio of Student's quantile to the normal one."""
     from scipy.stats import t as student
 
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
 def _turned(own: Floats, turn: Floats, of_dead: Flags, dead: Flags) -> Floats:
-    """Covariance of the values from that of the coordinates."""
+    """Transform the coordinates' covariance to that of the values."""
     result: Floats = turn[:, ~dead] @ own[np.ix_(~dead, ~dead)] @ turn[:, ~dead].T
     result[of_dead] = np.nan
     result[:, of_dead] = np.nan
@@ -431,7 +440,7 @@ def _turned(own: Floats, turn: Floats, of_dead: Flags, dead: Flags) -> Floats:
 def _profiles(
     problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Intervals where the symmetric one does not hold; `unit`: how the others follow, `own`: how far."""
+    """Profile intervals where the symmetric one does not hold; `unit`: covariance for variance 1, `own`: scaled."""
     coordinates, residuals, found = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
     for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
@@ -447,7 +456,7 @@ def _profiles(
 
 
 def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArray[np.int_]:
-    """Which bound each coordinate rests on: -1 the lower, 1 the upper, 0 none."""
+    """Active bound of each coordinate: -1 lower, 1 upper, 0 none."""
     near = np.nan_to_num(_NEAR_BOUND * np.sqrt(np.diag(covariance)))
     next_to = _NEXT_TO_BOUND * np.abs(coordinates.at(coordinates.typical))
     distance = np.maximum(_AT_BOUND * coordinates.sizes(x), np.minimum(near, next_to))
@@ -455,7 +464,7 @@ def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArr
 
 
 def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np.int_]:
-    """The bounds of the values that bounds of the coordinates stand for."""
+    """Convert active bounds of the coordinates to those of the values."""
     found = active.copy()
     if coordinates.pair is not None:
         b, g = coordinates.pair
@@ -467,12 +476,12 @@ def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np
 
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
-    """`differences` of a problem's residuals."""
+    """Jacobian of a problem's residuals at the coordinates x, by `differences`."""
     return differences(problem.residuals, problem.coordinates, x, _DIFFERENCE * problem.coordinates.sizes(x))
 
 
 def unidentified(scaled: Floats) -> Flags:
-    """Parameters that take part in a direction in which the residuals do not change."""
+    """Mask of the parameters that take part in a direction along which the residuals do not change."""
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
@@ -481,7 +490,7 @@ def unidentified(scaled: Floats) -> Flags:
 
 
 def covariance_of(slopes: Floats, free: Flags) -> Floats:
-    """Covariance by residuals of variance 1, NaN for what is not free."""
+    """Covariance for residuals of variance 1; NaN for parameters that are not `free`."""
     size = slopes.shape[1]
     covariance = np.full((size, size), np.nan)
     if free.any():
@@ -494,25 +503,25 @@ def covariance_of(slopes: Floats, free: Flags) -> Floats:
 # --- fits to the cells ---------------------------------------------------------------------------------------------
 
 
-_LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to that of shorter stretches
+_LEAST_FREEDOM = 5  # a variance with fewer degrees of freedom is too uncertain to replace that of shorter stretches
 
-_CONVERGED = 1e-14
-_SEARCH = 300  # evaluations at most of the residuals and their slopes
+_CONVERGED = 1e-14  # relative tolerance of the sum of squares
+_SEARCH = 300  # most evaluations of the residuals and their Jacobian
 _STATUS = {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}
-_NOTHING = 1e-9  # of a value: a lower end below it says nothing
-_ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
-_INSIDE = 1e-6  # of a coordinate's size: how far inside its bounds a search begins
+_NOTHING = 1e-9  # of the value: a lower limit below it is no constraint
+_ALIKE = 1e-9  # relative: two searches with sums of squares this close reached one minimum; no third is needed
+_INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of the coordinate
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter, SI.
+    """A fitted parameter with its uncertainty, SI.
 
-    `stderr` is the half width of its 99 % interval over 2.576, so that it holds the uncertainty of the noise level
-    too; NaN where the parameter is not identified or rests on a bound. `status` is "fitted", "at lower bound",
-    "at upper bound" or "not identifiable". `limits` is the interval from the profile of the likelihood, where the
-    symmetric one would not hold: beside a bound, and where the data hardly show the parameter; it may have no end. A
-    symmetric one that reaches beyond a bound ends there.
+    - stderr: half width of the 99 % interval over 2.576, which includes the uncertainty of the noise level; NaN if
+      the parameter is not identifiable or rests on a bound.
+    - status: "fitted", "at lower bound", "at upper bound" or "not identifiable".
+    - limits: the interval if it is not symmetric. It comes from the profile likelihood, near a bound or if the data
+      hardly determine the parameter, and may be unbounded; or a symmetric interval is cut at a bound.
     """
 
     name: str
@@ -523,7 +532,7 @@ class Parameter:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 99 % interval."""
+        """Lower and upper end of the 99 % interval."""
         if self.limits is not None:
             return self.limits
         half = NORMAL_QUANTILE * self.stderr
@@ -531,42 +540,42 @@ class Parameter:
 
     @property
     def is_open(self) -> bool:
-        """Whether the interval has no upper end."""
+        """True if the interval has no upper end."""
         return self.status == "fitted" and math.isinf(self.interval[1])
 
     @property
-    def is_untold(self) -> bool:
-        """Whether the log agrees with any value, so that this one is of the search."""
+    def is_unconstrained(self) -> bool:
+        """True if the data do not constrain the parameter; its value is then an artefact of the optimiser."""
         return self.is_open and self.interval[0] < _NOTHING * self.value
 
     @property
     def remark(self) -> str:
-        """What is to be said of its bound, or of an interval without an end; else empty."""
+        """Note on an active bound or an unbounded interval; empty if there is neither."""
         low, high = self.interval
-        if self.is_untold:
-            return f"{self.name}: this log cannot tell it"
+        if self.is_unconstrained:
+            return f"{self.name}: this log does not determine it"
         if self.is_open:
-            return f"{self.name}: by this log it is not less than {low:.4g} (99 %), and has no upper end"
+            return f"{self.name}: at least {low:.4g} by this log (99 %), without an upper limit"
         if "bound" not in self.status:
             return ""
-        end = f"more than {high:.4g}" if "lower" in self.status else f"less than {low:.4g}"
+        end = f"at most {high:.4g}" if "lower" in self.status else f"at least {low:.4g}"
         text = f"{self.name}: rests {self.status.replace('at', 'on its', 1)}"
-        return text if self.limits is None else f"{text}; by this log it is not {end} (99 %)"
+        return text if self.limits is None else f"{text}; {end} by this log (99 %)"
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted: its `law` has the fitted parameters.
+    """A fitted model; its `law` has the fitted parameters.
 
-    `residual_squares` is the sum of the squared deviations of all samples from the model, `cell_coefficients` its mean
-    mu of each cell. The variance of a mean over n samples is `long_run_variance` over n, NaN where it cannot be had.
-    `followed`, (2, k), is slip ratio and mu as a dynamic model had them along the log's motion, None for a model that
-    is a curve; `known_stderrs` are standard deviations of parameters that are known from elsewhere, by name.
-    `with_profiles` tells whether intervals were taken from the profile of the likelihood where that is needed.
-
-    A prediction-error fit has its `deviance`, -2 log likelihood of the wheel's motion, and its `inflation`, the
-    long-run variance of the whitened errors with its degrees of freedom. `coarse` is mu at the knots of a table by the
-    fit with every second knot, None for other models.
+    - residual_squares: sum of the squared deviations of all samples from the model.
+    - cell_coefficients: the model's mean mu of each cell.
+    - long_run_variance: the variance of a mean over n samples is this over n; NaN if it cannot be estimated.
+    - followed: (2, k), slip ratio and mu of a dynamic model along the log's motion; None for a static model.
+    - known_stderrs: standard deviations of parameters that were not fitted, by name.
+    - with_profiles: whether profile-likelihood intervals were computed where needed.
+    - deviance: of a prediction-error fit, -2 log likelihood of the wheel's motion.
+    - inflation: of a prediction-error fit, long-run variance of the whitened errors, and its degrees of freedom.
+    - coarse: of a table, mu at its knots by the fit with every second knot; None for other models.
     """
 
     model: FitModel
@@ -587,12 +596,12 @@ class Fit:
 
     @property
     def values(self) -> Floats:
-        """The fitted values."""
+        """Array of the fitted values."""
         return np.array([p.value for p in self.parameters])
 
     @property
     def covariance(self) -> Floats:
-        """Of the fitted values."""
+        """Covariance of the fitted values."""
         return self.known.covariance
 
     @property
@@ -612,14 +621,15 @@ def fit(
     *,
     profiles: bool = True,
 ) -> Fit:
-    """Fit a model to the cells: the sum over all samples of (mu - model)^2 is made least, within the bounds.
+    """Fit a model to the cells by minimising the sum over all samples of (mu - model)^2 within the bounds.
 
-    `sliding_from` is the slip ratio where sliding begins, for the models of it alone; `tau` is the observer's time
-    constant, s. Without `profiles` every interval is the symmetric one. InputError for fewer cells than parameters.
+    `sliding_from` is the slip ratio where sliding begins, used by the models in `SLIDING_ALONE`; `tau` is the
+    observer's time constant, s. Without `profiles` every interval is symmetric. InputError for fewer cells than
+    parameters.
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
-        raise InputError(told("too few slips", slips=used.sum(), parameters=len(model.names), model=model.name))
+        raise InputError(message("too few slips", slips=used.sum(), parameters=len(model.names), model=model.name))
     problem = _Problem(model, cells, used)
     x = problem.solve()
     mean, _ = in_cells(model, problem.coordinates.values(x), cells)
@@ -636,11 +646,11 @@ def fit_of(
     noise: tuple[float, int],
     followed: Floats | None = None,
 ) -> Fit:
-    """The fit with what is known of the parameters; `noise` is its long-run variance and degrees of freedom."""
+    """Build the `Fit` from the estimates; `noise` is the long-run variance and its degrees of freedom."""
     mean, spread = in_cells(model, known.values, cells)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
-    # of the scatter in a cell, that which the model has there too is no residual
+    # the model's own variation within a cell is not a residual
     inside = np.maximum(cells.squares - cells.count * spread, 0.0)
     stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
     parameters = []
@@ -669,14 +679,14 @@ def fit_of(
 
 
 def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:
-    """The model's mean and variance of mu in every cell."""
+    """Mean and variance of the model's mu in every cell."""
     mu = model.coefficient(values, cells.nodes, cells.node_speeds, cells.load)
     mean: Floats = np.sum(cells.weights * mu, axis=0)
     return mean, np.sum(cells.weights * (mu - mean) ** 2, axis=0)
 
 
 class _Problem:
-    """The residuals of the cells used, and their solution by SciPy, in coordinates scaled by the start."""
+    """Least-squares problem of a fit to the cells used, and its solution."""
 
     def __init__(self, model: FitModel, cells: Cells, used: Flags) -> None:
         self.model, self.cells, self.used = model, cells, used
@@ -684,13 +694,13 @@ class _Problem:
         self.root = np.sqrt(cells.count[used])
 
     def residuals(self, values: Floats) -> Floats:
-        """How far the model's mean of mu lies above that of the samples, in the cells used, by root of the samples."""
+        """Model's mean mu minus the samples', in the cells used, times the root of the sample count."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
         return np.asarray(self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at]))
 
     def solve(self) -> Floats:
-        """The best of the solutions from all starts, in coordinates; of those that are alike the first."""
+        """Best solution from all starts, in coordinates; the first of equal ones."""
         coordinates, found = self.coordinates, []
         weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
         starts = [coordinates.at(start) for start in self.model.starts]
@@ -710,11 +720,11 @@ class _Problem:
 def long_run_variance(
     mean: Floats, used: Flags, stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
-    """Variance of sums of the residuals over stretches of time, by sample, and its degrees of freedom.
+    """Long-run variance of the residuals, per sample, and its degrees of freedom.
 
-    The largest over all lengths of stretch that leave some freedom: too short ones do not see scatter from run to run.
-    What the correlation through the filter alone takes from a stretch of finite length is given back; `tau` of 0 is
-    for residuals that passed no filter.
+    It comes from sums over stretches of time: the largest value over all stretch lengths that leave enough degrees of
+    freedom, as short stretches do not show the scatter from run to run. The bias of a finite stretch due to the
+    observer's filter is corrected; `tau` = 0 is for unfiltered residuals.
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length
@@ -741,7 +751,7 @@ def _remarks(parameters: Sequence[Parameter], variance: float) -> tuple[str, ...
     dead = [p.name for p in parameters if p.status == "not identifiable"]
     if dead:
         change = "it changes" if len(dead) == 1 else "they change together"
-        remarks.append(told("not identifiable", names=", ".join(dead), change=change))
+        remarks.append(message("not identifiable", names=", ".join(dead), change=change))
     remarks += [p.remark for p in sorted(parameters, key=lambda p: p.is_open) if p.remark]
     loose = [p.name for p in parameters if p.stderr > abs(p.value) and not p.is_open]
     if loose:

@@ -1,7 +1,7 @@
-"""A log, or several, to adhesion curve, fitted models compared, and the slip to hold: the record `Identification`.
+"""Identify one log or several: adhesion curve, comparison of fitted models, reference slip (record `Identification`).
 
-Intervals are for the chosen model, as they take most of the time. A wheel speed that is late shows in how well the
-motion can be followed.
+Intervals are computed for the chosen model only, as they take most of the time. A delay of the wheel's speed is
+estimated from how well the models then follow the motion.
 """
 
 from __future__ import annotations
@@ -38,100 +38,98 @@ from .log_checks import (
     is_wrong_wheel,
     units_or,
 )
+from .messages import message
 from .observed import BrakedRows, Observed
 from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
-from .words import told
 
-# --- can a fit be? ---------------------------------------------------------------------------------------------------
+# --- plausibility of a fit -------------------------------------------------------------------------------------------
 
 
 IMPOSSIBLE_MU = 1.0
-"""A highest adhesion coefficient above this is refused.
+"""Fits with a highest adhesion coefficient above this are refused.
 
-Clean dry steel on steel in air has 0.6 to 0.8 in every handbook; more than the wheel load itself is pulled only where
-bare metals seize, as in vacuum. A law that has it would lead every command that takes it astray.
+Handbooks give 0.6 to 0.8 for clean dry steel on steel in air; values above 1 occur only where bare metals seize, as in
+vacuum.
 """
 
 
-# --- the fit -------------------------------------------------------------------------------------------------------
-
-
 def highest_mu(found: Fit, setting: models.Setting) -> float:
-    """The highest adhesion coefficient of a fitted model, at the lowest or the highest of `DRIFT_SPEEDS`.
+    """Highest adhesion coefficient of a fitted model, at the lowest or the highest of `DRIFT_SPEEDS`.
 
-    InputError for a law whose force nowhere brakes.
+    InputError for a law whose adhesion is nowhere positive.
     """
     speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
     law = found.model.make_force_law(found.values, found.law.rail)
     try:
         return max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
     except DomainError:
-        raise InputError(told("nowhere positive")) from None
+        raise InputError(message("nowhere positive")) from None
 
 
 def check_fit(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> None:
-    """InputError for a fit with adhesion above `IMPOSSIBLE_MU`, or nowhere positive."""
+    """Raise InputError if a fit's highest adhesion is above `IMPOSSIBLE_MU`, or nowhere positive."""
     value = highest_mu(found, setting)
     if value <= IMPOSSIBLE_MU:
         return
-    seen = curve.highest_mu  # of the log itself, which tells the likely cause
+    seen = curve.highest_mu  # if the log itself is plausible, a wrong unit is not the cause
     cause = units_or(seen, curve.factors)
     if LOWEST_MU <= seen <= HIGHEST_MU:
-        cause = told("log is ordinary", seen=seen)
+        cause = message("log is ordinary", seen=seen)
     given = [f"`fixed` {name}={value:g}" for name, value in setting.fixed.items() if name in found.model.known]
-    cause = told("fixed is given", values=", ".join(given), cause=cause) if given else cause
-    raise InputError(told("impossible mu", value=value, limit=IMPOSSIBLE_MU, cause=cause))
+    cause = message("fixed is given", values=", ".join(given), cause=cause) if given else cause
+    raise InputError(message("impossible mu", value=value, limit=IMPOSSIBLE_MU, cause=cause))
 
 
 def fit_doubts(found: Fit, setting: models.Setting, curve: AdhesionCurve) -> tuple[str, ...]:
-    """What is not to be believed of a fit that is no impossible one, a sentence each."""
+    """Warnings about an implausible fit that is not refused, one sentence each."""
     value = highest_mu(found, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
     doubts = []
     if not ordinary:
         cause = units_or(value, curve.factors)
-        doubts.append(told("fitted mu", model=found.model.name, value=value, **ORDINARY, cause=cause))
-    untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
-    if untold:
-        doubts.append(told("any other", parameters=", ".join(untold)))
+        doubts.append(message("fitted mu", model=found.model.name, value=value, **ORDINARY, cause=cause))
+    unconstrained = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_unconstrained]
+    if unconstrained:
+        doubts.append(message("any other", parameters=", ".join(unconstrained)))
     log_ordinary = ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
     for p, low, high in zip(found.parameters, found.model.lower, found.model.upper, strict=True):
         if "bound" in p.status:
             side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
             by_user = bound in setting.bounds.get(p.name, ())
-            why = told("bound given" if by_user else "bound, log ordinary" if log_ordinary else "bound, units")
-            # the smallest number stands for a 0 that is open
+            why = message("bound given" if by_user else "bound, log ordinary" if log_ordinary else "bound, units")
+            # a tiny bound represents an open bound of 0
             end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
             doubts.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
     return tuple(f"{curve.name}: {text}" for text in doubts)
 
 
-_NOTHING = 1e-11  # stands for a bound of 0 that is open
-_ALIKE = 2.6  # standard errors
+_NOTHING = 1e-11  # a bound below this represents an open bound of 0
+
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
-_MOST_ROWS = 2000  # of whole runs from the record's beginning: ten rig tests tell a tenth of an interval
-_LEAST_GAIN = 40.0  # of the deviance, over the whitened errors' long-run variance: seen without a delay is up to 26
-_GAIN_OF_TABLE = 6.6  # of a table's deviance, at least: chi-squared at 1 %; a table takes a part of a delay itself
-_HOPELESS = 0.5  # of this gain, below which that of a parabola through three lags is not searched further
-_RESOLVED = 0.03  # of the log's interval, to which a lag is looked for: a fifth or less of its error
-_MOST_LAGS = 10  # of the search between two ends, as each is a fit
-_BETWEEN = 0.1  # of the interval: standard error that what happens between rows adds, as seen on the virtual rig
-_CURVED = 0.25  # of the interval, over which the deviance's bend about the lag is taken
+_ALIKE = 2.6  # standard errors within which two delays count as equal (99 %)
+_MOST_ROWS = 2000  # rows used, in whole runs from the start: ten rig tests resolve a tenth of an interval
+_LEAST_GAIN = 40.0  # least deviance gain over the errors' long-run variance; without a delay up to 26 was seen
+_GAIN_OF_TABLE = 6.6  # least deviance gain of a table (chi-squared, 1 %); less, as a table absorbs part of a delay
+_HOPELESS = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
+_RESOLVED = 0.03  # tolerance of the lag, in intervals of the log: at most a fifth of its standard error
+_MOST_LAGS = 10  # most evaluations of the final search, as each is a fit
+_BETWEEN = 0.1  # standard error due to the motion between rows, in intervals, as seen on the virtual rig
+_CURVED = 0.25  # step for the curvature of the deviance, in intervals
 
 
 @dataclass(frozen=True)
 class Lag:
-    """By how much the wheel's speed is late beside the other columns, s, with its standard error; negative: early."""
+    """Delay of the wheel's speed relative to the other columns, s, with its standard error; negative if early."""
 
     seconds: float
     stderr: float
 
 
 class Shifted:
-    """How well a model follows the wheel's motion with the wheel's speed shifted, its parameters fitted anew.
+    """Refits a model with the wheel's speed shifted in time, and gives the deviance of each fit.
 
-    Of whole runs from the record's beginning, `_MOST_ROWS` at most, but the first in any case.
+    Uses whole runs from the start of the record, at most `_MOST_ROWS` rows, but at least one run.
     """
 
     def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
@@ -145,14 +143,14 @@ class Shifted:
         self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
     def inflation(self, lag: float) -> float:
-        """Long-run variance of the whitened errors at a lag that was tried, 1 or more."""
+        """Long-run variance of the whitened errors at a lag already evaluated, at least 1."""
         return max(self._known[lag][1], 1.0)
 
     def deviance(self, lag: float) -> float:
-        """-2 log likelihood; a search begins where the best one before it ended."""
+        """-2 log likelihood at a lag, s; the fit starts from the best parameters so far."""
         if lag not in self._known:
             problem = PredictionErrors(self._model, earlier(self._record, lag), self._vehicle, self._wheel_load)
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
                 found, values, inflation = problem.likeliest(self._start)
             self._known[lag] = found, inflation
             self._start = values if found <= min(self._known.values())[0] else self._start
@@ -164,7 +162,7 @@ def lag_of(
 ) -> Lag | None:
     """Most likely delay of the wheel's speed, or None if the motion does not clearly favour one.
 
-    If a `table` is given it has to follow the motion better with the delay too.
+    If a `table` is given, the delay must also improve the fit of the table.
     """
     shifted = Shifted(fit, record, vehicle, wheel_load)
     if not shifted.followed:
@@ -175,12 +173,12 @@ def lag_of(
             return lag
         beside = Shifted(table, record, vehicle, wheel_load)
         return lag if beside.deviance(0.0) - beside.deviance(lag.seconds) > _GAIN_OF_TABLE else None
-    except ValueError:  # SciPy's and LAPACK's word for errors that are not finite: nothing can be told
+    except ValueError:  # raised by SciPy and LAPACK if the errors are not finite: no estimate
         return None
 
 
 def _likeliest(shifted: Shifted) -> Lag | None:
-    """Where -2 log likelihood of the motion is least over the lag, far below that without one; else None."""
+    """Lag that minimises -2 log likelihood of the motion; None unless that is far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval
@@ -209,7 +207,7 @@ def _likeliest(shifted: Shifted) -> Lag | None:
 
 
 def earlier(record: BrakedRows, lag: float) -> BrakedRows:
-    """The record with train speed and brake torque as they were some seconds earlier, run by run."""
+    """Shift train speed and brake torque of a record by `lag` seconds towards earlier values, run by run."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
         at = record.run == run
@@ -220,32 +218,32 @@ def earlier(record: BrakedRows, lag: float) -> BrakedRows:
 
 
 def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
-    """What a lag is to be told as, the log's interval in s; `delays` are those that the user has given, s."""
+    """Warning about a delay; `interval` is the log's, s, `delays` are the corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
     if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
-        late, cause = interval / 2.0, "half an interval, as a difference of counts is: "
-    remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} undoes it"
-    remedy = told("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
+        late, cause = interval / 2.0, "half an interval, as of a speed computed from encoder counts: "
+    remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} corrects it"
+    remedy = message("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
     side, seconds = "late" if late > 0 else "early", abs(lag.seconds)
-    return told("wheel is late", side=side, seconds=seconds, error=lag.stderr, remedy=remedy)
+    return message("wheel is late", side=side, seconds=seconds, error=lag.stderr, remedy=remedy)
 
 
 # --- the models of a log ---------------------------------------------------------------------------------------------
 
 
-DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which a fit is looked at, of the initial speed
+DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  #: speeds at which the peak is reported, of the initial speed
 
 
 class Candidates:
-    """What can be fitted to a curve; the regimes are parted where the data's mu is highest."""
+    """Fits models to a curve; the regimes are split at the highest measured mu."""
 
     def __init__(self, curve: AdhesionCurve, vehicle: Vehicle, setting: models.Setting) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
         self.regimes = results.regimes_of_data(curve.cells)
 
     def fitted(self, names: Sequence[str]) -> tuple[tuple[Fit, ...], tuple[str, ...]]:
-        """The models of some names, with the intervals of a single one; and why others have none, a sentence each."""
+        """Fit the named models; (fits, one sentence for each that failed). A single model also gets intervals."""
         fits, failures, alone = list[Fit](), list[str](), len(names) == 1
         for name in names:
             try:
@@ -255,11 +253,11 @@ class Candidates:
         return tuple(fits), tuple(failures)
 
     def with_intervals(self, found: Fit) -> Fit:
-        """A fit of these with the intervals of its parameters; as it is where it has them."""
+        """Return the fit with intervals of its parameters, fitted again if it has none."""
         return found if found.with_profiles else self._fit(found.model.name, profiles=True)
 
     def table_of(self, fits: Sequence[Fit]) -> Fit | None:
-        """The table among some fits, else one fitted now; None if the motion cannot be followed with a table."""
+        """Return the table among some fits, or fit one; None if a table cannot follow the motion."""
         found = next((each for each in fits if each.model.name == "table"), None)
         if found is None:
             with suppress(InputError):
@@ -267,30 +265,30 @@ class Candidates:
         return found if found is not None and found.coarse is not None else None
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
-        """One model. InputError where it cannot be fitted, or has adhesion that cannot be."""
+        """Fit one model. InputError if it cannot be fitted, or its adhesion is impossible."""
         curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
         first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
             found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
             check_fit(found, setting, curve)
         return replace(found, with_profiles=profiles or name == "table")
 
 
-# --- the job: a log, or several, to adhesion curve, fits and the slip to hold, as records ----------------------------
+# --- identification of one log, or of several ------------------------------------------------------------------------
 
 
-_LINE_POINTS = 200
-_RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
-_OTHER_SPEED = 1.25  # ratio of a speed that is given to the log's: a log may begin after the brake was applied
-_OTHER_RAMP = 3.0  # ratio of a ramp that is given to the log's: runs of one log differ by less
-_LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
+_LINE_POINTS = 200  # of a model's curve in a picture
+_RAMP_SLIP = 0.05  # slip ratio up to which the ramp is measured at least, if the peak is lower
+_OTHER_SPEED = 1.25  # ratio of given to logged initial speed that is accepted; a log may begin while braking
+_OTHER_RAMP = 3.0  # ratio of given to logged ramp that is accepted; runs of one log differ by less
+_LEAST_RAMP = 0.05  # m/s^2; a slower change counts as constant slip, not as a ramp
 
 
 @dataclass(frozen=True)
 class ModelLine:
-    """A fitted model's mu over slip, at the mean speed that the log has at each slip."""
+    """mu over slip ratio of a fitted model, at the log's mean speed for each slip."""
 
     name: str
     slip: Floats
@@ -299,14 +297,19 @@ class ModelLine:
 
 @dataclass(frozen=True)
 class Identification:
-    """A log identified.
+    """Result of identifying a log.
 
-    `vehicle` and `options` are as given, `setting` is what the fits took as known, `curve` what was taken from the log.
-    `scores` are of all models fitted, the lowest BIC first, `lines` their curves in that order; `chosen` is the model
-    asked for, the first formula that fits, or the table; `not_fitted` says why models were left out. `peaks` are over
-    speed, on the log's rail and on wet rail; `regimes` are parted at the chosen model's, where the log goes past it;
-    `reference` has the slips to hold at the initial speed, None without a peak. `warnings` are what was wrong with the
-    log, and what the fits show to be, `doubts` what is not to be believed of the chosen model.
+    - vehicle, options: as given.
+    - setting: values that the fits took as known.
+    - curve: the data of the log.
+    - scores, lines: all fitted models, lowest BIC first, and their curves in that order.
+    - chosen: the model asked for, else the first formula that fits, else the table.
+    - not_fitted: why models were left out, one sentence each.
+    - peaks: peaks over speed, on the log's rail and on wet rail.
+    - regimes: split at the chosen model's peak if the log goes past it.
+    - reference: reference slips at the initial speed; None without a peak.
+    - warnings: faults of the log, seen in the data or in the fits.
+    - doubts: warnings about the chosen model.
     """
 
     vehicle: Vehicle
@@ -325,30 +328,30 @@ class Identification:
 
     @property
     def speeds_shown(self) -> tuple[float, float]:
-        """The lowest and the highest v0 that the log stands for, m/s: of one that begins at many speeds all of them."""
+        """Lowest and highest initial speed that the log covers, m/s."""
         return speeds_shown(self.curve, self.setting)
 
     @property
     def own_peak(self) -> results.PeakSlip:
-        """At the initial speed, on the log's own rail."""
+        """Peak at the initial speed, on the log's rail."""
         return [each for each in self.peaks if each.rail is self.setting.rail][-1]
 
     @property
     def no_reference(self) -> str | None:
-        """Why there is no slip to hold; None where there is one."""
+        """Reason why there is no reference slip; None if there is one."""
         if self.reference is not None:
             return None
         seen = float(self.curve.cells.slip.max())
-        return told("peak beyond", seen=seen) if self.own_peak.slip >= seen else told("no peak")
+        return message("peak beyond", seen=seen) if self.own_peak.slip >= seen else message("no peak")
 
     @property
     def peak_notes(self) -> tuple[str, ...]:
-        """What of the peaks is not from the log, a sentence each."""
+        """Notes on peaks that do not come from the log, one sentence each."""
         return results.peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
 
 
 def speeds_shown(curve: AdhesionCurve, setting: models.Setting) -> tuple[float, float]:
-    """As `Identification.speeds_shown`."""
+    """Lowest and highest initial speed that the log covers, m/s."""
     v0, survey = setting.initial_speed, curve.survey
     return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
 
@@ -362,15 +365,15 @@ def identify(
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
 ) -> Identification:
-    """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
+    """Identify the adhesion law from a log: curve, fits of the models asked for, comparison, reference slip.
 
-    - path: the CSV, as `railslip identify --help` says.
-    - vehicle: its wheel and load, SI.
-    - options: the rest; without it, what `railslip identify` takes unless told.
-    - progress: callable; told the share that is read, a ratio of 0 to 1.
-    - observed: callable; given the observed samples as they come, SI.
+    - path: the CSV file, in the format of `railslip identify --help`.
+    - vehicle: vehicle whose wheel and wheel load are used, SI.
+    - options: further options; by default those of `railslip identify`.
+    - progress: called with the share of the file read, 0 to 1.
+    - observed: called with each block of observed samples, SI.
 
-    In SI. InputError: a log or an option that cannot be used, in one line.
+    InputError, in one line, for a log or an option that cannot be used.
     """
     path, options = Path(path), options or Options()
     _model_names(options)  # before a large log is read
@@ -387,13 +390,13 @@ def _model_names(options: Options) -> tuple[str, ...]:
 
 
 def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Identification:
-    """Identify from an adhesion curve that is read already. InputError as `identify`."""
+    """Identify the adhesion law from an adhesion curve. InputError as `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
     candidates = Candidates(curve, vehicle, setting)
     fits, failures = candidates.fitted(names)
     if not fits:
-        raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
+        raise InputError("; ".join([*_wheel_findings(curve), failures[0]]))
     table = candidates.table_of(fits)
     scores, chosen, peaks, without = _chosen(results.compare(fits, curve.cells), candidates, table)
     warnings = (
@@ -417,10 +420,10 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
 
 
 def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
-    """What of an `Identification` follows from the model chosen: the last peaks of each rail are at v0."""
+    """Fields of an `Identification` that follow from the chosen model; the last peak of each rail is at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
-    # of a wet log both slips to hold are the wet one
+    # for a wet log, both reference slips are those of the wet rail
     dry, wet = at_v0[setting.rail].reference, at_v0[Rail.WET].reference
     return {
         "chosen": chosen,
@@ -434,14 +437,14 @@ def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candid
 def _chosen(
     scores: tuple[results.Score, ...], candidates: Candidates, table: Fit | None
 ) -> tuple[tuple[results.Score, ...], results.Score, tuple[results.PeakSlip, ...], tuple[str, ...]]:
-    """The scores, the first formula that fits, its peaks, and why models before it had none; else InputError.
+    """Choose the first formula that fits, else the table; (scores, chosen, its peaks, why others have no peak).
 
-    The table is chosen if no formula fits.
+    InputError if no model has a peak.
     """
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
 
-    def rank(score: results.Score) -> int:  # formulas that the motion does not judge come after the table
+    def rank(score: results.Score) -> int:  # formulas without a misfit probability (NaN) come after the table
         if score.fit.model.name == "table" or table is None:
             return int(score.fit.model.name == "table")
         return 0 if results.misfit_probability(score.fit, table) >= results.FALSE_MISFIT else 2
@@ -456,34 +459,34 @@ def _chosen(
         else:
             scores = tuple(with_intervals if each is score else each for each in scores)
             return scores, with_intervals, peaks, tuple(failures)
-    raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
+    raise InputError("; ".join([*_wheel_findings(curve), failures[0]]))
 
 
 def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
-    """A sentence for each value that is given and that the log shows to be another."""
+    """Warnings about given values that contradict the log, one sentence each."""
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
-        found.append(told("other initial speed", given=v0 / KMH, seen=seen / KMH))
+        found.append(message("other initial speed", given=v0 / KMH, seen=seen / KMH))
     given, ramp = options.slip_acceleration, setting.slip_acceleration
     if given is not None and ramp is not None and not 1.0 / _OTHER_RAMP < given / ramp < _OTHER_RAMP:
-        found.append(told("other ramp", given=given, seen=ramp))
+        found.append(message("other ramp", given=given, seen=ramp))
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
 def _misfit(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
-    """A sentence if the chosen formula does not fit, or none does."""
+    """Warning if the chosen formula does not fit, or no formula does."""
     nearest = next((score.fit for score in scores if score.fit.model.name != "table"), chosen)
     of = chosen if chosen.model.name != "table" else nearest
     if table is None or not results.is_misfit(of, table):
         return ()
     numbers = {"model": of.model.name, "limit": results.FALSE_MISFIT, "most": results.departure(of, table)}
-    return (f"{log}: {told('no formula fits' if chosen is not of else 'model does not fit', **numbers)}",)
+    return (f"{log}: {message('no formula fits' if chosen is not of else 'model does not fit', **numbers)}",)
 
 
 def _late(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step, unless something else is amiss first.
+    """Warning if the wheel's speed is delayed; none if another fault of the log could look like a delay.
 
-    It rests on a formula only if that fits, else on the table.
+    The estimate uses the formula if that fits, else the table.
     """
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling) or deceleration_differs(curve.deceleration_ratio):
@@ -495,17 +498,17 @@ def _late(fit: Fit, table: Fit | None, candidates: Candidates, options: Options)
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
 
 
-def _wheel_told(curve: AdhesionCurve) -> tuple[str, ...]:
-    """What was said of a wheel that does not follow its train, as the cause of what fails."""
+def _wheel_findings(curve: AdhesionCurve) -> tuple[str, ...]:
+    """Findings on slip in free rolling, which may be the cause of a failed fit."""
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
 def _peaks(
     score: results.Score, setting: models.Setting, curve: AdhesionCurve, table: Fit | None
 ) -> tuple[results.PeakSlip, ...]:
-    """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold.
+    """Peaks over speed, without a reference slip if the peak lies beyond the slips of the log.
 
-    The interval of a formula contains that of the table, unless the formula follows the motion better than any table.
+    A formula's interval contains that of the table, unless the formula follows the motion better than the table.
     """
     fit, v0, widest = score.fit, setting.initial_speed, None
     speeds = [share * v0 for share in DRIFT_SPEEDS]
@@ -530,7 +533,7 @@ def _line(fit: Fit, cells: Cells, setting: models.Setting) -> ModelLine:
 
 
 def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> models.Setting:
-    """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
+    """Values that the fits take as known: wheel load, v0 and ramp, from the log unless given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
     ramped = ramp >= _LEAST_RAMP
@@ -550,7 +553,7 @@ def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> mode
 class LogSeries:
     """Several logs identified with one model, and its parameters over the initial speed.
 
-    `warnings` are of the logs together, beside those that each has.
+    `warnings` concern the logs together; each log has its own as well.
     """
 
     logs: tuple[Identification, ...]
@@ -561,17 +564,17 @@ class LogSeries:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> LogSeries:
-    """Identify logs at several initial speeds, `paths`, with one model; of "best", the one with the lowest sum of BIC.
+    """Identify logs at several initial speeds with one model; "best" is the one with the lowest sum of BIC.
 
-    `vehicle`, `options`, `progress` and InputError as of `identify`.
+    `paths` are the logs; `vehicle`, `options`, `progress` and InputError as of `identify`.
     """
     whole = [path.resolve() for path in paths]
     for i, path in enumerate(whole):
         if path in whole[:i]:
-            raise InputError(told("given twice", path=paths[i]))
+            raise InputError(message("given twice", path=paths[i]))
     for first, second in itertools.combinations([path for path in paths if path.is_file()], 2):
         if first.stat().st_size == second.stat().st_size and filecmp.cmp(first, second, shallow=False):
-            raise InputError(told("a copy", path=second, other=first))
+            raise InputError(message("a copy", path=second, other=first))
     done = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
@@ -587,12 +590,12 @@ def identify_several(
 
 
 def different_loads(loads: Sequence[tuple[str, float]]) -> tuple[str, ...]:
-    """A sentence where the mean wheel loads of logs, by name, N, are not one."""
+    """Warning if the mean wheel loads of the logs, (name, N), differ too much."""
     (least, low), (most, high) = (pick(loads, key=lambda each: each[1]) for pick in (min, max))
     if low * LOADS_DIFFER >= high:
         return ()
     mean = sum(load for _, load in loads) / len(loads)
-    return (told("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
+    return (message("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
 
 
 def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
@@ -600,12 +603,12 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
     for score in done[0].scores:
         name = score.fit.model.name
         same = [s for each in done for s in each.scores if s.fit.model.name == name]
-        if len(same) == len(done) and name != "table":  # the knots of tables differ from log to log
+        if len(same) == len(done) and name != "table":  # tables have different knots in each log
             totals[name] = sum(s.bic for s in same)
     if not totals:
         raise InputError("model: no model fits every log; name one with `model`")
     for best in sorted(totals, key=lambda name: totals[name]):
-        with suppress(DomainError):  # of a model that has no peak in one of the logs
+        with suppress(DomainError):  # raised if the model has no peak in one of the logs
             return [_choosing(each, best) for each in done]
     raise InputError("model: no model has a peak in every log; name one with `model`")
 

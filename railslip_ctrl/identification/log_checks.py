@@ -1,8 +1,9 @@
-"""Can a log be right? What it shows of itself that does not fit: a list of `Finding`s.
+"""Plausibility checks of a log; each fault is a `Finding`.
 
-Rolling without brake: a released brake has no torque and a wheel without torque no slip, so that what the columns read
-there is a torque's offset and a wrong wheel radius. The adhesion: beside what steel on steel has. The train: whether it
-slows down as its wheel's adhesion makes it. The clock, the steps in which columns come, wheel loads.
+- Free rolling: without brake, torque and slip are zero. A torque read there is an offset, a slip a wrong wheel radius.
+- Adhesion: compared with the range of steel on steel.
+- Deceleration: compared with the wheel's adhesion and the train's mass.
+- Unit of the time, resolution of the columns, wheel loads.
 """
 
 from __future__ import annotations
@@ -20,46 +21,46 @@ from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
 from .logs import UNITS, Column, Rows
+from .messages import message
 from .observed import LOWEST_SPEED, BrakedRows, Survey
-from .words import told
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something of a log that is not as it should be: the `check` that found it, and a sentence."""
+    """A fault of a log: the `check` that found it, and its message `text`."""
 
     check: str
     text: str
 
 
-# --- rolling without brake: where torque and slip stand still, at the lowest torque at which there are some ----------
+# --- free rolling: windows with constant torque and slip, at the lowest torque with enough of them -------------------
 
 
-_SECONDS, _LEAST_ROWS = 0.2, 16  # of a window, whichever is longer
-_ROUNDING = 1e-6  # of an interval that a median of differences leaves
-_GAP_INTERVALS = 5.0
-_MOST_WINDOWS = 8192
-_ABSURD = 1e12  # of any column in SI: no measurement, and its square may leave the range of doubles
+_SECONDS, _LEAST_ROWS = 0.2, 16  # least duration, s, and rows of a window
+_ROUNDING = 1e-6  # relative rounding error of the median interval
+_GAP_INTERVALS = 5.0  # a longer interval separates windows, in median intervals
+_MOST_WINDOWS = 8192  # beyond this every second window is dropped
+_ABSURD = 1e12  # SI; larger values are no measurement, and their squares might overflow
 
-_STEADY = 3.0  # standard errors within which a trend is none
-_STEADY_MU = 0.001  # of the torque over a window, by radius and wheel load: no trend, and no other zero in one log
-_STEADY_SLIP = 0.03  # a wheel swings about rolling, as its contact is a spring; beyond, it comes back from braking
+_STEADY = 3.0  # standard errors; a smaller trend is not significant
+_STEADY_MU = 0.001  # torque over radius and wheel load; smaller changes in a window, or between zeros, are accepted
+_STEADY_SLIP = 0.03  # slip change in a window; the contact's spring swings less, a wheel after braking more
 
 _LEAST_WINDOWS = 2
-_LEAST_SHARE = 0.02  # of the steady windows: a sensor that drops out for a moment is no zero
-_BRAKES = 0.02  # of wheel load times radius: a torque above it is one only if the train is not slowed down by it
-_SLOWED = 0.5  # of the deceleration that the torque would give
+_LEAST_SHARE = 0.02  # least share of the steady windows; a shorter zero may be a sensor's dropout
+_BRAKES = 0.02  # of wheel load times radius; a larger torque is an offset only if the train does not slow down by it
+_SLOWED = 0.5  # of the deceleration that the torque would cause: above it the brake is applied
 
-_MEDIAN = 1.2533  # standard error of a median over that of a mean
-_SIGMA_PER_MAD = 1.4826
-_UNIFORM = math.sqrt(12.0)
+_MEDIAN = 1.2533  # standard error of a median over that of a mean, normal noise
+_SIGMA_PER_MAD = 1.4826  # standard deviation over the median absolute deviation, normal noise
+_UNIFORM = math.sqrt(12.0)  # step over the standard deviation of its rounding error
 
 
 @dataclass(frozen=True)
 class Rolling:
-    """What the wheel showed while it rolled freely, SI: slip ratio and brake torque with their standard errors.
+    """Slip ratio and brake torque during free rolling, with their standard errors, SI.
 
-    The others are medians; `freedom` are degrees of freedom of the errors.
+    The other fields are medians; `freedom` are degrees of freedom of the standard errors.
     """
 
     slip: float
@@ -74,27 +75,27 @@ class Rolling:
 
     @property
     def sure(self) -> float:
-        """Standard errors beyond which a value is told: Student's quantile of `_DOUBT`."""
+        """Standard errors beyond which a value is significant: Student's quantile for `_FALSE_ALARM`."""
         from scipy.special import stdtrit
 
-        return float(stdtrit(self.freedom, 1.0 - _DOUBT / 2.0))
+        return float(stdtrit(self.freedom, 1.0 - _FALSE_ALARM / 2.0))
 
 
 class FreeRolling:
-    """Windows of rows in which torque and slip stand still, `_MOST_WINDOWS` at most, spread over the log.
+    """Collects windows of rows with constant torque and slip, at most `_MOST_WINDOWS`, spread over the log.
 
-    Rows come in blocks of any size.
+    Rows may arrive in blocks of any size.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
-        self._interval, self._size = math.nan, 0  # s; rows of a window, once there are some
+        self._interval, self._size = math.nan, 0  # s; rows of a window, known after the first rows
         self._windows = np.empty((7, 0))  # columns as of `_steady`
         self._stride, self._seen = 1, 0
 
     def add(self, rows: Floats) -> None:
-        """Take rows in: 5 by k, s, m/s, rad/s, N*m, N, time growing also from block to block."""
+        """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m), load (N); time grows over all blocks."""
         rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _ABSURD, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
@@ -103,16 +104,16 @@ class FreeRolling:
             self._interval = float(np.median(np.diff(rows[0])))
             self._size = max(_LEAST_ROWS, math.ceil(_SECONDS / self._interval - _ROUNDING))
         cuts = np.flatnonzero(np.diff(rows[0]) > _GAP_INTERVALS * self._interval) + 1
-        hop = self._size // 2  # windows lie half over each other
+        hop = self._size // 2  # windows overlap by half
         for part in np.split(rows, cuts, axis=1):
             count = max((part.shape[1] - self._size) // hop + 1, 0)
             if count:
                 views = np.lib.stride_tricks.sliding_window_view(part, self._size, axis=1)
                 self._keep(self._steady(views[:, : (count - 1) * hop + 1 : hop]))
-            self._rows = part[:, count * hop :]  # that the next window begins with
+            self._rows = part[:, count * hop :]  # the beginning of the next window
 
     def _steady(self, views: Floats) -> Floats:
-        """What is kept of the windows (5, m, rows) that are steady."""
+        """Reduce the steady ones of the windows (5, m, rows) to columns of seven numbers."""
         rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
         time, v, omega, torque, load = views[:, rolling]
         slip = 1.0 - self._radius * omega / v
@@ -134,7 +135,7 @@ class FreeRolling:
             self._windows = self._windows[:, ::2]
 
     def found(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
-        """What was seen, with speeds that come in steps (m/s, rad/s); None where the wheel never rolled freely."""
+        """Return the result, or None if the wheel never rolled freely; the speeds' resolutions are m/s, rad/s."""
         windows = self._lowest()
         if windows is None:
             return None
@@ -145,7 +146,7 @@ class FreeRolling:
         if zero >= _BRAKES * self._radius * centre and slowed:
             return None
         slip = 1.0 - self._radius * omega / v
-        # an encoder's counts add up over a window; a speed that stands still may be off by its rounding all along
+        # rounding averages out over a window if the encoder's reading changes; a constant reading keeps its error
         rounding = omega_step / _UNIFORM / (self._size if moves.any() else 1.0)
         of_steps = math.hypot(self._radius * rounding, speed_step / _UNIFORM) / speed
         return Rolling(
@@ -161,7 +162,7 @@ class FreeRolling:
         )
 
     def _lowest(self) -> Floats | None:
-        """The windows at the lowest torque at which there are enough of them."""
+        """Windows at the lowest torque that enough windows share."""
         windows = self._windows[:, np.argsort(self._windows[0])]
         torque, _, _, load, noise, _, _ = windows
         least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
@@ -174,7 +175,7 @@ class FreeRolling:
 
 
 def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
-    """In which windows values neither rise nor bend, beyond the noise of neighbours or a least change."""
+    """Mask of the windows in which values have neither slope nor curvature beyond the noise or a least change."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
@@ -187,33 +188,33 @@ def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
 
 
 def _error_of_median(values: Floats) -> float:
-    """Standard error of the median of windows that lie half over each other."""
+    """Standard error of the median over windows that overlap by half."""
     scatter = _SIGMA_PER_MAD * float(np.median(np.abs(values - np.median(values))))
     return _MEDIAN * scatter / math.sqrt(max(len(values) / 2.0, 1.0))
 
 
-# --- what does not fit ---------------------------------------------------------------------------------------------
+# --- findings from free rolling ------------------------------------------------------------------------------------
 
-_DOUBT = 0.001  # probability with which a log without fault is told to have one
-_LEAST_SLIP = 5e-4  # 0.2 mm of a radius; below, a log's speeds have errors of their own
-_LEAST_OF_PEAK = 0.003  # of the slip at the peak: what is less shifts a fit by less than its errors
-_LEAST_MU = 0.001  # a torque's zero by wheel load and radius: as the errors of a good fit
-_OTHER_UNIT = 0.15  # slip ratio: no wheel wears so much
-MOST_FREE_SLIP = 0.5  #: slip ratio of a wheel without brake beyond which a log is refused: no radius is so wrong
+_FALSE_ALARM = 0.001  # false-alarm probability
+_LEAST_SLIP = 5e-4  # 0.2 mm of a radius; smaller slips may be errors of the log's speeds
+_LEAST_OF_PEAK = 0.003  # of the slip at the peak; a smaller slip shifts a fit by less than its errors
+_LEAST_MU = 0.001  # torque offset by wheel load and radius; a smaller one is within the errors of a good fit
+_OTHER_UNIT = 0.15  # slip ratio; more cannot be wear of the wheel, so a unit is wrong
+MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
-_ALIKE = 0.05  # relative, of a ratio: more than a radius is wrong by
-_MOST_CREEP = 0.002  # of a wheel without brake, if a wrong wheel has bent the curve that its slope is taken from
-_UNTRUSTED = 0.005  # slip ratio
-_EXPLAINED = 0.25  # of the slip that is left without a zero that was given, below which the zero is the cause
+_ALIKE = 0.05  # relative difference of two ratios; wider than an error of the radius
+_MOST_CREEP = 0.002  # slip ratio; limits the creep in free rolling, as a wrong radius distorts the slope it comes from
+_UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
+_EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this remains without it
 
 
 @dataclass(frozen=True)
 class Known:
-    """What rolling is judged by: the vehicle, and what the log and its user say.
+    """Data for judging free rolling: the vehicle, the adhesion curve, the user's corrections.
 
-    `slope` is dmu/dslip where the curve begins, inf where it is not known, as `peak_slip` is 0; `wheel_column` the
-    quantity that the wheel's speed was read from, `zeros` the offsets that were taken off, SI.
+    `slope` is the initial dmu/dslip of the curve, inf if not known; `peak_slip` is 0 if not known. `wheel_column` is
+    the quantity from which the wheel's speed was read, `zeros` the offsets subtracted, SI.
     """
 
     vehicle: Vehicle
@@ -223,7 +224,7 @@ class Known:
     zeros: Mapping[str, float]
 
     def creep(self, rolling: Rolling) -> float:
-        """Slip ratio that the rail needs to turn the wheel against its friction, and to slow it down."""
+        """Slip ratio of an unbraked wheel: the rail's force against its friction and inertia."""
         if not self.slope > 0.0:
             return 0.0
         vehicle, radius = self.vehicle, self.vehicle.wheel.radius
@@ -232,18 +233,18 @@ class Known:
         return min(max(force / (rolling.load * self.slope), -_MOST_CREEP), _MOST_CREEP)
 
     def tolerance(self, rolling: Rolling) -> float:
-        """Slip ratio beside `creep` up to which free rolling is as it should be."""
+        """Largest plausible deviation of the slip ratio from `creep`."""
         least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
         return max(rolling.sure * rolling.slip_error + abs(self.creep(rolling)), least)
 
 
 def is_wrong_wheel(rolling: Rolling | None) -> bool:
-    """Whether a rolling wheel has so much slip that what else a log shows is not to be trusted."""
+    """True if the slip in free rolling is so large that other checks of the log are unreliable."""
     return rolling is not None and abs(rolling.slip) > max(_UNTRUSTED, rolling.sure * rolling.slip_error)
 
 
 def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]:
-    """What a wheel without brake shows to be wrong."""
+    """Findings from free rolling: slip and torque that should be zero."""
     if rolling is None:
         return
     if abs(rolling.slip - known.creep(rolling)) > known.tolerance(rolling):
@@ -251,20 +252,20 @@ def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]
     load = known.vehicle.wheel.radius * rolling.load
     if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
         given = known.zeros.get("brake_torque", 0.0)
-        beside = f" {told('offset given', zero=given)}" if given else ""
+        beside = f" {message('offset given', zero=given)}" if given else ""
         nothing = abs(rolling.torque + given) < _LEAST_MU * load
-        option = told("offset, none" if nothing else "offset, another", zero=rolling.torque + given)
-        text = told("torque offset", torque=rolling.torque, mu=rolling.torque / load, beside=beside, option=option)
+        option = message("offset, none" if nothing else "offset, another", zero=rolling.torque + given)
+        text = message("torque offset", torque=rolling.torque, mu=rolling.torque / load, beside=beside, option=option)
         yield Finding("torque offset", text)
 
 
 def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     radius, slip = known.vehicle.wheel.radius, rolling.slip
-    digits = 3 - 1 - math.floor(math.log10(abs(100.0 * slip)))  # as many as its error leaves, three at most
+    digits = 3 - 1 - math.floor(math.log10(abs(100.0 * slip)))  # three significant, fewer if the error is large
     if rolling.slip_error > 0.0:
         digits = min(digits, max(-math.floor(math.log10(100.0 * rolling.slip_error)), 1))
     shown = f"free rolling shows a slip of {100.0 * slip:.{max(digits, 1)}f} %"
-    # the slip with a speed's zero put on again
+    # speed ratio without each given zero
     rim, speed = radius * rolling.omega, rolling.speed
     on_rim = radius if known.wheel_column == "wheel_angular_speed" else 1.0
     again = {
@@ -274,23 +275,23 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     for name, zero in known.zeros.items():
         without = 1.0 - again[name](zero) if name in again else math.inf
         if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
-            return shown + told("zero makes slip", name=name, zero=zero, percent=100.0 * without)
-    likely = told("other radius", likely=radius / (1.0 - slip + known.creep(rolling)), radius=radius)
+            return shown + message("zero makes slip", name=name, zero=zero, percent=100.0 * without)
+    likely = message("other radius", likely=radius / (1.0 - slip + known.creep(rolling)), radius=radius)
     ratio = 1.0 - slip
     if abs(slip) < _OTHER_UNIT:
         return f"{shown}: {likely}"
     apart = next((f" ({units} are {x:.3g} apart)" for x, units in _UNITS_APART if _is_ratio(abs(ratio), x)), "")
-    text = shown + told("other units", ratio=ratio, column=known.wheel_column, apart=apart)
+    text = shown + message("other units", ratio=ratio, column=known.wheel_column, apart=apart)
     return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
 
 
 def _is_ratio(ratio: float, factor: float) -> bool:
-    """Whether a ratio of units is a factor, or one over it."""
+    """True if a ratio is near a factor, or near its inverse."""
     return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _ALIKE
 
 
 def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
-    """A sentence where a wheel without brake has so much slip that no curve can be had from the log; else None."""
+    """Message if the slip in free rolling is so large that the log cannot be used; else None."""
     if rolling is None or abs(rolling.slip) <= MOST_FREE_SLIP:
         return None
     return _wrong_wheel(rolling, known)
@@ -298,9 +299,9 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
 
 # --- the adhesion --------------------------------------------------------------------------------------------------
 
-HIGHEST_MU, LOWEST_MU = 0.7, 0.01  #: adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves
+HIGHEST_MU, LOWEST_MU = 0.7, 0.01  #: plausible range of steel on steel: about 0.6 with sand, 0.02 with leaves
 
-ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: these two, as sentences name them
+ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: that range, as arguments of messages
 
 _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
@@ -308,9 +309,9 @@ _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
-    """The option with a unit that makes an adhesion coefficient an ordinary one; empty where none does.
+    """Suggest a unit that would make an adhesion coefficient plausible; empty if there is none.
 
-    `factors` are what one of the unit that was read is in SI, by quantity, of the columns of the log.
+    `factors` are the SI values of the units read, by quantity, of the columns of the log.
     """
     found, other = [], math.nan
     for quantity, units in _UNITS.items():
@@ -324,38 +325,38 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
 
 
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
-    """`unit_hint`, or what to check else."""
-    return unit_hint(mu, factors) or told("check the units")
+    """Return `unit_hint`, or a general advice if that is empty."""
+    return unit_hint(mu, factors) or message("check the units")
 
 
 def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
-    """Whether the highest mean of mu, by bins, is one of steel on steel; `factors` as of `unit_hint`."""
+    """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as of `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
-        yield Finding("adhesion", told("highest mean mu", mu=highest, **ORDINARY, cause=units_or(highest, factors)))
+        yield Finding("adhesion", message("highest mean mu", mu=highest, **ORDINARY, cause=units_or(highest, factors)))
 
 
 # --- the train's deceleration, and the unit of the time ------------------------------------------------------------
 
-_OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
-_SLOWED_DOWN = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
-_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_OTHER_DECELERATION = 1.15  # plausible ratio; errors of mass, load and forces outside the model are smaller
+_SLOWED_DOWN = 0.02  # least share of its speed that the train must lose; a rig at constant speed shows nothing
+_OTHER_CLOCK = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
 _CLOCKS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
-_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside, the torque's unit is wrong instead
 
 
 def _lost(record: BrakedRows) -> float:
-    """Speed that the train loses in the runs, m/s; NaN where that is hardly any."""
+    """Speed that the train loses in the runs, m/s; NaN if it is too small to use."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
-    """By how much more the train slows down in the runs than the wheel's own adhesion and the resistance make it.
+    """Measured deceleration of the train over that expected from the wheel's adhesion and the resistance.
 
-    By momentum over each run, of the wheel (3) and of the train (4) [Park2008]. NaN where the train hardly slows down,
-    or no torque is left for the adhesion.
+    By momentum over each run, of the wheel (3) and of the train (4) [Park2008]. NaN if the train hardly slows down, or
+    the expected deceleration is not positive.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -368,15 +369,15 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
 
 
 def deceleration_differs(ratio: float) -> bool:
-    """Whether a ratio of decelerations is another than 1; not where it is not known."""
+    """True if a ratio of decelerations differs significantly from 1; False if it is NaN."""
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
 def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, read: float) -> str | None:
-    """A sentence where the train slows down as if its time had another unit than it is `read` in, s; else None.
+    """Message if the deceleration indicates that the time has another unit than `read`, s; else None.
 
-    The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
-    own. `highest_pull` as of `Survey`.
+    Compares the speed lost in the runs under brake with that expected from brake torque and mass, per wheel.
+    `highest_pull` as of `Survey`.
     """
     if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
         return None
@@ -387,21 +388,21 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, read: 
     likely = min(_CLOCKS, key=lambda unit: abs(math.log(_CLOCKS[unit] / (read * ratio))))
     now = next((unit for unit, clock in _CLOCKS.items() if math.isclose(clock, read)), f"units of {read:.3g} s")
     less, times = ("less", 1.0 / ratio) if ratio < 1.0 else ("more", ratio)
-    return told("other clock", ratio=times, less=less, likely=likely, read=now)
+    return message("other clock", ratio=times, less=less, likely=likely, read=now)
 
 
 # --- loads, two wheel speeds, steps --------------------------------------------------------------------------------
 
-_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
-_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
-_COARSE = 0.005
+_OTHER_LOAD = 1.5  # plausible ratio of the log's wheel load to the vehicle's; empty and full trains differ by less
+_OTHER_SPEED = 0.02  # plausible relative difference of a wheel's two speeds; more than wear of the wheel
+_COARSE = 0.005  # share of slip, or of mu: the lowest slip used (`SLIP_RANGE`)
 
 LOADS_DIFFER = 1.05
-"""Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
+"""Ratio beyond which mean wheel loads count as different; passengers change a train's load by less."""
 
 
 def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
-    """Whether the runs have one wheel load, and one near to that of the vehicle, N."""
+    """Findings if the wheel load differs between runs, or from that of the vehicle, N."""
     if not len(record):
         return
     run = record.run.astype(np.int64)
@@ -409,37 +410,37 @@ def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
     loads = np.bincount(run, record.load)[rows > 0] / rows[rows > 0]
     if loads.min() * LOADS_DIFFER < loads.max():
         mean = np.average(loads, weights=rows[rows > 0])
-        yield Finding("loads", told("loads of runs", least=loads.min(), most=loads.max(), mean=mean))
+        yield Finding("loads", message("loads of runs", least=loads.min(), most=loads.max(), mean=mean))
     logged = float(record.load.mean())
     if not of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
-        yield Finding("load", told("other load", logged=logged, of_vehicle=of_vehicle))
+        yield Finding("load", message("other load", logged=logged, of_vehicle=of_vehicle))
 
 
 class WheelSpeeds:
-    """The two speeds of a wheel, where a log has both: their ratio by a straight line through 0 over all rows."""
+    """Compares a wheel's two logged speeds: their ratio by a least-squares line through 0 over all rows."""
 
     def __init__(self) -> None:
         self._product = self._square = 0.0
 
     def add(self, rows: Rows) -> None:
-        """Take rows in."""
+        """Add rows; without both speeds they are ignored."""
         rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
         if rim is not None and angular is not None:
             self._product += float(rim @ angular)
             self._square += float(angular @ angular)
 
     def findings(self, radius: float) -> Iterator[Finding]:
-        """Whether they are one, of a wheel with a radius in m."""
+        """Finding if the two speeds disagree for a wheel of this radius, m."""
         ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
         if abs(ratio - 1.0) > _OTHER_SPEED:
-            yield Finding("wheel speeds", told("two wheel speeds", ratio=ratio))
+            yield Finding("wheel speeds", message("two wheel speeds", ratio=ratio))
 
 
 @dataclass(frozen=True)
 class ColumnStep:
-    """A column that comes in steps: its header, the step in the file's unit, and its `share`.
+    """Resolution of a quantised column: its header `label`, the `step` in the file's unit, and the `share`.
 
-    The share is of slip at the initial speed, or of mu for a torque.
+    The share is the step expressed as slip at the initial speed, or as mu for a torque.
     """
 
     label: str
@@ -449,7 +450,7 @@ class ColumnStep:
 
     @property
     def matters(self) -> bool:
-        """Whether the step is coarser than the lowest slips that are used, or than that of mu."""
+        """True if the step is coarse for the fits: 0.005 of slip or of mu, or more."""
         return self.share >= _COARSE
 
     def __str__(self) -> str:
@@ -460,7 +461,10 @@ class ColumnStep:
 def column_steps(
     resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
 ) -> tuple[ColumnStep, ...]:
-    """The steps of the columns of a log (none: SI), at a wheel radius, m, initial speed, m/s, and wheel load, N."""
+    """Steps of the columns of a log, at a wheel radius, m, initial speed, m/s, and wheel load, N.
+
+    A quantity that is not in `columns` is in SI.
+    """
     shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
     found = []
     for name, share in (*shares.items(), ("brake_torque", 1.0 / (radius * load))):
@@ -471,22 +475,22 @@ def column_steps(
     return tuple(found)
 
 
-# --- what was met while the log was observed -----------------------------------------------------------------------
+# --- findings from observing the log -------------------------------------------------------------------------------
 
-_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
+_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which a finding is made
 
 
 def survey_findings(survey: Survey) -> Iterator[Finding]:
-    """Impossible rows, gaps, braking that is not used, runs from several speeds."""
+    """Findings on impossible rows, gaps, unused braking rows, and runs from several speeds."""
     if survey.implausible:
-        yield Finding("rows", told("impossible rows", survey=survey))
+        yield Finding("rows", message("impossible rows", survey=survey))
     if survey.bridged:
-        yield Finding("gaps", told("bridged", survey=survey))
-    yield from (Finding("gaps", told("gap", line=line, seconds=seconds)) for line, seconds in survey.gaps)
+        yield Finding("gaps", message("bridged", survey=survey))
+    yield from (Finding("gaps", message("gap", line=line, seconds=seconds)) for line, seconds in survey.gaps)
     if survey.gap_count > len(survey.gaps):
         yield Finding("gaps", f"{survey.gap_count} gaps in all")
     if survey.lost_share >= _LEAST_LOST:
-        yield Finding("settling", told("settling", percent=100.0 * survey.lost_share, rows=survey.lost))
+        yield Finding("settling", message("settling", percent=100.0 * survey.lost_share, rows=survey.lost))
     if survey.is_mixed:
         slowest, fastest, v0 = (x / KMH for x in (survey.slowest_start, survey.fastest_start, survey.initial_speed))
-        yield Finding("initial speed", told("initial speeds", slowest=slowest, fastest=fastest, v0=v0))
+        yield Finding("initial speed", message("initial speeds", slowest=slowest, fastest=fastest, v0=v0))

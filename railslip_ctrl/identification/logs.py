@@ -1,17 +1,16 @@
 """Read a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
 A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
-spaces, underscores and hyphens do not count. Of several brackets the last with a unit of the quantity counts; brackets
-without one are refused. A cell without a unit is SI. The unit decides what `n` means; without one it is the wheel load.
-A wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of the two wheel
-speeds are required; other columns are not read.
+spaces, underscores and hyphens are ignored. Of several brackets the last one with a unit of the quantity is used; if
+none has one, the cell is refused. A cell without a unit is in SI. The unit decides whether `n` is the angular speed or
+the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm or the like is an angular speed. Time, train
+speed, brake torque and one of the two wheel speeds are required; other columns are ignored.
 
-The header is the first line that names the required columns. If the log begins with numbers, it is the last comment (#)
-above them that does so, as NumPy writes it. A line of units may follow.
+The header is the first line that names the required columns. If the log begins with numbers, the header is the last
+comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow.
 
-Every row keeps the number of its line. A line that is no row (cut, or with other text than numbers) is left out and
-named. A last line without a line end is taken to be cut, unless it has all its cells. An empty optional column is
-taken as absent.
+Every row keeps its line number. Lines that cannot be read (cut, or with text instead of numbers) are left out and
+reported. A last line without a line end counts as cut unless it has all its cells. An empty optional column is ignored.
 """
 
 from __future__ import annotations
@@ -46,30 +45,30 @@ from railslip_ctrl.core.user_files import close_match, file_name
 
 Lines = Integers
 
-BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and the numbers in it take some 30 MB
+BLOCK_BYTES = 4 << 20  #: bytes read at a time; a block and its numbers take about 30 MB of memory
 
 LONGEST_LINE = 1 << 20
-"""Bytes of a line, beyond which it is no row whatever it holds: a file without line ends takes no more memory."""
+"""Longest line, bytes; a longer one is left out, so that a file without line ends needs no more memory."""
 
-STANDARD_INPUT = "-"  #: the path that stands for standard input
+STANDARD_INPUT = "-"  #: path that means standard input
 
 _QUANTITIES = texts(__package__, "quantities.toml")
 UNITS = MappingProxyType({quantity: known["unit"] for quantity, known in _QUANTITIES.items()})
 """The quantities of a log and their SI units."""
 
 NAMES = MappingProxyType({quantity: tuple(known["names"]) for quantity, known in _QUANTITIES.items()})
-"""Accepted names by quantity, the first the one this package writes."""
+"""Accepted names by quantity; this package writes the first."""
 
 _WHEEL = ("wheel_angular_speed", "wheel_speed")
 
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*)[\])}>]")
 _PLACE = re.compile(r"[1-9]\d*")
-_SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # what may follow a name without brackets; Pint's c may not
+_SUFFIXES = frozenset(name.lower() for name in TRADE_UNITS)  # units accepted without brackets; not all Pint units
 
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity is in a log: the column's number, its header, and what one of its unit is in SI."""
+    """Column of a quantity in a log: its index from 0, its header, and the SI value of its unit (`factor`)."""
 
     quantity: str
     factor: float
@@ -81,11 +80,11 @@ class Column:
 def find_columns(
     header: Sequence[str], columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
 ) -> dict[str, Column]:
-    """The columns of a header by quantity, in the order of `UNITS`.
+    """Find the columns of a header; returned by quantity, in the order of `UNITS`.
 
-    `columns` has the header cell of a quantity where `NAMES` does not find it, or its place, the first being 1; `units`
-    wins over the header's; without either a column is SI. InputError for an unknown quantity, a header that is not
-    there, two columns of one name, a missing column, or a unit of another dimension.
+    `columns` gives a quantity's header cell if it is not in `NAMES`, or its position from 1. `units` overrides the
+    header's units; without either, a column is in SI. InputError for an unknown quantity, an unknown or ambiguous
+    header, a missing column, or a unit of another dimension.
     """
     columns, units = columns or {}, units or {}
     for option, given in (("`columns`", columns), ("`units`", units)):
@@ -114,7 +113,7 @@ def find_columns(
 
 @cache
 def is_unit(text: str, quantity: str) -> bool:
-    """True if a text is a unit of a quantity; of an angular speed also for `wheel_speed`."""
+    """True if a text is a unit of a quantity; `wheel_speed` accepts units of an angular speed too."""
     with suppress(InputError):
         return bool(_unit(text, quantity))
     return False
@@ -139,7 +138,7 @@ def _recognised(header: Sequence[str], quantity: str) -> int | None:
 
 
 def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
-    which = f"say which with `columns` {quantity}=HEADER{_by_place(at)}"
+    which = f"choose with `columns` {quantity}=HEADER{_by_place(at)}"
     return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {which}")
 
 
@@ -166,7 +165,7 @@ def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
 
 
 def _unit(text: str, quantity: str) -> tuple[str, float]:
-    """The quantity that a unit makes of one, and what one of the unit is in SI."""
+    """Quantity and SI value of a unit; a wheel speed in a unit of angular speed is a `wheel_angular_speed`."""
     if quantity == "wheel_speed":
         with suppress(InputError):
             return quantity, factor(text, UNITS[quantity])
@@ -175,16 +174,16 @@ def _unit(text: str, quantity: str) -> tuple[str, float]:
 
 
 def _split(cell: str) -> tuple[str, list[str]]:
-    """A header cell's name, and the texts in its brackets, the last first."""
+    """Split a header cell into its name and the texts in its brackets, last bracket first."""
     texts = [text.strip() for text in reversed(_BRACKETS.findall(cell)) if text.strip()]
     return " ".join(_BRACKETS.sub(" ", cell).split()).rstrip(" /,:"), texts
 
 
 def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
-    """Ways to part a header cell without brackets into a name and a unit: v_kmh, v_m_s, "Tb kN m", v_ms (m/s)."""
-    words = re.split(r"[\s_,:]+", cell.strip())
+    """Yield splits of a header cell without brackets into name and unit: v_kmh, v_m_s, "Tb kN m", v_ms (m/s)."""
+    pieces = re.split(r"[\s_,:]+", cell.strip())
     for count, sign in ((1, ""), (2, "/"), (2, " ")):
-        name, text = " ".join(words[:-count]).rstrip(" /"), sign.join(words[-count:])
+        name, text = " ".join(pieces[:-count]).rstrip(" /"), sign.join(pieces[-count:])
         if name and all(part.lower() in _SUFFIXES for part in re.split(r"[ /*.]", text)):
             yield name, text
             if text.lower() == "ms":
@@ -192,10 +191,10 @@ def _suffixes(cell: str) -> Iterator[tuple[str, str]]:
 
 
 def _names(cell: str, quantity: str) -> set[str]:
-    """The names that a header cell may have as a column of a quantity: with its unit, and without."""
+    """Possible names of a header cell as a column of a quantity: with its unit, and without."""
     name, texts = _split(cell)
     if _plain(name) == "n" and not (any(is_unit(t, quantity) for t in texts) if texts else quantity == "wheel_load"):
-        return set()  # n is a letter for two quantities: n [1/min] is no load
+        return set()  # n may be the angular speed or the load: n [1/min] is not the load
     named = {name} if texts else {before for before, text in _suffixes(cell) if is_unit(text, quantity)}
     return {" ".join(cell.split()), name, *named}
 
@@ -212,11 +211,11 @@ def _cells(header: Sequence[str]) -> str:
 
 COMMENT = b"#"
 
-BLANKS = " "  #: the separator of cells apart by any number of spaces and tabs
+BLANKS = " "  #: separator that stands for any number of spaces and tabs
 
 _SEPARATORS = (";", "\t", ",", "|")
 _BLANK = codecs.BOM_UTF8 + b" \t\r\n"
-_MOST_ABOVE = 200  # lines among which the header is looked for: data loggers write tens of lines above it
+_MOST_ABOVE = 200  # lines searched for the header; data loggers write tens of lines above it
 _WORDS = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to the name before it
 _GROUPS = re.compile("(?<=\\d)[ '\u2019\u00a0\u2009\u202f](?=\\d{3}(?!\\d))")
 _NOTHING = ("", "-", "--", "n/a", "na", "nan", "null", "none")
@@ -225,7 +224,7 @@ _ALL_NAMES = frozenset(_plain(name) for names in NAMES.values() for name in name
 
 @dataclass(frozen=True)
 class Header:
-    """How the rows are read, from the number of the first line after the header and its units."""
+    """Format of the rows, as the header gives it; `next_line` is the first line after the header and its units."""
 
     cells: tuple[str, ...]
     columns: dict[str, Column]
@@ -237,7 +236,7 @@ class Header:
 def read_header(
     file: LogFile, columns: Mapping[str, str] | None, units: Mapping[str, str] | None, skip_lines: int
 ) -> Header:
-    """Read the header of a log from its beginning; arguments as of `Log`. The file goes on after it."""
+    """Read the header of a log; afterwards the file continues behind it. Arguments as of `Log`."""
     lines = file.first_lines()
     if b"\0" in lines[0]:
         raise InputError(f"{file.name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
@@ -257,7 +256,7 @@ def read_header(
                 if known or (at in plain and not _has_numbers(cells)):
                     best = max(best, (known, len(cells), str(error)), key=lambda each: each[:2])
                 continue
-            if _has_numbers([cells[column.index] for column in found.values()]):  # a row, its columns given by places
+            if _has_numbers([cells[column.index] for column in found.values()]):  # a row; columns given by position
                 continue
             end = max(end, plain[0] * (at in comments))
             file.ahead = io.BytesIO(b"\n".join(lines[end:]))
@@ -268,7 +267,7 @@ def read_header(
 
 
 def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] | None:
-    """The cells of a record, and how many lines it takes; None where quotation marks are not as CSV has them."""
+    """Split a record into cells; (cells, number of lines it takes), or None if the quotation marks are invalid."""
     if separator == BLANKS:
         return _WORDS.split(next(iter(lines)).strip()), 1
     reader = csv.reader((f"{line}\n" for line in lines), delimiter=separator, strict=True)
@@ -280,7 +279,7 @@ def split_cells(lines: Iterable[str], separator: str) -> tuple[list[str], int] |
 
 def number_in(cell: str, decimal: str) -> float | None:
     """Return a cell as a number with a decimal mark, or None. Blanks and apostrophes may separate thousands."""
-    if "_" in cell or (decimal != "." and "." in cell):  # 1_0 is Python's; 1.024 may be 1024, or 1,024 mistyped
+    if "_" in cell or (decimal != "." and "." in cell):  # 1_0 is Python syntax; 1.024 with decimal comma is ambiguous
         return None
     with suppress(ValueError):
         return float(_GROUPS.sub("", cell).strip().replace(decimal, ".").replace("\N{MINUS SIGN}", "-"))
@@ -288,7 +287,7 @@ def number_in(cell: str, decimal: str) -> float | None:
 
 
 def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[list[str], str, int]]:
-    """Ways to read a line as a header: its cells, the separator of the rows, and the place of the line after it."""
+    """Yield readings of a line as a header: (cells, separator of the rows, index of the next line)."""
     comment, text = _is_comment(lines[at]), _decoded(lines[at]).strip("# \t")
     for separator in [s for s in _SEPARATORS if s in text or '"' in text] or [BLANKS]:
         split = split_cells([text] if comment else map(_decoded, itertools.islice(lines, at, None)), separator)
@@ -300,7 +299,7 @@ def _records(lines: Sequence[bytes], at: int, first_row: int) -> Iterator[tuple[
 def _with_units_below(
     cells: list[str], lines: Sequence[bytes], end: int, first_row: int, find: Callable[[list[str]], dict[str, Column]]
 ) -> tuple[dict[str, Column], int]:
-    """The columns of a header, with their units from the next line if it has them, and the place of the line after."""
+    """Columns of a header, with units from the line below if it has them, and the index of the line after that."""
     found = find(cells)
     at = next((i for i in range(end, len(lines)) if lines[i].strip(_BLANK)), end)
     for row, _, after in _records(lines, at, first_row) if at < len(lines) else ():
@@ -311,14 +310,14 @@ def _with_units_below(
         if _has_numbers(beside) or all(text.lower() in _NOTHING for text in beside):
             return found, end
         wanted = not all(column.unit_given for column in found.values())
-        if wanted or any(map(is_unit, beside, found)):  # a text that is no unit is refused if one is wanted
+        if wanted or any(map(is_unit, beside, found)):  # if a unit is missing above, an unknown one below is refused
             pairs = zip(cells, below, strict=True)
             return find([name if unit.lower() in _NOTHING else f"{name} [{unit}]" for name, unit in pairs]), after
     return found, end
 
 
 def _separator_of(row: bytes, count: int) -> str | None:
-    """The separator that parts a row into so many cells, two at least; an empty one more at its end is none."""
+    """Separator that splits a row into `count` > 1 cells, not counting an empty last cell; None if there is none."""
     for separator in (*_SEPARATORS, BLANKS):
         cells, _ = split_cells([_decoded(row)], separator) or ([""], 1)
         if count > 1 and (len(cells) == count or (len(cells) == count + 1 and not cells[-1].strip())):
@@ -335,7 +334,7 @@ def _is_comment(line: bytes) -> bool:
 
 
 def _decoded(line: bytes) -> str:
-    """A line's text without its end."""
+    """Decode a line, without its line end."""
     try:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -355,10 +354,10 @@ _OTHER_FORMATS = {
 
 
 class LogFile:
-    """A log's bytes from its beginning, read once, unpacked where it is gzipped.
+    """Reader of a log's bytes, once from the beginning; a gzipped file is unpacked.
 
-    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or of a
-    format that is no text; `damage` says what ended a gzipped file before its end. `read` begins with `ahead`.
+    `path` is a regular file or `STANDARD_INPUT`. InputError for a file that is missing, not regular, unreadable or not
+    a text file. `damage` describes why a gzipped file ended early. `read` returns the bytes of `ahead` first.
     """
 
     def __init__(self, path: Path) -> None:
@@ -386,7 +385,7 @@ class LogFile:
             raise
 
     def _regular(self, path: Path) -> io.FileIO:
-        """A regular file, opened; nothing else, as a pipe may never end, nor even begin."""
+        """Open a regular file; others are refused, as reading a pipe may block."""
         try:
             mode = path.stat().st_mode
             if stat.S_ISREG(mode):
@@ -399,7 +398,7 @@ class LogFile:
         raise InputError(f"{self.name}: {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
-        """That many bytes; less only at the end."""
+        """Read `count` bytes; fewer only at the end of the file."""
         parts = [self.ahead.read(count)]
         missing = count - len(parts[0])
         while missing > 0 and (part := self._tried(self._file.read1, missing)):
@@ -409,14 +408,14 @@ class LogFile:
         return b"".join(parts).replace(b"\r", b"\n") if self._returns else b"".join(parts)
 
     def first_lines(self) -> list[bytes]:
-        """The lines of the first megabyte; the last may be cut."""
+        """Lines of the first megabyte; the last one may be cut."""
         head = self.read(LONGEST_LINE)
         self._returns = b"\n" not in head
         return head.split(b"\r" if self._returns else b"\n")
 
     @property
     def share(self) -> float:
-        """Of the file, what has been read, 0 to 1; 0 of standard input, whose end is not known."""
+        """Share of the file that has been read, 0 to 1; 0 for standard input."""
         return self._position / self._size if self._size else 0.0
 
     def close(self) -> None:
@@ -429,8 +428,8 @@ class LogFile:
             return b"" if self.damage else method(count)
         except EOFError:
             self.damage = "ends early: the lines from here on are lost"
-        except (zlib.error, gzip.BadGzipFile) as error:  # the latter is found at its end
-            self.damage = f"is damaged ({error}): a line before may be wrong, and those from here on are lost"
+        except (zlib.error, gzip.BadGzipFile) as error:  # BadGzipFile: the checksum at the end is wrong
+            self.damage = f"is damaged ({error}): earlier lines may be wrong, and the lines from here on are lost"
         except OSError as error:
             raise self._unreadable(error) from None
         return b""
@@ -441,14 +440,14 @@ class LogFile:
 
 # --- the rows ------------------------------------------------------------------------------------------------------
 
-# s, some 3000 years: what counts from 1970 in seconds is below, in milliseconds above. Beyond, a double does not tell
-# neighbouring rows apart.
+# Largest time, s, some 3000 years: seconds since 1970 are below it, milliseconds above. Beyond it the resolution of a
+# double is too coarse to separate neighbouring rows.
 _LATEST = 1e11
 
-_MOST_NAMED = 5
-_FIRST_ROWS = 1000  # that tell whether a column is empty; so many, and no more, wait in memory for it
+_MOST_NAMED = 5  # unreadable lines that have a message of their own
+_FIRST_ROWS = 1000  # rows that are buffered to detect empty columns, decimal mark and cell count
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
-_PIECE = 1000  # lines that are parsed one by one where one of them is no row
+_PIECE = 1000  # lines that are parsed one by one if one of them cannot be read
 _DISPENSABLE = {
     "wheel_load": "the vehicle's wheel load is used",
     "wheel_speed": "the wheel's angular speed is used",
@@ -459,15 +458,15 @@ _QUOTED = re.compile(rb'"[^"]*"')
 _BLANKS = re.compile(rb"[ \t]+")
 _ORDINARY = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
 _MARK = re.compile(r"[+-]?(?:[\d.]*(?P<comma>,)|[\d,]*(?P<point>\.))\d+(?:[eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with a separator that is not read
-_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s (216 km/h), share of rows: beyond, a speed without a unit is rather in km/h
-_UNREAD = 0.01  # share of lines: if fewer cannot be read, the curve does not depend on them
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with thousands separators
+_FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s (216 km/h), share of rows; faster without a unit is probably in km/h
+_UNREAD = 0.01  # share of unreadable lines that does not affect the curve
 _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a log, SI: the line of each in the file, the first being line 1, and its columns by quantity."""
+    """Rows of a log, SI: their line numbers in the file, from 1, and the columns by quantity."""
 
     line: Lines
     columns: dict[str, Floats]
@@ -490,7 +489,7 @@ class Rows:
 
 @dataclass
 class Broken:
-    """What is counted and named by its line: how many, the first of them with what was wrong, and the last line."""
+    """Count of unreadable lines, with the reason for the first ones, and the number of the last."""
 
     count: int = 0
     last: int = 0
@@ -504,18 +503,21 @@ class Broken:
 
     @property
     def first(self) -> tuple[str, ...]:
-        """The lines named, in order, a sentence each."""
+        """Messages for the first lines, in order of the lines."""
         return tuple(f"line {line}: {reason}" for line, reason in sorted(self.named))
 
 
 class Log:
-    """A log opened for reading, once.
+    """Reader of a log, once from the beginning.
 
-    `path` is a CSV in UTF-8 or Latin-1, gzipped or not, or `-`, standard input. Commas, semicolons, tabs, bars or
-    blanks separate its cells. The decimal mark is the one that the columns read have more often. The header is looked
-    for after `skip_lines`. `columns` and `units` are as of `find_columns`; `block_bytes` are read at a time. InputError
-    for a file that is missing or empty, its header, a column or a unit; while reading, for a file without a row, with
-    an implausible speed, or with thousands separators.
+    - path: a CSV file in UTF-8 or Latin-1, gzipped or not, or `-` for standard input. Cells are separated by commas,
+      semicolons, tabs, bars or blanks. The decimal mark is the more frequent one in the columns read.
+    - columns, units: as of `find_columns`.
+    - skip_lines: number of lines to skip before the header.
+    - block_bytes: bytes read at a time.
+
+    InputError for a missing or empty file and for its header, a column or a unit; while reading, for a file without
+    rows, with an implausible speed, or with thousands separators.
     """
 
     def __init__(
@@ -540,30 +542,30 @@ class Log:
         self.columns = dict(self._header.columns)
         self._notes = [*self._header.notes]
         self._kept = self._grouped = 0
-        self._decimal = ""  # known once a cell has one
+        self._decimal = ""  # decimal mark, known from the first cell that has one
         self._separator = "\t" if self._header.separator == BLANKS else self._header.separator
-        self._count = 0  # of a row's cells, known once there are rows
+        self._count = 0  # cells of a row, known from the first block
 
     @property
     def share(self) -> float:
-        """How much of the file has been read, 0 to 1; 0 where its size is not known."""
+        """Share of the file that has been read, 0 to 1; 0 for standard input."""
         return self._file.share
 
     def close(self) -> None:
-        """Close the file; `rows` does so at its end."""
+        """Close the file; `rows` also closes it at the end."""
         self._file.close()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed about the columns."""
+        """Assumptions about the columns, one sentence each."""
         assumed = [c for c in self.columns.values() if not c.unit_given]
-        notes = [f"column {c.header!r} names no unit: {UNITS[c.quantity]} is taken for {c.quantity}" for c in assumed]
+        notes = [f"column {c.header!r} has no unit: {c.quantity} is read in {UNITS[c.quantity]}" for c in assumed]
         if {*_WHEEL} <= self.columns.keys():
             notes.append("the log has both speeds of the wheel: the angular one is used")
         return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
-        """The rows, block by block; `broken` and `share` say at any time what was met."""
+        """Yield the rows, block by block; `broken` and `share` are up to date after each."""
         try:
             for first, block in self._begun(self._blocks()):
                 rows = self._parsed(first, block)
@@ -574,11 +576,11 @@ class Log:
         if not self._kept:
             broken = f"; {self.broken.first[0]}" if self.broken.count else ""
             raise InputError(f"{self.name}: no rows after the header{broken}; give a log with data")
-        if self._grouped > _UNREAD * (self._kept + self.broken.count):  # the largest values, and no others, are lost
+        if self._grouped > _UNREAD * (self._kept + self.broken.count):  # only the largest values would be lost
             raise InputError(f"{self.name}: {self._grouped} lines have thousands separators; remove them")
 
     def refused(self, error: InputError) -> InputError:
-        """The refusal of a log, after the lines that could not be read if they may be the cause; notes come last."""
+        """Extend the error of a log by its unreadable lines if they may be the cause, and by the notes."""
         count, lines, text = self.broken.count, self.broken.count + self._kept, str(error)
         if self._kept and count > _UNREAD * lines:
             unread = f"{self.name}: {count} of {lines} lines could not be read, first {self.broken.first[0]}"
@@ -588,7 +590,7 @@ class Log:
     # --- blocks of lines --------------------------------------------------------------------------------------------
 
     def _blocks(self) -> Iterator[tuple[int, bytes]]:
-        """Whole lines, with the number of the first."""
+        """Yield blocks of whole lines: (number of the first line, bytes)."""
         line, rest = self._header.next_line, b""
         while read := self._file.read(self._block_bytes):
             block, end, rest = (rest + read).rpartition(b"\n")
@@ -596,9 +598,9 @@ class Log:
                 yield line, self._plain(block + end)
                 line += block.count(b"\n") + 1
             if len(rest) > LONGEST_LINE:
-                self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, which count as one line")
+                self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, counted as one line")
                 line, rest = line + 1, self._after_the_line()
-        block, end, rest = rest.rpartition(b"\n")  # what is after a long line
+        block, end, rest = rest.rpartition(b"\n")  # the rest may hold lines after a long one
         if end:
             yield line, self._plain(block + end)
             line += block.count(b"\n") + 1
@@ -611,36 +613,36 @@ class Log:
             if isinstance(row, str) or not np.isfinite(row).all():
                 self.broken.add(line, "the file ends within this line, which is left out")
             else:
-                self._notes.append(f"the file ends without a line end: line {line} has all its cells, and is read")
+                self._notes.append(f"the file ends without a line end: line {line} is complete and used")
                 yield line, last
 
     def _after_the_line(self) -> bytes:
-        """What has been read after the end of the line that is being read; nothing if the file ends in it."""
+        """Skip the rest of the current line; returns the bytes read beyond it, empty at the end of the file."""
         while read := self._file.read(self._block_bytes):
             if cut := read.find(b"\n") + 1:
                 return read[cut:]
         return b""
 
     def _plain(self, block: bytes) -> bytes:
-        """Lines that end in a line feed alone, with tabs for blanks that separate."""
-        block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # the former of text written as text again
+        """Normalise line ends to line feeds, and separating blanks to single tabs."""
+        block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # \r\r\n: line ends converted twice
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
     def _begun(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-        """The blocks, given out once the first rows have told which columns are empty."""
-        held: list[tuple[int, bytes]] = []
+        """Yield the blocks after the first rows have shown decimal mark and empty columns."""
+        buffered: list[tuple[int, bytes]] = []
         ends = size = 0
         while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
-            held.append(more)
+            buffered.append(more)
             ends, size = ends + more[1].count(b"\n"), size + len(more[1])
-        lines = b"".join(block for _, block in held).split(b"\n", _FIRST_ROWS)[:_FIRST_ROWS]
+        lines = b"".join(block for _, block in buffered).split(b"\n", _FIRST_ROWS)[:_FIRST_ROWS]
         self._decimal = self._mark(lines)
         self._leave_out_empty(lines)
-        yield from held
+        yield from buffered
         yield from blocks
 
     def _leave_out_empty(self, lines: Sequence[bytes]) -> None:
-        """Columns that can be done without and are empty in the first rows are none."""
+        """Drop optional columns that are empty in the first rows."""
         found = (self._cells(line) for line in lines if line.strip() and not line.startswith(COMMENT))
         rows = [cells for cells in found if cells and len(cells) >= len(self._header.cells)]
         for name, instead in _DISPENSABLE.items():
@@ -651,14 +653,13 @@ class Log:
             if all(row[column.index].strip().lower() in _NOTHING for row in rows):
                 del self.columns[name]
                 self._notes.append(
-                    f"column {column.header!r} is empty in {len(rows)} rows, all or the first of the log, "
-                    f"and taken as absent: {instead}"
+                    f"column {column.header!r} is empty in the first {len(rows)} rows and is ignored: {instead}"
                 )
 
     # --- from lines to numbers --------------------------------------------------------------------------------------
 
     def _parsed(self, first: int, block: bytes) -> Rows:
-        """The rows of whole lines; the others are taken note of."""
+        """Parse a block of whole lines into rows; other lines are recorded in `broken`."""
         self._count = self._count or self._usual_count(block)
         number = np.arange(first, first + block.count(b"\n"))
         if not self._decimal and (b'"' if self._separator == "," else b",") in block:
@@ -670,17 +671,20 @@ class Log:
             self.broken.add(int(at), "a value is missing or not finite")
         possible = finite & (np.abs(values["time"]) <= _LATEST)
         for at in np.flatnonzero(finite & ~possible):
-            self.broken.add(int(number[at]), f"time {values['time'][at]:.9g} s is beyond any clock; check its unit")
+            self.broken.add(
+                int(number[at]), f"time {values['time'][at]:.9g} s is beyond the limit of {_LATEST:g} s; check its unit"
+            )
         column, speed = self.columns["train_speed"], values["train_speed"][possible]
         if not column.unit_given and np.sum(speed > _FASTEST) > _SHARE_FAST * len(speed):
-            told = f"read in m/s, {speed.max():.4g} m/s or {speed.max() / KMH:.4g} km/h, is implausible"
-            raise InputError(f"{self.name}: column {column.header!r}, {told}; give `units` train_speed=km/h, or =m/s")
+            reading = f"read in m/s, {speed.max():.4g} m/s or {speed.max() / KMH:.4g} km/h, is implausible"
+            remedy = "give `units` train_speed=km/h, or =m/s"
+            raise InputError(f"{self.name}: column {column.header!r}, {reading}; {remedy}")
         return Rows(number, values).where(possible)
 
     def _usual_count(self, block: bytes) -> int:
-        """Cells of a row: the header's, but rows may end in one separator more, or without its last empty cells.
+        """Usual number of cells of a row in the first block; 0 if it has no rows.
 
-        The rows of the first block tell; 0 if it has none.
+        It is the header's, plus one if rows end in a separator, minus empty cells at the end of the header.
         """
         lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
@@ -690,9 +694,9 @@ class Log:
         return usual[0] if usual else 0
 
     def _numbers(self, number: Lines, text: bytes) -> tuple[Lines, Floats]:
-        """The columns of rows in the file's units, (rows, columns), with the numbers of the lines that are rows.
+        """Parse lines: (numbers of the lines that are rows, values (rows, columns) in the file's units).
 
-        Where a cell is no number they are gone through in pieces, and the piece that it is in line by line.
+        If a cell is not a number, the lines are parsed in pieces, and the piece with that cell line by line.
         """
         if not self._is_regular(text):
             lines, kept = text.split(b"\n"), []
@@ -718,7 +722,7 @@ class Log:
         return number[good], np.array(list(itertools.compress(rows, good)), dtype=float).reshape(-1, len(self.columns))
 
     def _is_regular(self, block: bytes) -> bool:
-        """Whether every line has the usual cells and nothing that is to be looked at: most blocks of most logs."""
+        """True if every line has the usual number of cells and no special characters, so that no line needs a check."""
         if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
             return False
         codes = np.frombuffer(block, dtype=np.uint8)
@@ -726,7 +730,7 @@ class Log:
         return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
 
     def _table(self, number: Lines, text: bytes) -> Floats:
-        """The columns of rows, (rows, columns); ValueError where a cell is no number, and where there is no row."""
+        """Values of rows, (rows, columns), by pandas; ValueError if a cell is not a number or there are no rows."""
         import pandas as pd
 
         places = [column.index for column in self.columns.values()]
@@ -747,7 +751,7 @@ class Log:
         return np.asarray(frame[places].to_numpy())
 
     def _mark(self, lines: Iterable[bytes]) -> str:
-        """The decimal mark of the columns that are read, the one that more cells have; empty if none has one."""
+        """Most frequent decimal mark in the columns read; empty if no cell has one."""
         marks: Counter[str | None] = Counter()
         for cells in map(self._cells, lines):
             for column in self.columns.values() if cells else ():
@@ -760,22 +764,22 @@ class Log:
         return found and found[0]
 
     def _fault(self, line: bytes) -> str:
-        """What is wrong with a line that should be a row; empty for one with the usual cells."""
+        """Describe the fault of a line; empty if it has the usual number of cells."""
         if _STRANGE.search(line):
-            nulls = line.count(b"\0")  # as a power cut leaves them
+            nulls = line.count(b"\0")  # a power cut during recording leaves null bytes
             if nulls < 2:
                 return "a control character or a carriage return within the line"
-            return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
-        line = _QUOTED.sub(b"", line)  # a separator in quotes is none
+            return f"a control character, {nulls} null bytes, which may replace many rows and count as one line"
+        line = _QUOTED.sub(b"", line)  # separators in quotes do not count
         if b'"' in line:
-            return "a quotation mark without its other one"
+            return "an unpaired quotation mark"
         separator, own = self._separator.encode(), len(self._header.cells)
         count = line.count(separator) + 1
         whole = count == self._count and (count <= own or line.endswith(separator))
         return "" if whole else f"{count} cells where the header has {own}"
 
     def _row(self, line: bytes, decimal: str) -> list[float] | str:
-        """The log's columns of a line, as they stand; or what is wrong with it."""
+        """Values of a line in the file's units, or a description of its fault."""
         cells, values = self._cells(line), []
         if cells is None or len(cells) != self._count:
             return "quotation marks within a cell"
@@ -786,7 +790,7 @@ class Log:
                 if column.quantity == "time" and _DATE.match(cell):
                     return (
                         f"{shown(cell)} is a date or a time of day, not a number, column {column.header!r}; give the "
-                        "time in s, from any beginning, or in another unit that the header names"
+                        "time as a number, from any origin, in s or in the unit named in the header"
                     )
                 self._grouped += _GROUPED.fullmatch(cell) is not None
                 return f"{shown(cell)} is not a number, column {column.header!r}"

@@ -1,13 +1,13 @@
-"""What can be fitted: for each model its law, which parameters are free, where a search starts and its bounds.
+"""The models that can be fitted: for each its law, free parameters, starting values and bounds.
 
-"bristle" starts from the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
-Fig. 17); the motion itself, the only thing that shows alpha, comes after (`prediction`). "bristle_rest" and "lugre" are
-fitted with their steady state, over the sliding regime alone. What a steady state does not show keeps a stated value.
+"bristle" is first fitted with the force built up along steady slip ramps like the log's ([Park2008] Fig. 17). The fit
+to the motion follows (`prediction`); only the motion determines alpha. "bristle_rest" and "lugre" are fitted with their
+steady state, over the sliding regime only. Parameters that a steady state does not determine keep a stated value.
 
-`Coordinates` are those in which a model's force is as good as linear. Most parameters are their own coordinate. The
-bristles' force at rest is (gamma - |sigma|)/beta: a log that hardly shows its fall leaves beta and gamma free to grow
-together without bound. Their coordinates are the level gamma/beta, which every log shows, and 1/gamma, which is 0 where
-nothing falls; beta alone, gamma being given, is looked for as 1/beta.
+`Coordinates` make a model's force nearly linear. Most parameters are their own coordinate. The steady force of the
+bristles is (gamma - |sigma|)/beta. If a log hardly shows its fall, beta and gamma could grow together without bound.
+Their coordinates are therefore the level gamma/beta, which every log determines, and 1/gamma, which is 0 if the force
+does not fall. If gamma is given, the coordinate of beta is 1/beta.
 """
 
 from __future__ import annotations
@@ -34,25 +34,25 @@ from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import Cells
-from .words import told
+from .messages import message
 
 # --- coordinates of the search ---------------------------------------------------------------------------------------
 
 
-FLAT = 1e-6  #: fall of the bristles' force, relative, at the least gamma, below which it is none: 1/gamma ends there
+FLAT = 1e-6  #: lower bound of 1/gamma, times the least gamma: a smaller relative fall of the force is not visible
 
-_TINY = 1e-12  # stands for the 0 that a level and a slope must stay above
-_SMALL = 0.01  # of what is typical: a coordinate that tends to 0 is small beside it
-_SMALLEST = 1e-9
+_TINY = 1e-12  # lower bound that represents an open bound of 0
+_SMALL = 0.01  # least size of a coordinate near 0, of its typical value
+_SMALLEST = 1e-9  # least size of a coordinate
 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Coordinates x of the values of free parameters, with their bounds; arrays of one length.
+    """Search coordinates x of the free parameters, with their bounds; arrays of one length.
 
-    `least` and `most` are bounds of the values, `typical` values of an ordinary size, `lower` and `upper` bounds of the
-    coordinates. `pair` are the places of beta and gamma where both are looked for and beta has no bounds but its sign,
-    `inverse` is that of beta where gamma is given.
+    `least` and `most` are bounds of the values, `typical` values of usual size, `lower` and `upper` bounds of the
+    coordinates. `pair` are the indices of beta and gamma if both are free and beta has no bounds but its sign;
+    `inverse` is the index of beta if gamma is given.
     """
 
     names: tuple[str, ...]
@@ -66,7 +66,7 @@ class Coordinates:
 
     @classmethod
     def of(cls, names: tuple[str, ...], least: Floats, most: Floats, typical: Floats) -> Coordinates:
-        """For free parameters within bounds."""
+        """Coordinates for free parameters within bounds."""
         low, high, ends = least.copy(), most.copy(), (least, most)
         b = names.index("beta") if "beta" in names else None
         if b is None:
@@ -74,7 +74,7 @@ class Coordinates:
         if "gamma" not in names:
             low[b], high[b] = max(1.0 / most[b], _TINY), 1.0 / least[b]
             return cls(names, *ends, typical, low, high, inverse=b)
-        if least[b] > _TINY or np.isfinite(most[b]):  # bounds of beta are none of level and 1/gamma
+        if least[b] > _TINY or np.isfinite(most[b]):  # bounds of beta are not bounds of the level or of 1/gamma
             return cls(names, *ends, typical, low, high)
         g = names.index("gamma")
         low[b], high[b] = _TINY, np.inf
@@ -82,13 +82,13 @@ class Coordinates:
         return cls(names, *ends, typical, low, high, pair=(b, g))
 
     def without(self, index: int) -> Coordinates:
-        """Of the other parameters, where one is held."""
+        """Coordinates of the other parameters if one is fixed."""
         others = np.arange(len(self.names)) != index
         names = tuple(name for i, name in enumerate(self.names) if i != index)
         return Coordinates.of(names, self.least[others], self.most[others], self.typical[others])
 
     def at(self, values: Floats) -> Floats:
-        """The coordinates of values."""
+        """Convert values to coordinates."""
         x = np.array(values, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -98,7 +98,7 @@ class Coordinates:
         return x
 
     def values(self, x: Floats) -> Floats:
-        """The values at coordinates."""
+        """Convert coordinates to values."""
         values = np.array(x, dtype=float)
         if self.pair is not None:
             b, g = self.pair
@@ -119,34 +119,34 @@ class Coordinates:
         return result
 
     def sizes(self, x: Floats) -> Floats:
-        """What is large for each coordinate."""
+        """Scale of each coordinate: its magnitude, with a lower limit."""
         result: Floats = np.maximum(np.abs(x), _SMALL * np.abs(self.at(self.typical)))
         return np.maximum(result, _SMALLEST)
 
     def inside(self, x: Floats, margin: float) -> Floats:
-        """x moved off its bounds by a margin, in sizes: on a bound a search would hardly leave it."""
+        """Move x off its bounds by a margin, in sizes, as a search hardly leaves a bound on which it starts."""
         off = margin * self.sizes(x)
         low, high = self.lower + off, self.upper - off
         return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
 
-    # --- one parameter after the other ------------------------------------------------------------------------------
+    # --- single parameters ------------------------------------------------------------------------------------------
 
     def by_inverse(self, index: int) -> bool:
-        """Whether a parameter is followed by its inverse, for which infinity is at 0."""
+        """True if a parameter is represented by its inverse, which maps infinity to 0."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
     def followed(self, index: int, value: float) -> float:
-        """What a parameter is followed by, at a value of it: its inverse, or itself; and the value again from that."""
+        """Representation of a parameter's value: its inverse or itself; applied twice it returns the value."""
         return 1.0 / value if self.by_inverse(index) else value
 
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
-        """Bounds of a parameter, or of its inverse where it is followed by that, at coordinates x."""
+        """Bounds of a parameter at coordinates x, or of its inverse if it is represented by that."""
         if self.pair is not None and index == self.pair[0]:
             return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
         return float(self.lower[index]), float(self.upper[index])
 
     def moved(self, values: Floats, index: int, value: float) -> Floats:
-        """Values with one of them changed; of a pair the other follows, so that the level stays."""
+        """Values with one of them changed; the other one of a pair changes too, to keep the level gamma/beta."""
         result = values.copy()
         if self.pair is not None and index in self.pair:
             other = self.pair[1 - self.pair.index(index)]
@@ -155,24 +155,24 @@ class Coordinates:
         return result
 
 
-# --- a model and what is known ---------------------------------------------------------------------------------------
+# --- a model and its known quantities --------------------------------------------------------------------------------
 
 
 TABLE_KNOTS = 25
-"""Most knots of a fitted table. Near the peak they are a quarter of its slip apart, which resolves a one-hump curve to
-some 0.3 % of its height."""
+"""Most knots of a fitted table. Their distance near the peak is a quarter of its slip, which resolves a curve with one
+peak to about 0.3 % of its height."""
 
-_ROWS_A_KNOT = 8  # fewer rows for each value of a table leave it to the noise
+_ROWS_A_KNOT = 8  # least rows for each value of a table; with fewer it would follow the noise
 _LEAST_KNOTS = 5
 _LAW_POINTS = 8  # points of the lookup table for each knot: its monotone cubics then follow the spline to 1e-4 of mu
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a fit takes as known: wheel load, N, initial speed v0, m/s, the log's rail, and what its user says, SI.
+    """Known quantities of a fit, SI: wheel load, N, initial speed v0, m/s, rail, and the user's settings.
 
-    `slip_acceleration` is R of the log's slip ramps, m/s^2, None where it has none, with its standard deviation from
-    run to run; `given_acceleration` is R as given.
+    `slip_acceleration` is R of the log's slip ramps, m/s^2, None if it has no ramps; `acceleration_spread` its standard
+    deviation from run to run. `given_acceleration` is R as given by the user.
     """
 
     wheel_load: float
@@ -187,7 +187,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Shape:
-    """Marks of the data's curve from which a search starts: its rise, its peak and its end."""
+    """Features of the measured curve for starting values: initial slope, peak, end, and mean speed, m/s."""
 
     slope: float
     peak_slip: float
@@ -199,10 +199,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class FitModel:
-    """One model, ready to be fitted: `names` are the free parameters, `known` the others.
+    """A model to be fitted: `names` are the free parameters, `known` the values of the others.
 
-    `law` comes out; `force_law` is that whose force at rest is fitted, another where a build-up is. `starts` is an
-    array (starts, names).
+    The fit returns a `law`. `force_law` is the law whose steady force is fitted; it differs from `law` if the force
+    along a ramp is fitted. `starts` is an array (starts, names).
     """
 
     name: str
@@ -216,7 +216,7 @@ class FitModel:
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
-        """mu for parameter values, at slip ratios, speeds and wheel loads of one shape; 0 beyond the law's domain."""
+        """mu at slip ratios, speeds and wheel loads of one shape, for parameter values; 0 beyond the law's domain."""
         if self.name == "table":
             return np.asarray(spline(self.knots, values)(np.clip(slip, 0.0, self.knots[-1])))
         functions = numeric_plant(self.force_law)
@@ -228,9 +228,9 @@ class FitModel:
 
     @property
     def coordinates(self) -> Coordinates:
-        """Those in which the free parameters are looked for."""
+        """Search coordinates of the free parameters."""
         typical = np.abs(self.starts).max(axis=0)
-        if self.name == "table":  # values of one kind
+        if self.name == "table":  # all values are mu, so they share one size
             typical[:] = typical.max()
         return Coordinates.of(self.names, self.lower, self.upper, typical)
 
@@ -244,7 +244,7 @@ class FitModel:
         return np.array(self.known["slip"])
 
     def with_knots(self, kept: Sequence[int]) -> FitModel:
-        """The table with some of its knots."""
+        """Return the table with only the knots of these indices."""
         return replace(
             self,
             names=tuple(self.names[i] for i in kept),
@@ -259,11 +259,11 @@ class FitModel:
         return tuple(float(given[name]) for name in self.force_law.parameter_names())
 
     def make(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """The law with these parameters."""
+        """Make the law with these parameters."""
         return self._made(self.law, values, rail)
 
     def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
-        """The law whose force was fitted, with these parameters: its peak is that of the curve seen in the log."""
+        """Make the law whose force was fitted, with these parameters; its peak is that of the measured curve."""
         return self._made(self.force_law, values, rail)
 
     def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
@@ -284,18 +284,18 @@ def _cardinal_splines(knots: tuple[float, ...]) -> Any:
 
 
 def spline(knots: Floats, values: Floats) -> Callable[[Floats], Floats]:
-    """The cubic spline through (0, 0) and `values` at `knots`; of a matrix (knots, k) k splines."""
+    """Cubic spline through (0, 0) and `values` at `knots`; a matrix (knots, k) gives k splines."""
     from scipy.interpolate import PPoly
 
     each = _cardinal_splines(tuple(knots.tolist()))
     return PPoly(each.c @ np.asarray(values), each.x)  # type: ignore[no-any-return]
 
 
-_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the force depends on nothing of the vehicle but N
+_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # placeholders: of the vehicle, the force depends on N alone
 
 
 def shape_of(cells: Cells, peak_slip: float) -> Shape:
-    """The marks of the cells' curve, its peak given."""
+    """Features of the cells' curve, for a given peak slip."""
     order = np.argsort(cells.slip)
     slip, mu, n = cells.slip[order], cells.mu[order], cells.count[order]
     near = np.abs(slip - peak_slip) <= 0.1 * peak_slip
@@ -312,36 +312,36 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """The model of a name, for the data of these cells; InputError for a name, a value or a bound that it has not."""
+    """Prepare a named model for the data of these cells; InputError for an unknown name, or bounds that exclude it."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)
 
 
 def check_model(name: str) -> None:
-    """InputError, listing the names, unless a model is called so or it is "best"."""
+    """Raise InputError with the known names unless `name` is a model or "best"."""
     if name != "best" and name not in _MODELS:
         hint = close_match(name, _MODELS)
         raise InputError(f"`model`: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """InputError where a fixed or bounded parameter belongs to none of the models, or is fixed outside its bounds."""
+    """Raise InputError if a fixed or bounded parameter is in no model, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("`fixed`", fixed), ("`bounds`", bounds)):
         for parameter in given:
             if parameter not in known:
                 raise InputError(
-                    told("no parameter", option=option, name=shown(parameter), known=", ".join(sorted(known)))
+                    message("no parameter", option=option, name=shown(parameter), known=", ".join(sorted(known)))
                 )
     for name in fixed.keys() & bounds.keys():
         low, high = bounds[name]
         if not low <= fixed[name] <= high:
-            raise InputError(told("fixed outside", name=name, value=fixed[name], low=low, high=high))
+            raise InputError(message("fixed outside", name=name, value=fixed[name], low=low, high=high))
 
 
 def _restricted(model: FitModel, setting: Setting) -> FitModel:
-    """The model with the user's fixed parameters out, and within his bounds."""
+    """Apply the user's fixed parameters and bounds to a model."""
     fixed = {name: value for name, value in setting.fixed.items() if name in (*model.names, *model.known)}
     keep = [i for i, name in enumerate(model.names) if name not in fixed]
     names = tuple(model.names[i] for i in keep)
@@ -352,7 +352,7 @@ def _restricted(model: FitModel, setting: Setting) -> FitModel:
             raise InputError(f"`bounds` {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
         lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         if not lower[i] < upper[i]:
-            raise InputError(f"`bounds` {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
+            raise InputError(f"`bounds` {name}: {low:g} to {high:g} is empty; include values > {lower[i]:g}")
     if not names:
         raise InputError(f"`fixed`: every parameter of {model.name!r} is fixed; leave one to be fitted")
     starts = np.clip(model.starts[:, keep], lower, upper)
@@ -380,7 +380,7 @@ def _build(
         law,
         names,
         np.array([[start[n] for n in names] for start in starts]),
-        # a bound of 0 is open for most parameters: the smallest number that is not 0 stands for it
+        # a bound of 0 is open for most parameters; a tiny number represents it
         np.array([max(least[n], _TINY) for n in names]),
         np.array([most[n] for n in names]),
         known,
@@ -400,7 +400,7 @@ def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[s
     slid = max(shape.end_slip - shape.peak_slip, 0.1 * shape.end_slip) * v0
     beta = slid / fall
     gamma = shape.end_slip * v0 + beta * shape.end * load
-    # a ramp builds up alpha s^2/(2 R), and peaks at some 4 times the s at which that is the peak force
+    # a ramp builds up alpha s^2/(2 R); the peak is at about 4 times the s at which this is the peak force
     alpha = 9.0 * R * shape.peak * load / (shape.peak_slip * v0) ** 2
     return {"alpha": alpha, "beta": beta, "gamma": gamma}, v0
 
@@ -408,7 +408,7 @@ def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[s
 def _curve(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = SLIP_ACCELERATION if setting.given_acceleration is None else setting.given_acceleration
     built = _built_up(cells, shape, setting, R)
-    return replace(built, notes=(told("alpha by R", R=R),))
+    return replace(built, notes=(message("alpha by R", R=R),))
 
 
 def _built_up(cells: Cells, shape: Shape, setting: Setting, R: float) -> FitModel:
@@ -421,19 +421,19 @@ def _built_up(cells: Cells, shape: Shape, setting: Setting, R: float) -> FitMode
 def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     R = setting.given_acceleration or setting.slip_acceleration
     if R is None:
-        raise InputError(told("no ramp"))
+        raise InputError(message("no ramp"))
     built = _built_up(cells, shape, setting, R)
-    return replace(built, name="bristle", law=law_class("bristle"), notes=(told("built up", R=R),))
+    return replace(built, name="bristle", law=law_class("bristle"), notes=(message("built up", R=R),))
 
 
 def _stiffness(setting: Setting) -> float:
-    """A stiffness of the bristles that a steady state does not show, N/m: the published one, (30)."""
+    """Published stiffness of the bristles, N/m, (30); a steady state does not determine it."""
     low, high = INITIAL_SPEED_RANGE_KMH
     return published_coefficients(min(max(setting.initial_speed / KMH, low), high), setting.wheel_load)[0]
 
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
-    return replace(model, name=name, notes=("fitted to the sliding regime", told("kept", names=kept)))
+    return replace(model, name=name, notes=("fitted to the sliding regime", message("kept", names=kept)))
 
 
 def _bristle_rest(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
@@ -473,7 +473,7 @@ def _burckhardt(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 
 
 def _table(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    # no knot outside the data, where it would rest on nothing; equally spaced below the peak, by ratios beyond it
+    # no knot lies outside the data; they are equally spaced below the peak, by equal ratios beyond it
     low, high = (math.asinh(end / shape.peak_slip) for end in (cells.slip.min(), min(cells.nodes.max(), 1.0)))
     count = max(min(int(cells.count.sum() / _ROWS_A_KNOT), len(cells.slip) - 1, TABLE_KNOTS), _LEAST_KNOTS)
     knots = tuple((shape.peak_slip * np.sinh(np.linspace(low, high, count))).tolist())
@@ -500,15 +500,15 @@ _MODELS: Mapping[str, Callable[[Cells, Shape, Setting], FitModel]] = MappingProx
 _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name for name in _MODELS})
 
 SLIDING_ALONE = ("lugre", "bristle_rest")
-"""Those that are fitted to the sliding regime alone, data before the peak left out."""
+"""Models that are fitted to the sliding regime only, without data before the peak."""
 
 MODELS = tuple(_MODELS)  #: names of the models that can be fitted
 
 CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
-"""Those among which the best is looked for: "bristle_rest" is fitted to a part of the data."""
+"""Models compared for "best"; "bristle_rest" is not, as it uses only a part of the data."""
 
 
 def parameter_unit(name: str) -> str:
-    """SI unit of a parameter of any of the models; "1" for one that none has."""
+    """SI unit of a parameter of any of the models; "1" for an unknown one."""
     units = (law_class(law).units() for law in _LAWS.values())
     return next((found[name] for found in units if name in found), "1")

@@ -1,11 +1,11 @@
-"""From rows of a log to adhesion coefficients over slip: the observer, and the slip seen through the same filter.
+"""Adhesion coefficients over slip from the rows of a log: the observer, and the slip filtered like its output.
 
-The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip of the moment it would shift a curve by
-tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
-that an observed mu is the mean over, which is all that a fit needs (`curves`).
+The observed torque is Ta/(tau s + 1), so it is delayed and smoothed. Plotted over the current slip it would shift the
+curve by tau times the slip's rate. Slip and its powers therefore pass through the same filter. An observed mu is a
+mean over some slips, and the filtered powers are the moments of these slips, which a fit needs (`curves`).
 
-Beside it `BrakedRows`, as they came, for prediction-error fits. Whole runs are kept, from the brake's application to
-its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
+`BrakedRows` are unfiltered rows for prediction-error fits. Whole runs are kept, from brake application to release. If
+there are more rows than `MOST_ROWS`, every second run is dropped, repeatedly.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .logs import Lines, Rows
+from .messages import message
 from .observer import FilterObserver, Form, KalmanObserver, ObserverState, TorqueObserver
-from .words import told
 
 # --- the observer's filter -----------------------------------------------------------------------------------------
 
 
 class Channels:
-    """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
+    """Passes signals through an observer's filter from Ta to its estimate, as brake torques on a standing wheel."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer
         self._states: list[ObserverState] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
-        """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
+        """Filter the next samples (channels, k); at the first one the filter starts in steady state."""
         still = np.zeros(len(time))
         before: list[ObserverState] | list[None] = self._states or [None] * len(channels)
         found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
@@ -47,15 +47,15 @@ class Channels:
         return np.stack([each.adhesion_torque for each in found])
 
 
-_RELEASED = 0.1  # of the torque, that it falls by in a time constant: no brake is eased so fast while the wheel holds
+_RELEASED = 0.1  # fall of the torque within a time constant, of the torque, that counts as a release of the brake
 
 
 class Readhesion:
-    """Which rows are of readhesion: from where the slip falls under a torque that is let go, while it falls.
+    """Detects readhesion: rows in which the slip falls after the brake was released.
 
-    The brake is released past the peak, and the slip falls back to none within tenths of a second. The curve over slip
-    is that of a slip that grows, as in [Park2008] Fig. 13; on the way back the observer's torque is a mean over half
-    the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
+    After a release beyond the peak the slip falls to zero within tenths of a second, so the observer's torque is a mean
+    over half the curve. These rows are left out: the adhesion curve is that of growing slip, as in [Park2008] Fig. 13.
+    Torque and slip are filtered twice; a signal falls if the first filter's output is below the second's.
     """
 
     def __init__(self, low_pass: TorqueObserver) -> None:
@@ -63,7 +63,7 @@ class Readhesion:
         self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> Flags:
-        """Whether the next rows are of readhesion: times in s, slip ratios and brake torques in N*m as logged."""
+        """Mask of the next rows that belong to readhesion; time in s, slip ratio and brake torque in N*m as logged."""
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
         falls = fallen[0] > 0.0
@@ -76,17 +76,17 @@ class Readhesion:
         return found
 
 
-# --- rows kept as they came ----------------------------------------------------------------------------------------
+# --- unfiltered rows -----------------------------------------------------------------------------------------------
 
 
-MOST_ROWS = 20_000  #: rows kept; a hundred rig tests at 100 rows a second
+MOST_ROWS = 20_000  #: most rows kept: about a hundred rig tests at 100 rows a second
 
-_LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take all the room for ever
+_LONGEST_RUN = 4096  # rows; longer runs are split, so that one run cannot fill the record
 
 
 @dataclass(frozen=True)
 class BrakedRows:
-    """Rows under brake: arrays of one length; s, m/s, rad/s, N*m, N, and the number of the run a row belongs to."""
+    """Rows under brake, SI, arrays of one length: s, m/s, rad/s, N*m, N, and the number of each row's run."""
 
     time: Floats
     speed: Floats
@@ -100,17 +100,17 @@ class BrakedRows:
 
 
 class Recorder:
-    """Takes rows that come in blocks of any size; the record does not depend on how they come."""
+    """Records rows under brake that arrive in blocks; the record does not depend on the block size."""
 
     def __init__(self, most_rows: int = MOST_ROWS) -> None:
         self._most = most_rows
         self.stride = 1
         self._kept = np.empty((6, 0))
-        self._run, self._place = -1, 0  # of the last row used: its run, and its place in it
+        self._run, self._place = -1, 0  # run of the last row used, and its position in the run
         self._last_used = False
 
     def add(self, rows: Floats, used: Flags, apart: Flags) -> None:
-        """Take in rows (5 by k, the columns of `BrakedRows`), which are used, and which stand after a gap."""
+        """Add rows (5, k), as the first columns of `BrakedRows`, with masks: rows to use, rows after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -128,29 +128,34 @@ class Recorder:
             self._kept = self._kept[:, self._kept[5] % self.stride == 0]
 
     def record(self) -> BrakedRows:
-        """The rows kept so far."""
+        """Return the rows kept so far."""
         return BrakedRows(*self._kept)
 
 
-# --- what is met on the way ----------------------------------------------------------------------------------------
+# --- statistics of a log -------------------------------------------------------------------------------------------
 
 
-_MOST_NAMED = 5
+_MOST_NAMED = 5  # gaps that have a warning of their own
 
 
-_MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v0 stands for several
+_MIXED = 1.25  # ratio of the runs' initial speeds beyond which one v0 does not describe them
 
 
 @dataclass
 class Survey:
-    """What was met on the way; speeds in m/s, times in s, loads in N.
+    """Statistics of a log's rows; speeds in m/s, times in s, loads in N.
 
-    `used` are rows under brake in the range of slip and speed, in `runs` apart by the settling time; `lost` those under
-    brake within the settling time after a gap or the start; `reversed` those with slip and a torque as far below 0 as
-    braking is above; `readhesion` those of readhesion; `backward` and `forward` those with a train speed
-    below and above 0. `gaps` are the first (line, seconds), after each of which the observer starts anew; `bridged` are
-    long intervals that it runs through. `initial_speed` is the highest train speed, filtered, `slowest_start` and
-    `fastest_start` are those at which runs begin; `highest_pull` is the highest brake torque by wheel load and radius.
+    - used, runs: rows under brake within the range of slip and speed; groups of them separated by the settling time.
+    - lost: rows under brake within the settling time after a gap or the start.
+    - reversed: rows with slip and a brake torque that would count as braking with its sign reversed.
+    - readhesion: rows of readhesion.
+    - backward, forward: rows with a train speed below and above 0.
+    - implausible, first_implausible: impossible rows, and a description of the first.
+    - gaps, gap_count: the first gaps as (line, seconds), and their number; the observer restarts after each.
+    - bridged, longest_bridged: long intervals over which the observer continues, and the longest.
+    - initial_speed: highest filtered train speed; slowest_start and fastest_start are the runs' initial speeds.
+    - interval: median interval of the first rows.
+    - highest_pull: highest brake torque over wheel load and radius.
     """
 
     rows: int = 0
@@ -181,48 +186,50 @@ class Survey:
 
     @property
     def lost_share(self) -> float:
-        """Of the rows under brake, those lost to settling."""
+        """Share of the rows under brake that is lost to settling."""
         return self.lost / max(self.lost + self.used, 1)
 
     @property
     def is_mixed(self) -> bool:
-        """Whether the runs begin at speeds so different that one v0 stands for several."""
+        """True if the initial speeds of the runs differ too much for one v0."""
         return self.slowest_start * _MIXED < self.fastest_start
 
 
 # --- adhesion over slip --------------------------------------------------------------------------------------------
 
 
-LOWEST_SPEED = 5.0 * KMH  #: m/s, below which the slip ratio is a quotient of noises; the published stop ends there
+LOWEST_SPEED = 5.0 * KMH  #: m/s; below it noise dominates the slip ratio. The published stop ends there
 
-DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, where the log is sampled fast enough
+DEFAULT_TIME_CONSTANT = 0.05  #: tau of the observer, s, if the log is sampled fast enough
 
-INTERVALS_PER_TIME_CONSTANT = 5.0  #: least tau, in intervals of the log, that is chosen by itself
+INTERVALS_PER_TIME_CONSTANT = 5.0  #: least default tau, in intervals of the log
 
 SLIP_RANGE = (0.005, 0.98)
-"""Slip ratios used: below, noise of the speeds is most of it; above, the wheel is locked and its torque unknown."""
+"""Slip ratios used: below, noise of the speeds dominates; above, the wheel is locked and its torque unknown."""
 
-_GAP_INTERVALS = 5.0
+_GAP_INTERVALS = 5.0  # a longer interval is a gap, unless it is bridged
 
-# An interval up to this many time constants is no gap: speeds and torque are taken to run straight through it, and
-# what they do else is mostly beyond the observer's bandwidth anyway.
+# Intervals up to this many time constants are not gaps. Speeds and torque are taken as linear in between; faster
+# changes are mostly beyond the observer's bandwidth.
 _BRIDGED = 1.0
 
-_SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
-LEAST_PULL = 0.02  # of wheel load times radius: below it the brake is not applied
+_SETTLING = 5.0  # time constants after a start, when the effect of the unknown initial adhesion torque is below 1 %
+LEAST_PULL = 0.02  # of wheel load times radius; with a lower torque the brake counts as released
 
-# What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
-_FASTEST = 200.0
-_LARGEST_TORQUE = 1e6
-_LEAST_SLIP = -0.5
-_LEAST_FREE_SLIP = -2.0
-_TOLERATED_SHARE = 0.01
+# Physical limits of a row. A wheel far faster than its braked train indicates a wrong unit or column.
+_FASTEST = 200.0  # m/s
+_LARGEST_TORQUE = 1e6  # N*m
+_LEAST_SLIP = -0.5  # slip ratio under brake
+_LEAST_FREE_SLIP = -2.0  # slip ratio without brake
+_TOLERATED_SHARE = 0.01  # of the rows; more impossible rows, or rows of the wrong sign, are refused
 
 
 class Observer(StrEnum):
-    """CORRECTED: every term filtered; PRINTED: [Park2008] (27) as it stands, the brake torque unfiltered.
+    """Observers of the adhesion torque.
 
-    KALMAN: a Kalman filter whose adhesion torque walks at random, as fast as its bandwidth of 1/tau asks.
+    - CORRECTED: every term filtered.
+    - PRINTED: [Park2008] (27) as printed, with the brake torque unfiltered.
+    - KALMAN: a Kalman filter whose adhesion torque is a random walk, with a bandwidth of 1/tau.
     """
 
     CORRECTED = "corrected"
@@ -232,9 +239,9 @@ class Observer(StrEnum):
 
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, SI, arrays of one length; all but the time behind the observer's filter.
+    """Samples of adhesion over slip, SI, arrays of one length; all but the time are filtered by the observer.
 
-    `slip2`, `slip3` and `slip_speed` are the filtered square, cube, and product with the train's speed.
+    `slip2`, `slip3` and `slip_speed` are the filtered square and cube of the slip, and slip times train speed.
     """
 
     time: Floats
@@ -254,10 +261,10 @@ class Observed:
 
 
 class AdhesionStream:
-    """Observed adhesion of a log that comes in blocks of rows.
+    """Computes adhesion samples of a log that arrives in blocks of rows.
 
-    The vehicle gives the wheel, and the wheel load where the log has none; the `time_constant` tau, s, is 0.05 s or
-    five intervals of the log, whichever is more, unless it is given. `add` raises InputError for a tau not above 0.
+    The vehicle gives the wheel, and the wheel load if the log has none. The `time_constant` tau, s, is by default the
+    larger of 0.05 s and five intervals of the log. `add` raises InputError for a tau not above 0.
     """
 
     def __init__(
@@ -277,11 +284,11 @@ class AdhesionStream:
 
     @property
     def time_constant(self) -> float:
-        """tau, s; known once the first rows are in."""
+        """Time constant tau of the observer, s; NaN before the first rows unless it is given."""
         return math.nan if self._tau is None else self._tau
 
     def _begin(self) -> None:
-        """The observer, with a time constant for the first rows unless it is given."""
+        """Set up the observer; the default time constant follows from the first rows."""
         interval = self.survey.interval
         if self._tau is None:
             self._tau = float(np.fmax(DEFAULT_TIME_CONSTANT, INTERVALS_PER_TIME_CONSTANT * interval))
@@ -289,12 +296,12 @@ class AdhesionStream:
         if self.kind is not Observer.KALMAN:
             self._observer = FilterObserver(J, friction, tau, Form(self.kind.value))
         else:
-            # damped by 1/sqrt(2) at 1/tau: the gains depend on the ratio of walk and noise alone, so the noise is 1
-            held = tau if math.isnan(interval) else interval
-            self._observer = KalmanObserver(J, friction, held, 1.0, 0.0, held * J**2 / tau**4)
+            # natural frequency 1/tau, damping 1/sqrt(2); the gains depend only on walk over noise, so the noise is 1
+            nominal = tau if math.isnan(interval) else interval
+            self._observer = KalmanObserver(J, friction, nominal, 1.0, 0.0, nominal * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
-        """The samples of the next rows."""
+        """Process the next rows and return their samples."""
         line, signals = self._possible(rows)
         time, v, omega, torque, load = signals
         if not len(time):
@@ -312,22 +319,22 @@ class AdhesionStream:
         return _joined([self._stretch(signals[:, a:b], fresh=bool(apart[a])) for a, b in pieces if b > a])
 
     def check(self, name: str) -> None:
-        """Raise InputError where too many rows were impossible: then it is not noise but the columns or units."""
+        """Raise InputError if too many rows were impossible or unusable, as columns or units are then wrong."""
         survey = self.survey
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
             raise InputError(f"{name}: {survey.first_implausible}{more}; check columns and units")
         if survey.forward < _TOLERATED_SHARE * survey.backward:
-            raise InputError(told("speed reversed", name=name, survey=survey))
+            raise InputError(message("speed reversed", name=name, survey=survey))
         if survey.used < _TOLERATED_SHARE * survey.reversed:
-            raise InputError(told("torque reversed", name=name, survey=survey))
+            raise InputError(message("torque reversed", name=name, survey=survey))
         if survey.used < _TOLERATED_SHARE * survey.lost:
             of, seconds = survey.used + survey.lost, _SETTLING * self.time_constant
             which = "lost to gaps" if survey.gap_count else "lost to the start"
-            raise InputError(told(which, name=name, survey=survey, of=of, seconds=seconds))
+            raise InputError(message(which, name=name, survey=survey, of=of, seconds=seconds))
 
     def signals(self, rows: Rows) -> Floats:
-        """Time, s, train speed, m/s, angular speed, rad/s, brake torque, N*m, and wheel load, N, of rows: (5, k)."""
+        """Signals of rows, (5, k): time (s), train speed (m/s), omega (rad/s), brake torque (N*m), wheel load (N)."""
         radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
@@ -335,7 +342,7 @@ class AdhesionStream:
         return np.stack([rows.columns["time"], rows.columns["train_speed"], omega, rows.columns["brake_torque"], load])
 
     def _possible(self, rows: Rows) -> tuple[Lines, Floats]:
-        """The lines of the rows that a train can have been in, and their signals."""
+        """Line numbers and signals of the physically possible rows; the others are counted in the survey."""
         signals, radius = self.signals(rows), self.vehicle.wheel.radius
         _, v, omega, torque, load = signals
         wheel, pressed = radius * omega, load > 0.0
@@ -343,7 +350,7 @@ class AdhesionStream:
         self.survey.backward += int((v < -LOWEST_SPEED).sum())
         self.survey.forward += int((v > LOWEST_SPEED).sum())
         self.survey.highest_pull = max(self.survey.highest_pull, float(pull.max(initial=0.0)))
-        # a wheel let go overshoots, as its contact is a spring
+        # a wheel overshoots after a release, as its contact is a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
         checks = {
             "train too fast": (np.abs(v) > _FASTEST, v / KMH),
@@ -356,17 +363,17 @@ class AdhesionStream:
         for name, (wrong, value) in checks.items():
             if wrong.any() and not self.survey.first_implausible:
                 at = int(np.argmax(wrong))
-                self.survey.first_implausible = told(name, line=rows.line[at], value=value[at])
+                self.survey.first_implausible = message(name, line=rows.line[at], value=value[at])
             bad |= wrong
         self.survey.implausible += int(bad.sum())
         return rows.line[~bad], signals[:, ~bad]
 
     def _braked(self, torque: Floats, load: Floats) -> Flags:
-        """A released brake counts at once."""
+        """Mask of the rows under brake, by the unfiltered torque."""
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
     def _gaps(self, line: Lines, steps: Floats) -> NDArray[np.intp]:
-        """The rows before which the observer starts anew: the log's first, and those after a gap."""
+        """Indices of the rows at which the observer restarts: the first of the log, and those after a gap."""
         long = steps > _GAP_INTERVALS * self.survey.interval
         new = np.flatnonzero(long & (steps > _BRIDGED * self.time_constant))
         bridged = steps[long & (steps <= _BRIDGED * self.time_constant)]
@@ -380,7 +387,7 @@ class AdhesionStream:
         return new
 
     def _stretch(self, signals: Floats, *, fresh: bool) -> Observed:
-        """The samples of rows without a gap in them."""
+        """Samples of rows without a gap between them; `fresh` restarts the filters."""
         assert self._observer is not None
         time, v, omega, torque, load = signals
         radius, survey, (low, high) = self.vehicle.wheel.radius, self.survey, SLIP_RANGE
@@ -430,10 +437,10 @@ def _joined(parts: list[Observed]) -> Observed:
 
 @dataclass(frozen=True)
 class TimeHistory:
-    """A run under brake over time from the brake's application, SI, arrays of one length, as a picture shows it.
+    """One run under brake over time from the brake's application, for a picture; SI, arrays of one length.
 
-    The wheel's speed is that of its circumference; the adhesion torque is observed with every term filtered, NaN while
-    the observer settles.
+    The wheel speed is that of the circumference. The adhesion torque is that of the corrected observer, NaN while it
+    settles.
     """
 
     time: Floats
@@ -445,7 +452,7 @@ class TimeHistory:
 
 
 def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
-    """The longest run of a record, observed with tau in s; None for an empty record."""
+    """Time history of the longest run of a record, with tau in s; None for an empty record."""
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)

@@ -1,21 +1,21 @@
-"""Adhesion torque observed on samples: the published observer, corrected, and a Kalman filter; sensors and their noise.
+"""Observers of the adhesion torque from sampled signals, models of the sensors, and their noise.
 
-`FilterObserver` is [Park2008] (27), (28), Fig. 11. Between samples torque and speed are taken to run straight, and the
-first-order filter is solved exactly for that: with h the interval, q = h/tau and u = B omega + Tb,
+`FilterObserver` is [Park2008] (27), (28), Fig. 11. Torque and speed are taken as linear between samples, for which the
+first-order filter has an exact solution. With h the interval, q = h/tau and u = B omega + Tb, the corrected estimate is
 
     y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
-    w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1,
+    w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1.
 
-is the corrected estimate. As printed u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
+As printed, u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
 
-`KalmanObserver` has Ta as a random walk:
+`KalmanObserver` models Ta as a random walk:
 
     omega' = (-B omega + Ta - Tb)/J + torque error/J,    Ta' = white
 
-The steady filter ([Astrom1997] 11) is used: its gain comes from python-control's Riccati solutions. On samples it
-predicts over each interval exactly and corrects by the gain of the nominal interval.
+It is the steady filter ([Astrom1997] 11); its gain comes from python-control's Riccati solvers. It predicts exactly
+over each interval and corrects with the gain of the nominal interval.
 
-`SampledForm` is either as a recursion at a constant interval: what it makes of noise.
+`SampledForm` is an observer as a recursion at a constant interval, from which its noise follows.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Encoder:
-    """An incremental encoder; the speed is the difference of two counts over the interval between them.
+    """An incremental encoder, whose speed is the difference of two counts over the interval between them.
 
-    That speed is the mean over the interval, so half an interval late. The error of each angle is taken to be
-    uniform over one count and independent of the others, which holds while many counts pass in an interval. `counts`
-    are those of a turn, every edge used: 4 times the lines of an encoder with two tracks. InputError for fewer than 1.
+    That speed is the mean over the interval, so half an interval late. Each angle's error is taken as uniform over one
+    count and independent of the others, which holds if many counts pass in an interval. `counts` per turn include every
+    edge: 4 times the lines of an encoder with two tracks. InputError for fewer than 1.
     """
 
     counts: int
@@ -61,20 +61,20 @@ class Encoder:
 
     @property
     def angle_step(self) -> float:
-        """One count, rad."""
+        """Angle of one count, rad."""
         return 2 * math.pi / self.counts
 
     @property
     def angle_variance(self) -> float:
-        """Of the rounding of one angle, rad^2: a count squared over 12."""
+        """Variance of the rounding error of one angle, rad^2: a count squared over 12."""
         return self.angle_step**2 / 12
 
     def speed_variance(self, interval: float) -> float:
-        """Of the speed at an interval in s, (rad/s)^2: two angles a difference. Neighbours are not independent."""
+        """Variance of the speed, (rad/s)^2, at an interval in s; errors of neighbouring samples are correlated."""
         return 2 * self.angle_variance / interval**2
 
     def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
-        """Measured speed (rad/s) at all times but the first, so k - 1 values.
+        """Measured speed (rad/s) at all times but the first: k - 1 values.
 
         `time` in s and true `angle` in rad are arrays of one length k, 1-D.
         """
@@ -84,10 +84,10 @@ class Encoder:
 
 @dataclass(frozen=True)
 class TorqueSensor:
-    """White noise on every sample, then rounding; N*m.
+    """A torque sensor with white noise and a resolution; N*m.
 
-    `noise` is the standard deviation of a sample, >= 0: electronics, and the ripple that is not torque on the wheel;
-    `resolution` the step of the digits, >= 0. InputError for a number out of range.
+    `noise` is the standard deviation of a sample, >= 0: electronics, and ripple that does not act on the wheel;
+    `resolution` is the step of the readings, >= 0. InputError for a number out of range.
     """
 
     noise: float
@@ -99,11 +99,11 @@ class TorqueSensor:
 
     @property
     def variance(self) -> float:
-        """Of one sample, (N*m)^2."""
+        """Variance of one sample, (N*m)^2."""
         return self.noise**2 + self.resolution**2 / 12
 
     def measured(self, torque: ArrayLike, generator: np.random.Generator) -> Floats:
-        """Measured torque (N*m) of the true `torque` (N*m), of any shape, with noise from a `generator`."""
+        """Measured torque (N*m) for the true `torque` (N*m), of any shape, with noise from a `generator`."""
         true = np.asarray(torque, dtype=float)
         noisy = true + self.noise * generator.standard_normal(true.shape)
         return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
@@ -115,13 +115,13 @@ class TorqueSensor:
 def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Floats:
     """x[k] = transition[k] x[k-1] + forcing[k] for all k, x[-1] = initial: (k, n, n), (k, n), (n,); the result (k, n).
 
-    Blocks of steps are run side by side from rest, each with the product of its transitions; a pass over the blocks
-    then adds what each inherits. Nothing is divided, so stable transitions give rounding errors only.
+    Blocks of steps are computed in parallel from rest, each with the product of its transitions; a pass over the blocks
+    then adds the effect of their initial states. There is no division, so stable transitions give only rounding errors.
     """
     rows, n = forcing.shape
     length = max(math.isqrt(rows), 1)
     blocks = -(-rows // length)
-    padded = np.zeros((blocks * length, n, n + 1))  # the last block is filled up with zeros, cut off at the end
+    padded = np.zeros((blocks * length, n, n + 1))  # the last block is padded with zeros, cut off at the end
     padded[:rows, :, :n], padded[:rows, :, n] = transition, forcing
     steps = padded.reshape(blocks, length, n, n + 1).swapaxes(0, 1).copy()  # by step, then by block
     passed = np.empty_like(steps)  # the product of a block's transitions up to a step, and its response from rest
@@ -145,7 +145,7 @@ def phi(q: Floats) -> Floats:
 
 
 def mean_phi(q: Floats) -> Floats:
-    """(1 - phi(q))/q, the mean of 1 - exp(-q x) over 0 < x < 1 by q; 1/2 at 0."""
+    """(1 - phi(q))/q, 1/2 at 0: the mean of (1 - exp(-q x))/q over 0 < x < 1."""
     small = np.abs(q) < 1e-4  # where the difference cancels: series to rounding of 1e-12
     return np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - phi(q)) / np.where(small, 1.0, q))
 
@@ -154,7 +154,7 @@ def mean_phi(q: Floats) -> Floats:
 class NoiseGains:
     """Variance of Ta_hat, (N*m)^2, for white noise of variance 1 on every sample of one signal, SI.
 
-    `torque` and `speed` are as measured, `angle` that whose differences are the speed: neighbours share an angle.
+    `torque` and `speed` are measured signals. `angle` is for a speed computed from differences of a noisy angle.
     """
 
     torque: float
@@ -164,9 +164,9 @@ class NoiseGains:
 
 @dataclass(frozen=True)
 class SampledForm:
-    """x[k] = F x[k-1] + P u[k-1] + Q u[k], Ta_hat = C x + D u, with u = (Tb, omega), at a constant `interval`, s.
+    """An observer sampled at a constant `interval`, s, with u = (Tb, omega).
 
-    `F` is (n by n), `P` and `Q` (n by 2), `C` (n), `D` (2).
+    x[k] = F x[k-1] + P u[k-1] + Q u[k], Ta_hat = C x + D u. `F` is (n by n), `P` and `Q` (n by 2), `C` (n), `D` (2).
     """
 
     F: Floats
@@ -177,23 +177,23 @@ class SampledForm:
     interval: float
 
     def noise_gains(self) -> NoiseGains:
-        """Squared H2 norms, in closed form but for a Lyapunov equation of the observer's order."""
+        """Squared H2 norms, by a Lyapunov equation of the observer's order."""
         at_once = self.C @ self.Q + self.D
-        after = self.F @ self.Q + self.P  # the impulse response goes on with C F^(k-1) after, k >= 1
+        after = self.F @ self.Q + self.P  # the impulse response for k >= 1 is C F^(k-1) after
         torque, speed = (at_once[i] ** 2 + self._energy(after[:, i]) for i in range(2))
         first, second = at_once[1], (self.C @ after)[1] - at_once[1]
         angle = first**2 + second**2 + self._energy(self.F @ after[:, 1] - after[:, 1])
         return NoiseGains(float(torque), float(speed), float(angle / self.interval**2))
 
     def _energy(self, start: Floats) -> float:
-        """The sum of (C F^k start)^2 over k >= 0."""
+        """Sum of (C F^k start)^2 over k >= 0."""
         from scipy.linalg import solve_discrete_lyapunov
 
         return float(self.C @ solve_discrete_lyapunov(self.F, np.outer(start, start)) @ self.C)
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Standard deviation of Ta_hat, N*m: noise of `encoder` and `sensor` through the `form` of an observer."""
+    """Standard deviation of Ta_hat, N*m, due to the noise of `encoder` and `sensor`, for an observer's `form`."""
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
@@ -203,7 +203,7 @@ def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -
 
 @dataclass(frozen=True)
 class ObserverState:
-    """After a sample: its `time`, s, the `sample`, 1-D, of torque (N*m) and speed (rad/s), and the state `x`, 1-D."""
+    """An observer after a sample: `time`, s, `sample`, 1-D, of torque (N*m) and speed (rad/s), and state `x`, 1-D."""
 
     time: float
     sample: Floats
@@ -212,23 +212,23 @@ class ObserverState:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The `adhesion_torque` Ta_hat after each sample, N*m, 1-D, and the `state` after the last, to go on from."""
+    """Estimates `adhesion_torque` Ta_hat after each sample, N*m, 1-D, and the `state` after the last sample."""
 
     adhesion_torque: Floats
     state: ObserverState
 
 
 def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> Floats | np.float64:
-    """mu_hat = Ta_hat/(N r), of an `adhesion_torque` in N*m, of any shape, on a `vehicle`'s wheel. [Park2008] (29)."""
+    """Coefficient mu_hat = Ta_hat/(N r), [Park2008] (29), of a `vehicle`'s wheel; `adhesion_torque` N*m, any shape."""
     return np.asarray(np.asarray(adhesion_torque, dtype=float) / (vehicle.wheel_load * vehicle.wheel.radius))[()]
 
 
 def checked_samples(
     time: ArrayLike, torque: ArrayLike, omega: ArrayLike, *, after: float | None
 ) -> tuple[Floats, Floats]:
-    """Times and the other two as (k, 2); times must grow, and begin after `after` (s) if it is given.
+    """Check samples and return the times, and torque and speed as (k, 2); times must grow, and begin after `after`, s.
 
-    InputError names the first row, counted from 0, that is refused.
+    InputError names the first invalid row, counted from 0.
     """
     columns = {name: np.asarray(x, dtype=float) for name, x in (("time", time), ("torque", torque), ("omega", omega))}
     t = columns["time"]
@@ -248,39 +248,40 @@ def checked_samples(
     return t, np.stack([columns["torque"], columns["omega"]], axis=1)
 
 
-_AT_ONCE = 1 << 16  # rows: what a pass needs stays in the processor's cache, and memory bounded
+_AT_ONCE = 1 << 16  # rows processed together: fit into the processor's cache, and keep memory bounded
 
 
 class TorqueObserver(ABC):
-    """What observers of a wheel do with samples: `inertia` and `viscous_friction` are its effective J and B."""
+    """Base class of the observers: `inertia` and `viscous_friction` are the wheel's effective J and B."""
 
     inertia: float
     viscous_friction: float
 
     @abstractmethod
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """From measured torque (1) and measured speed (N*m*s) to Ta_hat, at complex `s`, rad/s, 1-D."""
+        """Transfer functions from measured torque (1) and speed (N*m*s) to Ta_hat, at complex `s`, rad/s, 1-D."""
 
     @abstractmethod
     def sampled(self, interval: float) -> SampledForm:
-        """The recursion at a constant `interval`, s, > 0."""
+        """Return the recursion at a constant `interval`, s, > 0."""
 
     @abstractmethod
     def _at_rest(self, omega: float, steady: float) -> Floats:
-        """x after the first sample, at which the estimate is `steady`."""
+        """State x after the first sample, at which the estimate is `steady`, N*m."""
 
     @abstractmethod
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
-        """Estimates and x after samples (k, 2): torque and speed `h` (s) earlier and `now`."""
+        """Estimates and states after samples `now` (k, 2) of torque and speed; `before` are `h` (s) earlier."""
 
     def run(
         self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: ObserverState | None = None
     ) -> Estimates:
-        """Estimates over columns of samples, regular or not, arrays of one length.
+        """Estimate the adhesion torque over columns of samples, at regular intervals or not; arrays of one length.
 
-        `time`, s, 1-D, grows; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. At the first sample the
-        wheel is taken to turn steadily. From the `state` after the sample before it goes on: chunks of a long log give
-        the same estimates as the log in one piece. InputError for samples that are not finite or not in order.
+        `time`, s, 1-D, must grow; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. At the first sample the
+        wheel is taken to turn at constant speed. Given the `state` after the previous sample, the observer continues
+        from it: pieces of a log give the same estimates as the whole. InputError for samples that are not finite or
+        not in order.
         """
         t, u = checked_samples(time, torque, omega, after=None if state is None else state.time)
         out, begin = np.empty(t.size), 0
@@ -299,7 +300,7 @@ class TorqueObserver(ABC):
 
 
 class Form(StrEnum):
-    """PRINTED filters J omega' alone (27); CORRECTED filters every term, so that Ta_hat = Ta/(tau s + 1)."""
+    """Forms of the observer: PRINTED filters only J omega' (27), CORRECTED every term: Ta_hat = Ta/(tau s + 1)."""
 
     PRINTED = "printed"
     CORRECTED = "corrected"
@@ -307,10 +308,10 @@ class Form(StrEnum):
 
 @dataclass(frozen=True)
 class FilterObserver(TorqueObserver):
-    """The published observer; Td is not known to it: the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
+    """The published observer; it does not know Td, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
 
-    Effective `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) of the wheel, `time_constant` tau (s, >
-    0), as printed or corrected by its `form`. InputError for a number out of range.
+    `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) are the wheel's effective values, `time_constant`
+    is tau (s, > 0), and `form` is printed or corrected. InputError for a number out of range.
     """
 
     inertia: float
@@ -325,7 +326,7 @@ class FilterObserver(TorqueObserver):
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
-        """The observer of a `vehicle`'s wheel, with its inertia scale; `time_constant` in s, `form` as of the class."""
+        """Observer for a `vehicle`'s wheel, with its inertia scale; `time_constant` in s, `form` as of the class."""
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -344,7 +345,7 @@ class FilterObserver(TorqueObserver):
         return SampledForm(1 - share[:, None], before, now, np.ones(1), direct, interval)
 
     def _weights(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """What the state forgets within h, and the shares of u before and after it; none of u as printed."""
+        """Decay of the state within h, and weights of u before and after it; as printed, u has no weight."""
         q = h / self.time_constant
         share = -np.expm1(-q)
         if self.form is Form.PRINTED:
@@ -366,16 +367,16 @@ class FilterObserver(TorqueObserver):
 # --- the Kalman filter -----------------------------------------------------------------------------------------------
 
 
-# An equation's residual against the sum of its terms, entry by entry: sound solutions have 1e-10 and less, and what is
-# refused has no digit right.
+# Largest accepted residual of a Riccati equation, over the sum of its terms' magnitudes. Correct solutions have 1e-10
+# or less; wrong ones have no correct digit.
 _LARGEST_RESIDUAL = 1e-6
 
 
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
-    """P of A P + P A' - P C' C P/noise + driven = 0, C the first state; InputError where it cannot be had.
+    """Solve the Kalman filter's Riccati equation for the covariance P; the first state is measured.
 
-    Sampled it is P before a sample, of P = A (P - P C' C P/(C P C' + noise)) A' + driven. The solvers give numbers for
-    any input, so that it is checked that these solve the equation.
+    Continuous: A P + P A' - P C' C P/noise + driven = 0. Sampled, P before a sample: P = A (P - P C' C P/(C P C' +
+    noise)) A' + driven. The solvers return numbers for any input, so the solution is checked; InputError if it fails.
     """
     import control
 
@@ -396,7 +397,7 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
     if not sound:
         raise InputError(
             f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} against driving noise "
-            f"{np.abs(driven).max():g}; give noises nearer to each other, and an interval near the filter's time "
+            f"{np.abs(driven).max():g}; give noises closer to each other, and an interval near the filter's time "
             "constants"
         )
     return P
@@ -404,12 +405,12 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
 
 @dataclass(frozen=True)
 class KalmanObserver(TorqueObserver):
-    """The Kalman filter for the wheel's effective `inertia` (kg m^2, > 0) and `viscous_friction` (N m s, >= 0).
+    """Kalman filter for a wheel of effective `inertia` (kg m^2, > 0) and `viscous_friction` (N m s, >= 0).
 
-    `interval` is the nominal one of the samples, s, > 0. `speed_variance`, (rad/s)^2, > 0, and `torque_variance`,
-    (N*m)^2, >= 0, are those of a sample's noise; `walk`, (N*m)^2/s, > 0, is the intensity of the white noise that
-    drives Ta. What there is of a disturbance torque is taken for Ta. InputError for a number out of range, and for
-    noises so far apart that the gains cannot be computed.
+    `interval` is the nominal sampling interval, s, > 0. `speed_variance`, (rad/s)^2, > 0, and `torque_variance`,
+    (N*m)^2, >= 0, are variances of a sample's noise; `walk`, (N*m)^2/s, > 0, is the intensity of the white noise that
+    drives Ta. A disturbance torque is estimated as part of Ta. InputError for a number out of range, and for noises so
+    different that the gains cannot be computed.
     """
 
     inertia: float
@@ -430,11 +431,11 @@ class KalmanObserver(TorqueObserver):
     def of(
         cls, vehicle: Vehicle, encoder: Encoder, sensor: TorqueSensor, *, interval: float, change: float, within: float
     ) -> Self:
-        """The filter of a vehicle's wheel and its sensors.
+        """Kalman filter for a vehicle's wheel and its sensors.
 
-        The speed's variance is that of the encoder's rounding, taken as white: at low frequencies its rounding errors
-        cancel, so that the filter trusts the speed less than it might. The torque's is the sensor's. Ta is expected
-        to change by `change` (N*m, one standard deviation) within `within` (s): the walk is change^2/within.
+        The encoder's rounding errors are taken as white noise of the speed. They cancel at low frequencies, so the
+        filter gives the speed less weight than it could. The torque's variance is the sensor's. Ta is expected to
+        change by `change` (N*m, one standard deviation) within `within` (s): the walk is change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)
@@ -449,7 +450,7 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def model(self) -> tuple[Floats, Floats]:
-        """x' = A x + b Tb of x = (omega, Ta): A (2, 2) and b (2)."""
+        """Matrices A (2, 2) and b (2) of x' = A x + b Tb with x = (omega, Ta)."""
         J = self.inertia
         return np.array([[-self.viscous_friction / J, 1 / J], [0.0, 0.0]]), np.array([-1 / J, 0.0])
 
@@ -460,15 +461,15 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def continuous_gain(self) -> Floats:
-        """L (2) of x_hat' = A x_hat + b Tb + L (y - omega_hat); a sampled noise counts as variance * interval."""
+        """Gain L (2) of x_hat' = A x_hat + b Tb + L (y - omega_hat); a sampled noise counts as variance * interval."""
         noise = self.speed_variance * self.interval
         return np.asarray(steady_covariance(self.model[0], self.driving_noise, noise, sampled=False)[:, 0] / noise)
 
     @cached_property
     def sampled_gain(self) -> Floats:
-        """K (2) of x_hat[k] = prediction + K (y[k] - predicted omega) at the nominal interval.
+        """Gain K (2) of x_hat[k] = prediction + K (y[k] - predicted omega) at the nominal interval.
 
-        The noise that is added within an interval is by a matrix exponential ([VanLoan1978]).
+        The noise added within an interval comes from a matrix exponential ([VanLoan1978]).
         """
         from scipy.linalg import expm
 
@@ -479,7 +480,7 @@ class KalmanObserver(TorqueObserver):
         driven = transition @ exponential[:2, 2:]
         if not np.isfinite(driven).all():
             raise InputError(
-                f"interval: {self.interval:g} is not allowed with these noises; give values nearer to usual ones (s)"
+                f"interval: {self.interval:g} s is not allowed with these noises; give a more usual interval and noises"
             )
         # symmetric but for rounding
         seen = steady_covariance(transition, (driven + driven.T) / 2, self.speed_variance, sampled=True)[:, 0]
@@ -499,7 +500,7 @@ class KalmanObserver(TorqueObserver):
         return SampledForm(transition, before, now, np.array([0.0, 1.0]), np.zeros(2), interval)
 
     def _recursion(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """F, P and Q of `SampledForm`, over intervals, s: (k, 2, 2) each."""
+        """Matrices F, P and Q of `SampledForm` for each interval h, s: (k, 2, 2) each."""
         q, by_torque = self.viscous_friction / self.inertia * h, h / self.inertia
         transition, before, now = np.zeros((3, len(h), 2, 2))
         transition[:, 0, 0], transition[:, 0, 1], transition[:, 1, 1] = np.exp(-q), by_torque * phi(q), 1.0
@@ -524,11 +525,11 @@ class KalmanObserver(TorqueObserver):
 
 @dataclass(frozen=True)
 class ObserverResponses:
-    """Responses of Ta_hat to what acts on the wheel and to sensor noise, complex arrays of one length.
+    """Frequency responses of Ta_hat to the torques on the wheel and to sensor noise; complex arrays of one length.
 
-    At frequencies `omega`, rad/s: from the true Ta with Tr (`adhesion`), the measured Tb (`brake`), Td (`disturbance`)
-    and noise on Tb (`torque_noise`), N*m per N*m: 1, 0, 0 and small of a good observer; from noise on omega
-    (`speed_noise`), N*m per rad/s.
+    Inputs, at frequencies `omega`, rad/s: the true Ta + Tr (`adhesion`), the measured Tb (`brake`), Td (`disturbance`)
+    and noise on Tb (`torque_noise`), N*m per N*m; noise on omega (`speed_noise`), N*m per rad/s. A good observer has 1
+    for `adhesion`, 0 for `brake` and `disturbance`, and small responses to noise.
     """
 
     omega: Floats
@@ -540,7 +541,7 @@ class ObserverResponses:
 
 
 def observer_responses(observer: TorqueObserver, omega: ArrayLike) -> ObserverResponses:
-    """The continuous `observer` behind the wheel, on a 1-D grid of `omega` > 0, rad/s."""
+    """Frequency responses of a continuous `observer` with its wheel, on a 1-D grid of `omega` > 0, rad/s."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid
     torque, speed = observer.transfers(s)

@@ -1,22 +1,22 @@
-"""Prediction-error fits: each row's wheel speed predicted from the row before, the errors made least.
+"""Prediction-error fits: predict each row's wheel speed from the row before, and minimise the errors.
 
-A random force acts on the wheel and shows in its slip. Where the characteristic is steep it shows there more than in
-the force, and a curve laid through force over slip comes out too flat. The wheel speed one interval ahead does not
-suffer from it: what the force will do is not yet in the slip of now. With w the random force (white, held between
-rows), n the pickup's noise and A the decay of a deviation over the interval, the error of a prediction is
+A random force on the wheel also changes its slip. A curve fitted to force over slip is therefore too flat where the
+characteristic is steep. The wheel speed one interval ahead avoids this bias, as the present slip does not yet contain
+the coming force. With w the random force (white, constant between rows), n the sensor noise and A the decay of a
+deviation over the interval, the error of a prediction is
 
-    r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay),
+    r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay).
 
-whose covariance is tridiagonal; the variances are the likeliest ones, and least squares are of the whitened errors. A
-force that is correlated over several rows is in part in the slip already: on steep rises a bias remains, and the
-intervals are widened by the whitened errors' long-run variance, which shows part of it.
+Its covariance is tridiagonal. The variances are maximum-likelihood estimates, and the whitened errors are minimised. If
+the force is correlated over several rows, the slip contains part of it, and a bias remains on steep rises. The long-run
+variance of the whitened errors shows part of this bias and widens the intervals.
 
-The bristles' deflection z is integrated along the measured slip, in which z' is linear; its value at the start of a
-run is unknown and is fitted with the rest, run by run.
+The bristles' deflection z is integrated along the measured slip, in which z' is linear. Its unknown value at the start
+of each run is fitted with the parameters.
 
-Between rows brake torque and train speed are taken to bend as their neighbours say: a released brake's torque dies out
-so fast that the mean of both ends is 1 % too high, and the adhesion would seem to fall the less for it; and the slip
-where the characteristic is steep is so small that the bend of the train's speed is seen in it.
+Brake torque and train speed between rows are parabolas through neighbouring rows. A released brake's torque decays so
+fast that the mean of both ends is 1 % too high, and the fitted fall of the adhesion would be too small. The curvature
+of the train's speed matters where the characteristic is steep, because the slip is small there.
 """
 
 from __future__ import annotations
@@ -37,36 +37,36 @@ from railslip_ctrl.model.vehicle import Vehicle
 
 from .curves import Cells, Stretches
 from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
+from .messages import message
 from .models import FitModel, Setting, spline
 from .observed import BrakedRows
 from .observer import linear_recursion, mean_phi, phi
-from .words import told
 
 STATIC = ("beam", "polach", "burckhardt", "curve", "table")
-"""Models whose force is a function of slip and speed that is fitted over its whole range."""
+"""Models whose force is a function of slip and speed, fitted over its whole range."""
 
-DYNAMIC = ("bristle",)
+DYNAMIC = ("bristle",)  #: models with a state
 
-_LEAST_INTERVALS = 60  # fewer say nothing of two variances and the parameters
-_SUBSTEPS = (1, 2)  # of an interval: while deviations decay little in it, and where they do
-_LITTLE = 0.3  # times the decay per interval, below which one substep's error is some 1e-5 of the force
-_SLIP_STEP = 1e-6  # for the slope of the force: the steepest law bends over 1e-3
-_ROUNDS = 4  # at most, of estimating the variances and the parameters in turn;
-_SETTLED = 1e-6  # relative change of the parameters from round to round
-_RATIOS = (math.log(1e-8), math.log(1e6))  # of the pickup's variance to the effect of the random force
+_LEAST_INTERVALS = 60  # fewer do not determine two variances and the parameters
+_SUBSTEPS = (1, 2)  # substeps of an interval, with slow and with fast decay of a deviation
+_LITTLE = 0.3  # largest logarithmic decay per interval for one substep, whose error is then some 1e-5 of the force
+_SLIP_STEP = 1e-6  # slip difference for the slope of the force; the steepest law changes its slope over 1e-3
+_ROUNDS = 4  # most rounds of estimating variances and parameters in turn
+_SETTLED = 1e-6  # relative change of the parameters that ends the rounds
+_RATIOS = (math.log(1e-8), math.log(1e6))  # log range of the sensor's variance over that of the random force's effect
 _LARGEST_SLIP = 0.999
-_WILDEST = 50.0  # growth of a deviation over a step, as a logarithm: what is beyond is as wrong, and a finite number
-_OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
-_CONVERGED = 1e-10
-_SEARCH = 300  # evaluations at most of the errors and their slopes
-_ALIKE = 1e-6  # relative: searches whose sums of squares agree so ended in one place
-_FOLLOWED_CELLS = 100  # over the slip ratio
-_SPLINE_POINTS = 256  # over the root of the slip: its error is some 256^-4 of mu
-_SPLINE_REACH = 0.005  # of slip, beyond the record's highest, to which a prediction may come
+_WILDEST = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
+_OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
+_CONVERGED = 1e-10  # relative tolerance of the sum of squares
+_SEARCH = 300  # most evaluations of the errors and their Jacobian
+_ALIKE = 1e-6  # relative: searches with sums of squares this close reached one minimum
+_FOLLOWED_CELLS = 100  # cells over the root of the slip ratio
+_SPLINE_POINTS = 256  # over the root of the slip; the error is some 256^-4 of mu
+_SPLINE_REACH = 0.005  # slip beyond the record's highest that the spline covers for predictions
 
 
 class Errors(NamedTuple):
-    """Of the predictions: r and the decay A (both by interval), and by how much r moves with each run's start."""
+    """Prediction errors r and decay A, by interval, and the derivative of r by the state at each run's start."""
 
     error: Floats
     decay: Floats
@@ -75,9 +75,9 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Intervals:
-    """Neighbouring rows of one run, an array each of one length: at the beginning (0) and the end (1).
+    """Intervals between neighbouring rows of a run, SI: values at the beginning (0) and the end (1).
 
-    `speed_bend` is the second derivative of the train's speed by the interval squared, m/s.
+    Arrays of one length. `speed_bend` is the second derivative of the train's speed times the interval squared, m/s.
     """
 
     step: Floats
@@ -94,7 +94,7 @@ class Intervals:
 
     @classmethod
     def of(cls, record: BrakedRows) -> Intervals:
-        """Of a record."""
+        """Intervals of a record."""
         same = np.diff(record.run) == 0
         v0, omega0, torque0 = (x[:-1][same] for x in (record.speed, record.omega, record.torque))
         v1, omega1, torque1, time = (x[1:][same] for x in (record.speed, record.omega, record.torque, record.time))
@@ -106,19 +106,19 @@ class Intervals:
         return len(self.step)
 
     def bent(self, *, steeper: bool = False) -> Intervals:
-        """With the bend of the train's speed, and torques between which a line has the mean of a parabola.
+        """Account for curvature: sets `speed_bend`, and shifts the torques so that a line has the parabola's mean.
 
-        Of the two parabolas through three rows, with the row before and with the row after, the flatter: none goes
-        across a corner. The steeper does, and bounds what a corner between two rows may do.
+        Two parabolas pass through the interval and a third row, before or after it. The flatter one is used, as it does
+        not cross a corner of the signal. The steeper one bounds the effect of a corner between two rows.
         """
         excess = self._bend(self.torque0, self.torque1, steeper=steeper) / 12.0
         bend = self._bend(self.speed0, self.speed1, steeper=steeper)
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
     def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
-        """Second derivative by the interval squared; 0 where no neighbour tells it."""
+        """Second derivative times the interval squared; 0 for a run of one interval."""
         slope = (end - begin) / self.step
-        bend = np.full(len(self) + 1, np.nan)  # where two intervals meet; unknown at both ends of a run
+        bend = np.full(len(self) + 1, np.nan)  # at the rows between two intervals; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
         bend[:-1][self.begins] = np.nan
         before, after = bend[:-1], bend[1:]
@@ -129,12 +129,12 @@ class Intervals:
 
     @property
     def begins(self) -> Flags:
-        """The first of each run."""
+        """Mask of the first interval of each run."""
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
 class PredictionErrors:
-    """The whitened errors of a model along a record."""
+    """Least-squares problem of a model's whitened prediction errors along a record."""
 
     def __init__(self, model: FitModel, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
         self.model, self.coordinates, self.wheel_load = model, model.coordinates, wheel_load
@@ -151,19 +151,19 @@ class PredictionErrors:
     # --- one interval ahead -----------------------------------------------------------------------------------------
 
     def errors(self, values: Floats) -> Errors:
-        """The predictions' errors."""
+        """Prediction errors for parameter values."""
         return self._bristles(values)[0] if self.model.name in DYNAMIC else self._static_errors(values)
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
         slip = np.minimum(np.abs(sigma) / v, _LARGEST_SLIP)
-        if self.model.name == "curve":  # an integral for every value, of the slip alone; a force, whatever the load
+        if self.model.name == "curve":  # each value is an integral, so a spline replaces it; independent of the load
             force = self._curve(tuple(values))(np.sqrt(slip)) * self.wheel_load
         else:
             force = self.model.coefficient(values, slip, v, self.intervals.load) * self.intervals.load
         return np.asarray(np.sign(sigma) * force)
 
     def _curve(self, values: tuple[float, ...]) -> Any:
-        """mu of a model that depends on the slip alone, as a spline over its root, kept for the last values."""
+        """Spline of mu over the root of the slip, for a model without speed dependence; cached for the last values."""
         from scipy.interpolate import CubicSpline
 
         if self._spline is None or self._spline[0] != values:
@@ -173,10 +173,10 @@ class PredictionErrors:
         return self._spline[1]
 
     def _static_errors(self, values: Floats) -> Errors:
-        """The exponential Rosenbrock method of order 2, exact for a straight characteristic, however steep, and ramps.
+        """Predict by the exponential Rosenbrock method of order 2, exact for a linear characteristic and ramps.
 
-        In sigma, with the train's speed as it was measured: where the characteristic is steep the wheel follows the
-        train at once, and omega would move far while sigma hardly does.
+        The state is sigma, with the measured train speed. Where the characteristic is steep, the wheel follows the
+        train at once, so omega changes much and sigma little.
         """
         i = self.intervals
         h = i.step / self._substeps
@@ -185,7 +185,7 @@ class PredictionErrors:
         v, torque, sigma, decay = i.speed0, i.torque0, i.speed0 - self.radius * i.omega0, np.ones(len(i))
         dv = dv - bend * (self._substeps - 1) / 2.0
         for _ in range(self._substeps):
-            at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # in one call: rows are few, calls are slow
+            at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # one call, as calls dominate the time for few rows
             force, steeper, later = self._force(values, at, np.stack([v, v, v + dv]))
             q = (self.radius**2 * (steeper - force) / (_SLIP_STEP * v) + self.B) / self.J * h
             q = np.maximum(q, -_WILDEST)
@@ -199,7 +199,7 @@ class PredictionErrors:
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def followed(self, values: Floats) -> Floats:
-        """mu over slip as the bristles had it in the runs, means in cells of the slip's root: (2, cells)."""
+        """Slip and mu of the bristle model along the runs, means in cells of the slip's root: (2, cells)."""
         found, sigma, mean, left = self._bristles(values)
         assert found.start is not None
         assert self._factor is not None, "set_variances comes first"
@@ -219,9 +219,10 @@ class PredictionErrors:
         return alpha, beta, gamma
 
     def _bristles(self, values: Floats) -> tuple[Errors, Floats, Floats, Floats]:
-        """The errors; sigma, the mean of z from nothing at the start, and what the mean keeps of z at the start.
+        """Integrate z' = sigma - alpha h sigma z, with sigma the mean of both ends of an interval.
 
-        z' = sigma - alpha h sigma z with sigma the mean of both ends.
+        Returns the errors, sigma, the mean of z in each interval for z = 0 at the start of the run, and its derivative
+        by z at the start.
         """
         i = self.intervals
         alpha, beta, gamma = self._values(values)
@@ -234,10 +235,10 @@ class PredictionErrors:
             np.where(begins, 0.0, np.exp(-q))[:, None, None], (i.step * sigma * share)[:, None], _ZERO
         )
         z0 = np.where(begins, 0.0, np.concatenate([_ZERO, z1[:-1, 0]]))
-        # mean over the interval: of what was there, and of what is added
+        # mean over the interval: from z at its beginning, and from its growth
         mean = z0 * share + i.step * sigma * mean_phi(q)
-        worn = np.cumsum(q) - q
-        left = np.exp(-(worn - worn[begins][i.run]))  # of the deflection at the start of the run
+        decay = np.cumsum(q) - q
+        left = np.exp(-(decay - decay[begins][i.run]))  # remaining share of z at the start of the run
         gain = i.step / self.J * self.radius * alpha
         torque = (i.torque0 + i.torque1) / 2
         predicted = i.omega0 + gain * mean - i.step / self.J * (torque + self.B * omega)
@@ -247,9 +248,9 @@ class PredictionErrors:
     # --- whitening --------------------------------------------------------------------------------------------------
 
     def set_variances(self, values: Floats) -> None:
-        """The likeliest variances for the errors at some parameters; they are whitened with them from now on.
+        """Set the maximum-likelihood variances for the errors at some parameters; from now on they whiten the errors.
 
-        Of both, the ratio is looked for; the common factor follows from it.
+        The ratio of the two variances is searched for; their common factor follows from it.
         """
         from scipy.optimize import minimize_scalar
 
@@ -268,9 +269,9 @@ class PredictionErrors:
         self._factor = factor * scale
 
     def _covariance_bands(self, A: Floats) -> tuple[Floats, Floats]:
-        """The errors' covariance, banded: of a random force of effect 1, of a pickup of variance 1; `A` the decay."""
+        """Banded covariances of the errors: of a random force of effect 1, of a sensor variance of 1; `A` the decay."""
         i = self.intervals
-        # a force held for a nominal interval; over another its mean is the surer the longer
+        # the force is constant over a nominal interval; the variance of its mean falls with a longer interval
         gain = phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
         force, pickup = np.zeros((2, len(i))), np.zeros((2, len(i)))
         force[0], pickup[0] = gain**2, 1 + A**2
@@ -278,7 +279,7 @@ class PredictionErrors:
         return force, pickup
 
     def residuals(self, values: Floats) -> Floats:
-        """The whitened errors, of variance 1 each where the model is right."""
+        """Whitened errors, of variance 1 each if the model is right."""
         found = self.errors(values)
         assert self._factor is not None, "set_variances comes first"
         start = None if found.start is None else self._whitened(found.start, self._factor)
@@ -288,11 +289,11 @@ class PredictionErrors:
     def _whitened(x: Floats, factor: Floats) -> Floats:
         from scipy.linalg.blas import dtbsv
 
-        # `solve_banded` pivots, of which a triangle has no need; ValueError where x is not finite, as it has
+        # faster than `solve_banded`, which pivots without need; raises ValueError if x is not finite, as that does
         return np.asarray(dtbsv(1, factor, np.asarray_chkfinite(x), lower=1))
 
     def _without_start(self, error: Floats, start: Floats | None) -> Floats:
-        """The errors with the best start of each run."""
+        """Errors for the best state at the start of each run."""
         if start is None:
             return error
         run = self.intervals.run
@@ -302,7 +303,7 @@ class PredictionErrors:
     # --- the fit ----------------------------------------------------------------------------------------------------
 
     def solve(self, starts: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """The best coordinates from several starts of the parameters, and the whitened errors there."""
+        """Best coordinates from several starting values of the parameters, and the whitened errors there."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
             self._substeps = _SUBSTEPS[steepest > _LITTLE]
@@ -318,14 +319,14 @@ class PredictionErrors:
         return found, self.residuals(values(found))
 
     def likeliest(self, start: Floats) -> tuple[float, Floats, float]:
-        """-2 log likelihood, but for a constant, of the best parameters from a start; these; the errors' inflation."""
+        """Fit from one start: (-2 log likelihood up to a constant, best parameters, inflation of the errors)."""
         found, errors = self.solve([start])
         return self.deviance, self.coordinates.values(found), _inflation(self.intervals, errors, len(found))[0]
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood, but for a constant, at the parameters that the variances were set at."""
-        # the factor has the scale in it: as many whitened squares as there are errors
+        """-2 log likelihood, up to a constant, at the parameters for which the variances were set."""
+        # the factor includes the scale, so the sum of the whitened squares equals their number
         assert self._factor is not None, "set_variances comes first"
         return 2.0 * float(np.sum(np.log(self._factor[0])))
 
@@ -340,11 +341,11 @@ class PredictionErrors:
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
-        """By how much the coordinates are shifted by what happens between the rows, cause by cause.
+        """Shifts of the coordinates due to the unknown motion between rows, one for each cause.
 
-        The bends of torque and train speed count as if parabolas took out none of them, and once more with the steeper
-        of the two parabolas in each interval, as where the brake is released between rows. The steps inside an interval
-        count by Richardson's estimate, of order 2; the bristles' state is integrated exactly along the measured slip.
+        - Curvature of torque and train speed: the effect of leaving out the parabolas, and the effect of taking the
+          steeper parabola in each interval, as if the brake was released between rows.
+        - Integration step: Richardson's estimate of order 2. The bristles' state is integrated exactly.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, bent = self.residuals(values), self.intervals
@@ -365,35 +366,35 @@ _ZERO = np.zeros(1)
 
 
 def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
-    """Cholesky factor, banded, of the covariance for a pickup's variance over the effect of the random force."""
+    """Banded Cholesky factor of the covariance, for a ratio of sensor variance to the random force's effect."""
     from scipy.linalg import cholesky_banded
 
     force, pickup = bands
     return np.asarray(cholesky_banded(force + ratio * pickup, lower=True))
 
 
-# --- a fit to the cells, fitted again to the prediction errors -----------------------------------------------------
+# --- prediction-error fit, starting from a fit to the cells --------------------------------------------------------
 
 
-_LEAST_ROWS = 4  # between two knots of a table: a wheel that runs away leaves wide gaps between its rows
-_STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed,
-_STRETCHES_A_PARAMETER = 3.0  # unless that leaves fewer of them, as a variance needs some freedom
-_ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
-_FAR_BELOW = 1 / 3  # of the slip that a ramp is looked at up to
-_RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
+_LEAST_ROWS = 4  # between two knots of a table; rapidly growing slip leaves gaps between the rows
+_STRETCH = 10.0  # shortest stretch over which errors are summed, in intervals
+_STRETCHES_A_PARAMETER = 3.0  # least stretches for each parameter; shorter ones are used if there are fewer
+_ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha, over the fit to the cells, which is too large if the slip grows rapidly
+_FAR_BELOW = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
+_RAMP_RANGE = 2.0  # a note gives the peak for ramps slower and steeper by this factor
 
 
 def is_followed(model: FitModel, record: BrakedRows) -> bool:
-    """Whether a model has a prediction-error fit: not every one has, and none to a record of few intervals."""
+    """True if a model has a prediction-error fit and the record has enough intervals for it."""
     return model.name in (*STATIC, *DYNAMIC) and int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
 
 def prediction_error_fit(
     found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """A fit to the cells, fitted again to the prediction errors; as it was where `is_followed` says no.
+    """Refit a model to the prediction errors, from its fit to the cells; unchanged unless `is_followed`.
 
-    `profiles` as of `fits.fit`. InputError for a log whose wheel the model cannot follow.
+    `profiles` as of `fits.fit`. InputError for a log whose wheel motion the model cannot follow.
     """
     if not is_followed(found.model, record):
         return found
@@ -401,8 +402,8 @@ def prediction_error_fit(
         return _refitted(found, record, vehicle, cells, setting, profiles)
     except RailslipError:
         raise
-    except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
-        raise InputError(told("cannot follow")) from error
+    except ValueError as error:  # raised by SciPy and LAPACK if the errors are not finite
+        raise InputError(message("cannot follow")) from error
 
 
 def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
@@ -434,7 +435,7 @@ def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
 
 
 def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
-    """The knots of a table between which a record has rows enough, the last one among them."""
+    """Indices of the knots of a table that have enough rows between them, always with the last one."""
     kept = [0]
     for i in range(1, len(knots)):
         if np.count_nonzero((slip > knots[kept[-1]]) & (slip <= knots[i])) >= _LEAST_ROWS:
@@ -443,7 +444,7 @@ def _knots_with_rows(knots: Floats, slip: Floats) -> list[int]:
 
 
 def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[float, int]:
-    """Long-run variance of the whitened errors, 1 or more where they are not as white as they should be."""
+    """Long-run variance of the whitened errors (1 if they are white), and its degrees of freedom."""
     rows = min(_STRETCH, len(errors) / (_STRETCHES_A_PARAMETER * parameters))
     length = max(rows, 1.0) * float(np.median(intervals.step))
     stretch = ((intervals.time - intervals.time[0]) / length).astype(np.int64)
@@ -453,11 +454,11 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
 
 
 def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
-    """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from test to test.
+    """Mean slip acceleration R, m/s^2, up to the slip ratio `top`, and its standard deviation from test to test.
 
-    Of the tests that come to it from below, each until it does, by their time; of all, as far as they go, where none
-    does. Tests that begin far below go before those that are cut off there, as slip rises the faster the nearer the
-    peak. 0 for an empty record; no deviation where fewer than two tests come there.
+    It is the time-weighted mean over the tests that reach `top` from below; if none does, over all tests. Tests that
+    begin far below `top` are preferred, as the slip rises faster near the peak. R is 0 for an empty record; the
+    deviation is None if fewer than two tests reach `top`.
     """
     slip = 1.0 - radius * record.omega / record.speed
     test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
@@ -483,7 +484,7 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
 
 
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
-    """The model with the ramp whose build-up its peak is of, said in its note; and the ramp's scatter, if shown."""
+    """Add the ramp that defines the peak to a model, with a note; returns the model and the ramp's scatter or None."""
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:
         R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread
@@ -497,6 +498,6 @@ def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitMo
 
     chosen, slip = at(R)
     low, high = (at(ramp)[1] for ramp in (R / _RAMP_RANGE, R * _RAMP_RANGE))
-    counted = told("no scatter") if spread is None else told("scatter", spread=spread)
-    note = told("ramp of the peak", R=R, source=source, slip=slip, low=low, high=high, counted=counted)
+    counted = message("no scatter") if spread is None else message("scatter", spread=spread)
+    note = message("ramp of the peak", R=R, source=source, slip=slip, low=low, high=high, counted=counted)
     return replace(chosen, notes=(note,)), spread

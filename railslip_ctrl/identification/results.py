@@ -1,4 +1,4 @@
-"""What is told of fits: scores side by side, regimes, the slip of highest adhesion and that to hold, change with v0."""
+"""Summaries of fits: model scores, regimes, peak slip, reference slip, dependence on v0."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
 from .fits import NORMAL_QUANTILE, Fit, differences
+from .messages import message
 from .models import FitModel, spline
-from .words import told
 
 # --- the two regimes: mu rises with slip up to its peak, and falls beyond --------------------------------------------
 
 
 @dataclass(frozen=True)
 class Regimes:
-    """Adhesion below a slip ratio, the `boundary`, sliding from there on; the `source` is whose peak that is."""
+    """Split into adhesion below the slip ratio `boundary` and sliding above it; `source` names the peak used."""
 
     boundary: float
     source: str
 
     def of(self, slip: Floats) -> NDArray[np.str_]:
-        """The regime of data by slip ratio."""
+        """Regime of each slip ratio: "adhesion" or "sliding"."""
         return np.where(slip < self.boundary, "adhesion", "sliding")
 
     def errors(self, score: Score) -> tuple[float, float]:
-        """Mean over the bins of each regime of |mean mu - model|; NaN where there are none."""
+        """Mean of |mean mu - model| over the bins of (adhesion, sliding); NaN for a regime without bins."""
         below = score.bin_slip < self.boundary
         adhesion, sliding = score.bin_error[below], score.bin_error[~below]
         return (
@@ -46,30 +46,30 @@ class Regimes:
 
 
 def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
-    """Parted at the `peak` (slip ratio) of a model, where the data go past it; else as without."""
-    if peak <= float(cells.slip.max()):  # not where it is NaN
+    """Split at the `peak` (slip ratio) of a model if the data go past it, else as `otherwise`."""
+    if peak <= float(cells.slip.max()):  # false for NaN
         return Regimes(peak, f"the peak of {model}")
     return otherwise
 
 
 def regimes_of_data(cells: Cells) -> Regimes:
-    """Parted where the data's own mu is highest, which on a flat top the noise tells: for want of a model's peak."""
+    """Split at the highest measured mu. Fallback if no model has a peak; on a flat curve noise decides where it is."""
     return Regimes(peak_slip(cells), "the highest mean mu of the log")
 
 
 # --- fits side by side, as [Park2008] Table 3 ------------------------------------------------------------------------
 
 
-_LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and n - p - 1 of them must stay at least
+_LEAST_BY_PARAMETER = 2.0  # least independent samples for each parameter; the criteria assume many samples
 
 
 @dataclass(frozen=True)
 class Score:
-    """How well a fit follows the data: |mean mu - model's mean mu| by bin of slip, and information criteria.
+    """Goodness of a fit: |mean mu - model's mean mu| by bin of slip (`bin_error`), and information criteria.
 
-    The criteria are of as many samples as are `independent`: by the noise's long-run variance, but no fewer than the
-    stretches that gave it. The noise is what the best of the models compared leaves, so that criteria are to be
-    compared within one comparison alone; lower is better.
+    The criteria use the number of `independent` samples, from the long-run variance of the noise, but at least the
+    number of stretches that gave it. The noise is the residual of the best model compared, so compare criteria only
+    within one comparison. Lower is better.
     """
 
     fit: Fit
@@ -86,32 +86,32 @@ class Score:
 
 
 def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
-    """Scores of fits to the same cells, the lowest BIC first."""
+    """Score fits to the same cells; lowest BIC first."""
     samples = float(cells.count.sum())
     least = min(fits, key=lambda each: each.residual_squares)
     noise = least.residual_squares / samples
     independent = samples
     if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
-        stretches = least.degrees_of_freedom + len(least.parameters)  # whose sums are taken as independent
+        stretches = least.degrees_of_freedom + len(least.parameters)  # their sums are taken as independent
         independent = max(samples * noise / least.long_run_variance, float(stretches))
     scores = []
     for fit in fits:
-        parameters = len(fit.parameters) + 1  # and the variance of the noise
-        # data without noise leave rounding alone, which is not 0
+        parameters = len(fit.parameters) + 1  # the variance of the noise is one too
+        # the lower limit avoids log(0) for data without noise
         deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
         aic, bic = (deviance + each * parameters for each in (2.0, math.log(independent)))
         scores.append(Score(fit, *_bin_errors(fit, cells), aic, bic, independent))
     return tuple(sorted(scores, key=lambda score: score.bic))
 
 
-FALSE_MISFIT = 0.01  #: probability with which a right formula is rejected, at most
+FALSE_MISFIT = 0.01  #: significance level of the lack-of-fit test: a right formula is rejected at most this often
 
 
 def misfit_probability(fit: Fit, table: Fit) -> float:
-    """Probability that a right formula follows the wheel's motion as much worse than a table as this one, or more.
+    """p-value of a formula in the F test for lack of fit against a table.
 
-    The F test for lack of fit: the deviance that the table gains for each of its further values, over the long-run
-    variance of the table's whitened errors, which is 1 or more. NaN for a model without a prediction-error fit.
+    F is the deviance gained by the table for each additional value, over the long-run variance of the table's whitened
+    errors (at least 1). NaN for a model without a prediction-error fit.
     """
     from scipy.stats import f
 
@@ -133,14 +133,14 @@ def departure(fit: Fit, table: Fit) -> float:
 
 
 def too_few(scores: Sequence[Score]) -> str:
-    """A sentence where some model has so many parameters that the criteria cannot weigh it; else empty."""
+    """Note if a model has too many parameters for the criteria; else empty."""
     if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
         return ""
-    return told("too few samples", independent=scores[0].independent)
+    return message("too few samples", independent=scores[0].independent)
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
-    """Mean slip of each bin of the curve, and |mean mu - model's mean mu| in it."""
+    """Mean slip of each bin of the curve that holds samples, and |mean mu - model's mean mu| in it."""
     place = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
     n = np.bincount(place, cells.count, minlength=BINS)
     full = n > 0
@@ -149,38 +149,42 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
     return slip[full] / n[full], np.abs(error[full] / n[full])
 
 
-# --- the slip of highest adhesion, how well it is known, and the slip to hold ----------------------------------------
+# --- peak slip, its uncertainty, and the reference slip --------------------------------------------------------------
 
 
-QUANTILE = 1.959963984540054  #: half width of a normal 95 % interval in standard errors, as for the peak
+QUANTILE = 1.959963984540054  #: half width of a normal 95 % interval in standard errors, used for the peak
 
-LARGEST_LOSS = 0.02  #: share of the highest adhesion that a reference slip may give away for the peak's uncertainty
+LARGEST_LOSS = 0.02  #: largest share of the highest adhesion that a reference slip gives up for the peak's uncertainty
 
 OFF_THE_PEAK = 0.8
-"""Largest reference slip over that of the peak: on the peak the slip's pole changes sign, and margins say nothing of
-a little more slip; a quarter more, as an envelope tolerates, is just the peak."""
+"""Largest ratio of reference slip to peak slip.
+
+At the peak the slip's pole changes sign, so margins there do not hold at slightly more slip. With this ratio a slip
+error of a quarter, as an envelope tolerates, just reaches the peak.
+"""
 
 _UNKNOWN = (math.nan, math.nan)
-_LOWEST_SLIP = 1e-5  # a peak here is none: the law falls from the start
-_STEP = 0.1  # of a standard error, or of a coordinate's size where that is less, for the derivatives of the peak
-_PEAK_POINTS = 2000  # of the slips among which a table's peak is looked for: 0.3 % from one to the next
-_UNRESOLVED = 0.25  # of the distance between knots: the spline shows no peak that is narrower
-_NEAR_PEAK = 2.0  # ratio of slips up to which a spline's error between its knots counts for the peak
-_SAME_SLIP = 1e-4  # relative: a flat maximum is found to 1e-8 of mu, and so to the root of it
-_LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maximum) is what would be differentiated
+_LOWEST_SLIP = 1e-5  # a lower peak does not count: the law falls from the start
+_STEP = 0.1  # difference step for the peak's derivatives, in standard errors, or sizes of a coordinate if less
+_PEAK_POINTS = 2000  # slips among which a table's peak is searched, 0.3 % apart
+_UNRESOLVED = 0.25  # of the distance between knots: resolution of the spline's peak
+_NEAR_PEAK = 2.0  # ratio of slips; the spline's error between knots within it counts for the peak
+_SAME_SLIP = 1e-4  # relative tolerance of equal peak slips: root of the error of mu, 1e-8, at a flat maximum
+_LEAST_STEP = 1e-5  # least relative difference step; below it the rounding error of the peak, 1e-8, dominates
 
 
 @dataclass(frozen=True)
 class PeakSlip:
-    """Highest adhesion at a speed, m/s, on a rail: the slip where it is, and mu there; NaN for a law without a peak.
+    """Peak of the adhesion at a speed, m/s, on a rail: slip ratio and mu; the slip is NaN for a law without a peak.
 
-    The intervals are at 95 %. For a formula they come from the fit's covariance by the delta method, and from the
-    scatter of the ramp if the peak is that of one; they contain the table's interval, which rests on no formula. A high
-    end is infinite if the log does not pass the peak.
-    The `reference` is the slip to hold: as near to the peak as its 99 % interval allows without passing
-    it, as beyond the peak the wheel is unstable, but giving away no more than `LARGEST_LOSS` for that, and at most
-    `OFF_THE_PEAK` of it. `by_rule` is a law on wet rail made from the dry one by its own rule, without standard errors;
-    `extrapolated` one at an initial speed that the log did not have.
+    - slip_interval, coefficient_interval: 95 %. For a formula they come from the fit's covariance by the delta method,
+      and from the scatter of the ramp if the peak depends on it; they contain the table's interval, which assumes no
+      formula. An upper end is infinite if the log does not pass the peak.
+    - reference, reference_coefficient: reference slip, and mu there. It lies below the peak's 99 % interval, as the
+      wheel is unstable beyond the peak, unless that gives up more than `LARGEST_LOSS` of the adhesion. It is at most
+      `OFF_THE_PEAK` times the peak slip.
+    - by_rule: the wet law was made from the dry one by the law's rule, without standard errors.
+    - extrapolated: the log did not have this initial speed.
     """
 
     speed: float
@@ -206,28 +210,28 @@ class PeakSlip:
 
     @property
     def lowest_slip(self) -> float:
-        """Low end of the 99 % interval of the slip."""
+        """Lower end of the 99 % interval of the slip."""
         return self.slip - NORMAL_QUANTILE / QUANTILE * (self.slip - self.slip_interval[0])
 
     @property
     def basis(self) -> str:
-        """What it rests on, in words."""
+        """Source of the peak: "log" or "rule", with ", extrapolated" if it is."""
         source = "rule" if self.by_rule else "log"
         return f"{source}, extrapolated" if self.extrapolated else source
 
 
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
-    """The peak of a law whose parameters are taken as exact, at a speed in m/s and a wheel load in N."""
+    """Peak of a law with exact parameters, at a speed in m/s and a wheel load in N."""
     found = peak(law, speed, wheel_load)
     value = np.array([found.slip, found.coefficient])
     return _with_reference(law, speed, wheel_load, value, np.stack([value, value], axis=1))
 
 
 def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail, *, widest: Floats | None = None) -> PeakSlip:
-    """The peak of a fitted model, with its uncertainty; wet from dry by the law's own rule.
+    """Peak of a fitted model with its uncertainty; on wet rail, from a dry law by the law's rule.
 
-    `widest`, (2, 2), are shares of slip and mu that the intervals have to contain, as `table_intervals` gives them.
-    InputError for dry rail from a log on wet rail.
+    `widest`, (2, 2), are (low, high) of slip and mu over the peak's, which the intervals must contain. InputError for
+    dry rail from a log on wet rail.
     """
 
     def at(model: FitModel, values: np.ndarray) -> tuple[float, float]:
@@ -257,9 +261,9 @@ def drift(
     shown: tuple[float, float] = (0.0, math.inf),
     widest: Floats | None = None,
 ) -> tuple[PeakSlip, ...]:
-    """The peak over speeds (m/s), on the rail of the log, and on wet rail too; `shown` are the speeds the log is of.
+    """Peaks over speeds (m/s), on the rail of the log and on wet rail.
 
-    `widest` as of `peak_of_fit`.
+    `shown` are the lowest and highest initial speed of the log; `widest` as of `peak_of_fit`.
     """
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
     peaks = [peak_of_fit(fit, speed, wheel_load, rail, widest=widest) for rail in rails for speed in speeds]
@@ -267,23 +271,23 @@ def drift(
 
 
 def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
-    """What of the peaks of a model is not from the log, a sentence each; `shown` as of `drift`."""
+    """Notes on peaks of a model that do not come from the log, one sentence each; `shown` as of `drift`."""
     notes = []
     if any(peak.extrapolated for peak in peaks):
         low, high = (f"{speed / KMH:.4g}" for speed in shown)
         own = f"{high} km/h" if low == high else f"{low} to {high} km/h"
-        notes.append(told("extrapolated", own=own))
+        notes.append(message("extrapolated", own=own))
     ruled = [peak for peak in peaks if peak.by_rule]
     if ruled:
-        notes.append(told("wet by rule", model=model))
+        notes.append(message("wet by rule", model=model))
     slips = {(peak.speed, peak.by_rule): peak.slip for peak in peaks}
     if ruled and all(math.isclose(slips[p.speed, False], p.slip, rel_tol=_SAME_SLIP) for p in ruled):
-        notes.append(told("one factor", model=model))
+        notes.append(message("one factor", model=model))
     return tuple(notes)
 
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
-    """Delta method in the coordinates of the search, over a tenth of a standard error: slip and height of the peak."""
+    """Standard errors of the peak's slip and mu, by the delta method in the search coordinates."""
     coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     if not len(known):
@@ -306,10 +310,9 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 def table_intervals(table: Fit) -> Floats:
     """95 % intervals of slip and mu at the peak of a fitted table: ((low, high), (low, high)).
 
-    A slip belongs to the interval if its mu is lower than the highest by no more than the error of the difference. The
-    error has two parts: that of the values, and that of the spline between its knots, which is taken to be as large as
-    the difference from a spline with every second knot. The upper ends are infinite if the log ends within the
-    interval.
+    A slip belongs to the interval if its mu is below the highest by at most the error of the difference. The error is
+    that of the values plus that of the spline between its knots, estimated by the difference from a spline with every
+    second knot. The upper ends are infinite if the log ends within the interval.
     """
     knots, noise = table.model.knots, np.diag(table.covariance)
     slip = np.geomspace(knots[0], knots[-1], _PEAK_POINTS)
@@ -319,10 +322,10 @@ def table_intervals(table: Fit) -> Floats:
     misfit = 0.0
     if table.coarse is not None:
         near = np.abs(np.log(knots / slip[top])) <= math.log(_NEAR_PEAK)
-        # half of the knots leave half of the variance, so that the difference has the other half
+        # values at half as many knots have half the variance, so the difference has the other half
         squares = (table.coarse - table.values)[near] ** 2 - np.nan_to_num(noise[near]) / 2.0
         misfit = math.sqrt(max(float(squares.mean()), 0.0)) if near.any() else math.inf
-    unknown = np.diag(np.where(np.isnan(noise), mu[top] ** 2, 0.0))  # a value that the data do not show
+    unknown = np.diag(np.where(np.isnan(noise), mu[top] ** 2, 0.0))  # of values that the data do not determine
     covariance = np.nan_to_num(table.covariance) + unknown
 
     def error(of: Floats) -> Floats:
@@ -349,12 +352,12 @@ def _with_reference(law: AdhesionLaw, speed: float, wheel_load: float, found: Fl
         return found_peak
     surely = found_peak.lowest_slip if math.isfinite(found_peak.lowest_slip) else -math.inf
     reference = min(max(surely, lowest), OFF_THE_PEAK * slip)
-    held = float(adhesion_coefficient(law, speed, reference, wheel_load))
-    return replace(found_peak, reference=reference, reference_coefficient=held)
+    mu_at_reference = float(adhesion_coefficient(law, speed, reference, wheel_load))
+    return replace(found_peak, reference=reference, reference_coefficient=mu_at_reference)
 
 
 def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, coefficient: float) -> float:
-    """Where below the peak the law passes a coefficient."""
+    """Slip below the peak at which the law has a coefficient."""
     from scipy.optimize import brentq
 
     if float(adhesion_coefficient(law, speed, _LOWEST_SLIP, wheel_load)) >= coefficient:
@@ -368,20 +371,19 @@ def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, 
 # --- parameters over the initial speed: [Park2008] (30)-(32) ---------------------------------------------------------
 
 
-HIGHEST_DEGREE = 2  #: as in (30)-(32)
+HIGHEST_DEGREE = 2  #: of the polynomials, as in (30)-(32)
 
-_IMPROBABLE = 0.01  # a misfit told
+_IMPROBABLE = 0.01  # significance level for a warning about a misfit
 
-_SAME_SPEED = 0.01  # relative: initial speeds nearer than this are one
+_SAME_SPEED = 0.01  # relative: initial speeds nearer than this count as equal
 
 
 @dataclass(frozen=True)
 class ParameterPolynomial:
-    """A parameter over the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI, with their covariance.
+    """A parameter as a polynomial of the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI.
 
-    It goes near the `values` at `speeds_kmh`. `misfit_probability` is that of the values being as far from it as they
-    are, or farther, by their standard errors alone (chi-squared); NaN where it goes through all of them, or a standard
-    error is not known.
+    It is fitted to the `values` at `speeds_kmh`. `misfit_probability` is the p-value of the chi-squared test of the
+    values against it; NaN if it passes through all of them, or too few standard errors are known.
     """
 
     name: str
@@ -393,10 +395,10 @@ class ParameterPolynomial:
 
     @property
     def misses(self) -> str:
-        """A sentence where the logs' values are farther from it than their errors allow; empty where they are not."""
+        """Warning if the values are farther from the polynomial than their errors explain; else empty."""
         if not self.misfit_probability < _IMPROBABLE:
             return ""
-        return told("misses", name=self.name, probability=self.misfit_probability)
+        return message("misses", name=self.name, probability=self.misfit_probability)
 
     @property
     def stderrs(self) -> Floats:
@@ -409,22 +411,22 @@ class ParameterPolynomial:
         return float(np.sqrt(powers @ self.covariance @ powers))
 
     def at(self, speed_kmh: float) -> float:
-        """The parameter at v0 in km/h."""
+        """Value of the parameter at v0 in km/h."""
         return float(np.polynomial.polynomial.polyval(speed_kmh, self.coefficients))
 
 
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
-    """Polynomials through the parameters of fits of one model, weighted by their standard errors where all have one.
+    """Polynomials of the fitted parameters of one model, weighted by their standard errors if all have one.
 
-    `initial_speeds` in m/s. The degree is 2, or one less than there are distinct speeds. A log that leaves a parameter
-    on a bound at infinity says nothing of it.
+    `initial_speeds` in m/s. The degree is 2, or the number of distinct speeds less one. A log whose fit leaves a
+    parameter on a bound at infinity is left out for that parameter.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)
     found = []
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
-        # infinite for a parameter that rests where there is no end
+        # an infinite standard error means that the interval has no upper end
         own = (fit.parameters[i] for fit in fits)
         stderrs = np.array([math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr for p in own])
         coefficients, covariance = _weighted(v0, values, stderrs, degree)
@@ -436,16 +438,16 @@ def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> 
 def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderrs: Floats) -> float:
     from scipy.stats import chi2
 
-    told = np.isfinite(stderrs) & (stderrs > 0.0)
-    freedom = int(told.sum()) - len(coefficients)
+    known = np.isfinite(stderrs) & (stderrs > 0.0)
+    freedom = int(known.sum()) - len(coefficients)
     if freedom < 1:
         return math.nan
-    error = (values - np.polynomial.polynomial.polyval(v0, coefficients)) / np.where(told, stderrs, 1.0)
-    return float(chi2.sf(np.sum(error[told] ** 2), freedom))
+    error = (values - np.polynomial.polynomial.polyval(v0, coefficients)) / np.where(known, stderrs, 1.0)
+    return float(chi2.sf(np.sum(error[known] ** 2), freedom))
 
 
 def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
-    """Coefficients, as `over_initial_speed` gives them, of the law's parameters that were not fitted."""
+    """Coefficients, as of `over_initial_speed`, of the law's parameters that were not fitted."""
     v0 = np.array(initial_speeds) / KMH
     model = fits[0].model
     found = {}
@@ -464,14 +466,14 @@ def _degree(v0: Floats) -> int:
 
 
 def _weighted(v0: Floats, values: Floats, stderrs: Floats, degree: int) -> tuple[Floats, Floats]:
-    told = np.isfinite(stderrs)
-    if told.any() and (stderrs > 0.0).all() and not told.all():
-        coefficients, covariance = _weighted(v0[told], values[told], stderrs[told], _degree(v0[told]))
+    finite = np.isfinite(stderrs)
+    if finite.any() and (stderrs > 0.0).all() and not finite.all():
+        coefficients, covariance = _weighted(v0[finite], values[finite], stderrs[finite], _degree(v0[finite]))
         missing = degree + 1 - len(coefficients)
         return np.pad(coefficients, (0, missing)), np.pad(covariance, (0, missing))
-    known = bool(told.all() and (stderrs > 0.0).all())
+    known = bool(finite.all() and (stderrs > 0.0).all())
     weights = 1.0 / stderrs if known else np.ones_like(values)
-    unit = v0.max()  # powers of a number up to 1, so that the columns are of one size
+    unit = v0.max()  # scaling v0 to at most 1 gives columns of similar size
     powers = np.vander(v0 / unit, degree + 1, increasing=True)
     root = np.linalg.pinv(weights[:, None] * powers)
     scale = unit ** -np.arange(degree + 1.0)

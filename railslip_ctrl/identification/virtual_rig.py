@@ -1,8 +1,8 @@
-"""A virtual brake rig: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
+"""Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes a log like a rig's.
 
-The wheel rolls freely at v0; the brake torque is ramped up; past the peak of the adhesion the slip grows by itself, and
-at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car give way as the train would.
-The random adhesion force and the sensors scatter the results; the rail of a test may differ from that of the next.
+The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the peak of the adhesion the slip grows by
+itself, and at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car slow down like
+the train. A random adhesion force and sensor noise scatter the results; the adhesion may differ from test to test.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
 from .logs import Rows
+from .messages import message
 from .observer import Encoder, TorqueSensor
-from .words import told
 
 TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: [Park2008] Table 1
 
@@ -33,17 +33,17 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 """Header of a written log."""
 
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
-"""The rig's own brake, this project's assumption: fast enough that the wheel does not lock after half slip."""
+"""Brake of the rig, an assumption of this project: fast enough that the wheel does not lock after half slip."""
 
 
 class RigProcedure:
-    """The controller of a test: from `begin`, s, the torque rises at `rate`, N*m/s, until the slip passes a limit.
+    """Controller of a test: from `begin`, s, the torque rises at `rate`, N*m/s, until the slip passes `release_slip`.
 
-    From then on it falls at `fall`, N*m/s. `period` of the samples in s, `radius` of the wheel in m.
+    Then it falls at `fall`, N*m/s. `period` is the sampling period, s, `radius` that of the wheel, m.
     """
 
     name = "rig-procedure"
-    reference = ReferenceSlip(dry=0.5, wet=0.5)  # no slip is held on a rig; a run asks for one
+    reference = ReferenceSlip(dry=0.5, wet=0.5)  # unused by the procedure, but required by `simulate`
 
     def __init__(
         self, begin: float, rate: float, release_slip: float, period: float, radius: float, fall: float = math.inf
@@ -52,11 +52,11 @@ class RigProcedure:
         self.radius, self.fall = radius, fall
 
     def reset(self, t: float, v: float, omega: float) -> None:
-        """Before the first sample."""
+        """Reset the controller before the first sample."""
         self.torque, self.released = 0.0, False
 
     def step(self, t: float, v: float, omega: float) -> float:
-        """The torque to command, N*m, at t in s, v in m/s and omega in rad/s."""
+        """Commanded torque, N*m, at t in s, v in m/s and omega in rad/s."""
         self.released = self.released or v - self.radius * omega > self.release_slip * v
         ramp = self.rate * max(t - self.begin, 0.0)
         self.torque = max(self.torque - self.fall * self.period, 0.0) if self.released else ramp
@@ -65,13 +65,17 @@ class RigProcedure:
 
 @dataclass(frozen=True)
 class RigTest:
-    """One test condition and how it is measured; SI.
+    """Conditions and sensors of a test; SI.
 
-    `vehicle` gives wheel, mass and wheel load, `brake` is the rig's own. The brake torque rises from free rolling at
-    `initial_speed` at a `rate`, N*m/s, and is released past `release_slip`. `interval` is that of the log, in which a
-    random adhesion force, N, is drawn anew. Noises are standard deviations of a sample, rad/s, m/s, N*m; with an
-    `encoder` the wheel's speed is the mean over the interval before, in counts, with no other noise. `spread` is the
-    standard deviation of the logarithm of the adhesion from test to test. InputError for a value out of its range.
+    - vehicle, brake: wheel, mass and wheel load; the rig's brake.
+    - initial_speed, rate, release_slip: the torque rises from free rolling at `rate`, N*m/s, until the slip passes
+      `release_slip`.
+    - interval: of the log, s; for each a new random adhesion force, of standard deviation `random_force`, N, is drawn.
+    - wheel_noise, speed_noise, torque_noise: standard deviations of a sample, rad/s, m/s, N*m.
+    - encoder: if given, the wheel's speed is its mean over the last interval, in counts, without other noise.
+    - spread: standard deviation of the logarithm of the adhesion from test to test.
+
+    InputError for a value out of its range.
     """
 
     vehicle: Vehicle
@@ -101,14 +105,14 @@ _QUANTITIES = ("time", "train_speed", "wheel_angular_speed", "brake_torque", "wh
 _BEGIN = 0.5  # s of free rolling before the ramp
 _AFTER = 1.0  # s recorded after the release
 _PAUSE = 30.0  # s to run up again between tests
-_STEP = 1e-3  # s of the integration
+_STEP = 1e-3  # integration step, s
 
 
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
-    """Tests at one condition, one after the other in a log, with a pause between them.
+    """Simulate tests at one condition; their rows form one log, with a pause between tests.
 
-    Each ends `_AFTER` seconds after the release. InputError where a test does not get to the release at all, because
-    the ramp is too slow for the flywheels.
+    Each test ends one second after the release. InputError if the flywheels stop before the release, as the ramp is too
+    slow.
     """
     if not 1 <= tests <= 10_000:
         raise InputError(f"tests: {tests} is not allowed; give an integer from 1 to 10000")
@@ -128,7 +132,7 @@ def _one_test(
     test: RigTest, factor: float, of_run: np.random.SeedSequence, generator: np.random.Generator
 ) -> list[Floats]:
     vehicle = test.vehicle
-    longest = _BEGIN + 4.0 * vehicle.wheel_load * vehicle.wheel.radius / test.rate + 10.0  # the ramp beyond mu = 1
+    longest = _BEGIN + 4.0 * vehicle.wheel_load * vehicle.wheel.radius / test.rate + 10.0  # s, a ramp far beyond mu = 1
     scenario = Scenario(
         name="rig",
         vehicle=vehicle.model_copy(update={"actuator": test.brake}),
@@ -147,9 +151,9 @@ def _one_test(
     assert signals is not None, "the run was recorded"
     released = (signals.command == 0.0) & (signals.time > _BEGIN)
     if run.outcome is Outcome.OUTSIDE_DOMAIN:
-        raise InputError(told("rig leaves the law", slip=test.release_slip, law=test.law.name))
+        raise InputError(message("rig leaves the law", slip=test.release_slip, law=test.law.name))
     if not released.any():
-        raise InputError(told("rig stops", test=test))
+        raise InputError(message("rig stops", test=test))
     end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
     torque = signals.torque[:end] + test.torque_offset + test.torque_noise * generator.standard_normal(end)
     load = np.full(end, vehicle.wheel_load)
@@ -163,7 +167,7 @@ def _one_test(
 def published_tests(
     law_name: str = "beam", *, vehicle: Vehicle = PARK2008, rail: Rail = Rail.DRY
 ) -> tuple[RigTest, ...]:
-    """The four conditions of [Park2008] Table 1 with the published parameters of a law."""
+    """Return the four conditions of [Park2008] Table 1 with the published parameters of a law."""
     return tuple(
         RigTest(vehicle, published_law(law_name, rail, speed, vehicle.wheel_load), speed * KMH)
         for speed in TEST_SPEEDS_KMH
@@ -171,30 +175,30 @@ def published_tests(
 
 
 def write_log(log: Rows, path: Path) -> None:
-    """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
+    """Write a log as CSV with the header `COLUMNS`; an interrupted write leaves no file."""
     columns = [log.columns[name] / unit for name, unit in zip(_QUANTITIES, (1.0, KMH, 1.0, 1e3, 1e3), strict=True)]
     header = ",".join(COLUMNS)
     with staged(path.parent) as new:
         np.savetxt(new / path.name, np.column_stack(columns), fmt="%.10g", delimiter=",", header=header, comments="")
 
 
-# --- a brake trial of known truth, to try an observer on -------------------------------------------------------------
+# --- a brake trial with known adhesion, to test an observer ----------------------------------------------------------
 
 # The trial is the course of [Park2008] Fig. 12: free rolling, the brake torque rises until the slip passes a bound,
-# then it is released and the wheel recovers. The lag's error is what the observer does to a trial with perfect sensors,
-# the half interval by which an encoder's speed is late included; the noise's is the H2 norm. They are independent:
-# their squares add.
+# then it is released and the wheel recovers. An observer's lag error is its error with ideal sensors, including the
+# half interval by which an encoder's speed is late. Its noise error is the H2 norm. Both are independent, so their
+# squares add.
 
-_SLOWEST = 1.0  # m/s: below, the slip ratio says nothing any more
-_COMMANDS = 1e-4  # s, between commands of the torque: 6 N*m of the release
+_SLOWEST = 1.0  # m/s; below it the slip ratio has no meaning
+_COMMANDS = 1e-4  # period of the torque commands, s: 6 N*m at the rate of the release
 
 
 @dataclass(frozen=True)
 class BrakeCourse:
-    """The brake torque: none until `start`, s; then its rate is `rise` and, past the slip ratio `release_slip`, `fall`.
+    """Course of the brake torque: it rises from `start`, s, at `rise`, and falls at `fall` once slip > `release_slip`.
 
-    Rates in N*m/s. `recovery` is the time that is simulated after the release begins, s. InputError for a number out of
-    range.
+    Rates in N*m/s, slip as a ratio. `recovery` is the time simulated after the release begins, s. InputError for a
+    number out of range.
     """
 
     start: float = 0.5
@@ -213,10 +217,10 @@ class BrakeCourse:
 
 @dataclass(frozen=True)
 class BrakeTrial:
-    """What truly happened, at constant intervals; SI, arrays of one length.
+    """True signals of a brake trial at constant intervals; SI, arrays of one length.
 
-    `time`; the train's `speed`, the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
-    `adhesion_torque`. `brake_time` and `release_time` are when the brake was applied and when its release began.
+    `time`; the train's `speed`; the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
+    `adhesion_torque`. The brake is applied at `brake_time`; its release begins at `release_time`.
     """
 
     time: Floats
@@ -231,13 +235,13 @@ class BrakeTrial:
 
     @property
     def interval(self) -> float:
-        """s."""
+        """Sampling interval, s."""
         return float(self.time[1] - self.time[0])
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """What the sensors give: `time`, s, brake `torque`, N*m, and the wheel's `omega`, rad/s; arrays of one length."""
+    """Sensor signals: `time`, s, brake `torque`, N*m, and the wheel's `omega`, rad/s; arrays of one length."""
 
     time: Floats
     torque: Floats
@@ -247,16 +251,16 @@ class Measurements:
 def brake_trial(
     law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse
 ) -> BrakeTrial:
-    """A brake `course` of a `vehicle` on a `law`, from free rolling at a `speed`, m/s, sampled at an `interval`, s.
+    """Simulate a brake `course` of a `vehicle` on a `law`, from free rolling at `speed`, m/s, sampled at `interval`, s.
 
-    InputError for a number out of range, or where the train stops before the slip reaches the course's bound;
-    DomainError where the law ends before that slip.
+    InputError for a number out of range, or if the train stops before the slip reaches `course.release_slip`;
+    DomainError if that slip is outside the law's domain.
     """
     number("speed", speed, "m/s", gt=0)
     number("interval", interval, "s", gt=0)
     law.check_domain(speed, course.release_slip * speed)
     radius, every = vehicle.wheel.radius, max(round(interval / _COMMANDS), 1)
-    # the impulse of the torque that stops train and wheel, whatever the adhesion
+    # impulse of the torque that stops train and wheel, independent of the adhesion
     impulse = (vehicle.effective_inertia / radius + vehicle.effective_mass * radius) * speed
     run = simulate(
         Scenario(
@@ -296,6 +300,6 @@ def brake_trial(
 
 
 def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
-    """A `trial` through `encoder` and `sensor`; a sample fewer, as a speed needs two angles; `seed` of the noise."""
+    """Measure a `trial` with `encoder` and `sensor`; one sample less, as a speed needs two angles; `seed` of noise."""
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))

@@ -1,6 +1,6 @@
-"""All errata of [Park2008]: equations as printed against the derivation, numbers and units computed again.
+"""Errata of [Park2008]: printed equations against the derivation, and recomputed numbers and units.
 
-The words are in `errata.toml`: what goes wrong, by how much, and what is used instead.
+The texts are in `errata.toml`: the error, its size, and the replacement used.
 """
 
 from __future__ import annotations
@@ -39,12 +39,15 @@ How = Literal["symbolic", "computed", "argument"]
 
 @dataclass(frozen=True)
 class Erratum:
-    """A printed equation, number or claim beside what the source's own equations give.
+    """A printed equation, number or claim, compared with what the source's own equations give.
 
-    where: equation, table or page of [Park2008]; as printed, as derived and their difference ("0" where they agree) in
-    LaTeX, the first two as plain text; agrees: the difference is proved to be zero; how: "symbolic": compared as
-    expressions, "computed": numbers, "argument": by what an expression depends on; sign_and_size: the difference in the
-    paper's own numbers, computed; explanation: what goes wrong, and what is used instead.
+    - where: equation, table or page of [Park2008].
+    - printed_latex, derived_latex, difference_latex: in LaTeX; the difference is "0" if they agree.
+    - printed, derived: the same as plain text.
+    - agrees: true if the difference is proved to be zero.
+    - how: "symbolic": expressions compared; "computed": numbers; "argument": by the variables an expression depends on.
+    - sign_and_size: the difference, computed with the paper's own numbers.
+    - explanation: the error, and the replacement used.
     """
 
     where: str
@@ -62,11 +65,14 @@ class Erratum:
 def compared(
     where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, text: str | None = None, **numbers: Any
 ) -> Erratum:
-    """An erratum by comparing expressions, one or a column of them; `numbers` of its text, found by `text` or where."""
+    """Make an erratum by comparing expressions, one or a column of them.
+
+    Its text in `errata.toml` is called `text`, by default `where`, and is filled with the `numbers`.
+    """
     differences = (a - b for a, b in zip(printed, derived, strict=True))
     difference = [sp.Integer(0) if vanishes(one) else sp.factor_terms(sp.expand(one)) for one in differences]
     agrees = not any(difference)
-    words = texts(__package__, "errata.toml")[text or where]
+    template = texts(__package__, "errata.toml")[text or where]
     return Erratum(
         where=where,
         printed_latex=column(printed),
@@ -76,8 +82,8 @@ def compared(
         derived=_text(derived),
         agrees=agrees,
         how="symbolic",
-        sign_and_size=filled(words["size"], {"agrees": agrees, **numbers}),
-        explanation=filled(words["explanation"], {"agrees": agrees, **numbers}),
+        sign_and_size=filled(template["size"], {"agrees": agrees, **numbers}),
+        explanation=filled(template["explanation"], {"agrees": agrees, **numbers}),
     )
 
 
@@ -86,14 +92,16 @@ def column(entries: Sequence[sp.Expr]) -> str:
     return latex(entries[0]) if len(entries) == 1 else latex(sp.Matrix(entries))
 
 
-def told(
+def stated(
     where: str, how: How, numbers: Mapping[str, Any], *, by_column: Mapping[str, Mapping[str, Any]] | None = None
 ) -> Erratum:
-    """An erratum of numbers or of a claim that disagrees; `by_column` has more numbers of its size for columns of a
-    table, which then says it for each, or once where all are alike."""
-    words = texts(__package__, "errata.toml")[where]
-    printed, derived, explanation = (filled(words[name], numbers) for name in ("printed", "derived", "explanation"))
-    columns = {name: filled(words["size"], {**numbers, **more}) for name, more in (by_column or {"": {}}).items()}
+    """Make an erratum of a number or a claim that disagrees.
+
+    `by_column` has further numbers for each column of a table; the size is given for each column, or once if all agree.
+    """
+    template = texts(__package__, "errata.toml")[where]
+    printed, derived, explanation = (filled(template[name], numbers) for name in ("printed", "derived", "explanation"))
+    columns = {name: filled(template["size"], {**numbers, **more}) for name, more in (by_column or {"": {}}).items()}
     alike = len(set(columns.values())) == 1
     size = next(iter(columns.values())) if alike else "; ".join(f"{name}: {text}" for name, text in columns.items())
     plain_texts = _without_latex(printed), _without_latex(derived)
@@ -104,7 +112,7 @@ def _text(entries: Sequence[sp.Expr]) -> str:
     return plain(entries[0]) if len(entries) == 1 else plain(sp.Matrix(entries))
 
 
-# In this order: what only decorates, then what has meaning, innermost braces first.
+# Replacements from LaTeX to plain text, in this order: decorations first, then notation, innermost braces first.
 _LATEX = (
     (r"\\(?:mathrm|text|operatorname)\s*\{([^{}]*)\}", r"\1"),
     (r"\\tilde\s*\{?\\?(\w+)\}?", r"\1~"),
@@ -125,7 +133,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def _without_latex(text: str) -> str:
-    """Plain text of the LaTeX that `told` is given: theta~ is an error, theta^ an estimate, s' a rate."""
+    """Convert the LaTeX of `stated` to plain text: theta~ is an error, theta^ an estimate, s' a rate."""
     for pattern, replacement in _LATEX:
         text = re.sub(pattern, replacement, text)
     while _FRACTION.search(text) or _BRACES.search(text):
@@ -137,7 +145,7 @@ def _without_latex(text: str) -> str:
 
 
 def _force_per_length() -> Erratum:
-    """(6): what must multiply each branch is solved for, from (5), (9) and the full sliding force mu_d N."""
+    """Erratum of (6): solve for the factor of each branch, from (5), (9) and the full sliding force mu_d N."""
     length, slip, mu_d, xc, N = printed.length, printed.slip, printed.mu_d, printed.xc, printed.wheel_load
     locking, slipping = printed.force_per_length
     p = sp.Symbol("p", positive=True)
@@ -176,7 +184,7 @@ def _beam_force() -> Erratum:
 
 
 def _bristle_coefficients() -> tuple[Erratum, Erratum]:
-    """beta and gamma of (24) solved for from h = 1/g, (13) beside (22)."""
+    """Errata of (24): solve for beta and gamma from h = 1/g, by comparing (13) with (22)."""
     sigma, Fs, Fc, vs = plant.sigma, printed.Fs, printed.Fc, printed.vs
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)
@@ -195,29 +203,29 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
 
 
 def _positive_first(fraction: sp.Expr) -> sp.Expr:
-    """-a/(c - b) written as a/(b - c)."""
+    """Rewrite -a/(c - b) as a/(b - c)."""
     numerator, denominator = sp.fraction(sp.cancel(fraction))
     return -numerator / sp.expand(-denominator) if numerator.could_extract_minus_sign() else numerator / denominator
 
 
 def adhesion_torque() -> sp.Expr:
-    """(25): Ta in omega', omega and Tb, from (3) without the torques that nobody measures (Td = Tr = 0)."""
+    """Adhesion torque (25): Ta in omega', omega and Tb, from (3) without the unmeasured torques (Td = Tr = 0)."""
     return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
 
 
 def corrected_observer() -> sp.Expr:
-    """(27) with every term of (26) filtered: Ta/(tau s + 1) in what is measured, Tb and omega."""
+    """Corrected (27), with every term of (26) filtered: Ta/(tau s + 1) in the measured Tb and omega."""
     true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
     return true / (printed.tau * printed.laplace + 1)
 
 
 def passed_at_once(observer: sp.Expr) -> sp.Expr:
-    """The share of a step of Tb that is in the estimate at once."""
+    """Share of a step of Tb that appears in the estimate at once."""
     return sp.limit(sp.diff(observer, plant.Tb), printed.laplace, sp.oo)
 
 
 def _observer() -> Erratum:
-    """(27) against Ta/(tau s + 1), the only thing the filter should do to Ta."""
+    """Erratum of (27): compared with the filtered torque Ta/(tau s + 1)."""
     as_printed, derived = printed.observer, corrected_observer()
     jump = [passed_at_once(expression) for expression in (as_printed, derived)]
     return compared("(27)", (as_printed,), (derived,), jump=jump)
@@ -232,7 +240,7 @@ _MASS = (PARK2008.mass, PARK2008.mass_loaded)
 
 
 def law_errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """The rows, in the order of the equations."""
+    """Comparisons of the law's equations with the derivation, in the order of the equations."""
 
     def agrees(where: str, as_printed: sp.Expr, derived: sp.Expr, note: str = "") -> Erratum:
         return compared(where, (_named(as_printed, derivation),), (derived,), text="as derived", note=note)
@@ -260,12 +268,12 @@ def law_errata(derivation: Derivation) -> tuple[Erratum, ...]:
 
 
 def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
-    """The printed sigma_d' as the reference has it."""
+    """Substitute the derivation's rate of the reference for the printed sigma_d'."""
     return expression.subs(sliding_symbol("sigma_d_rate"), derivation.reference_rate)
 
 
 def _random_force(derivation: Derivation) -> Erratum:
-    """Fr as a random force: the plant has it through Tr once, (35) would have it twice."""
+    """Erratum of Fr as a random force: it enters the plant once, through Tr, but (35) twice."""
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})
@@ -287,7 +295,7 @@ def _theta1(derivation: Derivation) -> Erratum:
 
 
 def _lyapunov_rate(derivation: Derivation) -> Erratum:
-    """(47) before the law is put in: with the derived law in it, it must be the derived V'."""
+    """Comparison of (47), with the derived law substituted, with the derived V'."""
     names = ("theta1", "theta2")
     errors = {
         error: sliding_symbol(name) - sliding_symbol(f"{name}_hat")
@@ -298,7 +306,7 @@ def _lyapunov_rate(derivation: Derivation) -> Erratum:
 
 
 def _gain_units(derivation: Derivation) -> list[str]:
-    """Units of k1, k2 from theta' = k s phi, by putting units for symbols in the derived theta and phi."""
+    """Units of k1 and k2 from theta' = k s phi, by substituting units for the symbols of the derived theta and phi."""
     kg, m, sec = sp.symbols("kg m s", positive=True)
     units = {plant.r: m, plant.J: kg * m**2, plant.Ta: kg * m**2 / sec**2, plant.omega: 1 / sec}
     named = {"s": m / sec, "Mn": kg, "Mp": kg, "Bp": kg * m**2 / sec, "k1": sp.Integer(1), "k2": sp.Integer(1)}
@@ -323,11 +331,11 @@ def _invariant_set(derivation: Derivation) -> Erratum:
         "jump": _lyapunov_jump(derivation),
         "step_time": printed.MASS_STEP_TIME,
     }
-    return told("p. 54, invariant set theorem", "argument", numbers)
+    return stated("p. 54, invariant set theorem", "argument", numbers)
 
 
 def _lyapunov_jump(derivation: Derivation) -> float:
-    """Step of V, m^2/s^2, when the mass does: theta1^2/(2 k1), as-published reading, where k1 in SI is Table 4's k."""
+    """Step of V, m^2/s^2, at the mass step: theta1^2/(2 k1), as-published reading, in which k1 in SI is Table 4's k."""
     light, heavy = (AS_PUBLISHED_INERTIA_SCALE * mass for mass in _MASS)
     masses = {sliding_symbol("Mn"): light, sliding_symbol("Mp"): heavy - light, plant.r: _R}
     theta1 = float(derivation.theta[0].subs(masses))
@@ -340,14 +348,14 @@ def _lyapunov_jump(derivation: Derivation) -> float:
 
 
 def _strict_product(derivation: Derivation) -> Erratum:
-    """(42) at s = 0, where both sides vanish."""
+    """Erratum of (42): at s = 0 both sides vanish."""
     s, eta = sliding_symbol("s"), sp.Symbol("eta", positive=True)
     sides = [side.subs(s, 0) for side in (derivation.reaching_product, -eta * sp.Abs(s))]
-    return told("(42), strict", "symbolic", {"left": sides[0], "right": sides[1]})
+    return stated("(42), strict", "symbolic", {"left": sides[0], "right": sides[1]})
 
 
 def _bristle_maximum() -> Erratum:
-    """The bristle model at rest, and along a ramp of the slip, at 100 km/h."""
+    """Erratum of Fig. 17: the bristle model's maximum at rest, and along a slip ramp, at 100 km/h."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     law, curve = (published_law(name, Rail.DRY, wheel_load=load) for name in ("bristle", "curve"))
     sigma, parameters = plant.sigma, dict(zip(type(law).symbols(), law.parameters(), strict=True))
@@ -357,11 +365,11 @@ def _bristle_maximum() -> Erratum:
     least, at = (float(adhesion_coefficient(law, v, x, load)) for x in (1e-9, slip))
     numbers = {"slope": slope, "first": least, "at": at, "slip": slip, "ramp": SLIP_ACCELERATION}
     ramps = {R: peak(curve.model_copy(update={"R": R}), v, load).slip for R in (1.0, SLIP_ACCELERATION, 10.0)}
-    return told("Fig. 17, bristle maximum", "computed", {**numbers, "ramps": ramps})
+    return stated("Fig. 17, bristle maximum", "computed", {**numbers, "ramps": ramps})
 
 
 def _reference_slips() -> Erratum:
-    """Where adhesion is largest, beside the reference slips, which are assumed to be there."""
+    """Erratum of p. 46: the peak slips, compared with the reference slips that are assumed to be there."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     peaks = {
         f"{name} {rail}": peak(published_law(name, rail, wheel_load=load), v, load).slip
@@ -372,13 +380,13 @@ def _reference_slips() -> Erratum:
         name: tuple(published_law(name, rail, wheel_load=load).reference_slip(rail) for rail in Rail)
         for name in ("beam", "bristle")
     }
-    return told("p. 46, slip of the largest adhesion", "computed", {"peaks": peaks, "references": references})
+    return stated("p. 46, slip of the largest adhesion", "computed", {"peaks": peaks, "references": references})
 
 
 def _reaching_gain(derivation: Derivation) -> Erratum:
     D, K = PUBLISHED_LAW.D, PUBLISHED_LAW.K
     resistance = PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] * KMH) ** 2 / PARK2008.mass
-    # what one standard deviation of the random adhesion force adds to s', m/s^2
+    # effect of one standard deviation of the random adhesion force on s', m/s^2
     random = {plant.Tr: _R * printed.RANDOM_FORCE, plant.Fr: 0, plant.Td: 0}
     wheel = {plant.r: _R, plant.J: PARK2008.wheel.inertia, plant.M: PARK2008.mass}
     d = float(derivation.disturbance.subs(wheel | random)) + resistance
@@ -390,7 +398,7 @@ def _reaching_gain(derivation: Derivation) -> Erratum:
         "least": _RATIO * least_gain(PARK2008, boxes[1]),
         "widest": least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0)),
     }
-    return told("(40) with Table 4", "computed", numbers)
+    return stated("(40) with Table 4", "computed", numbers)
 
 
 def _viscous() -> Erratum:
@@ -398,7 +406,7 @@ def _viscous() -> Erratum:
     B = printed.VISCOUS[0] + printed.VISCOUS[1] * t
     end = printed.TABLE5_TIMES[0]
     numbers = {"zero": float(sp.solve(B, t)[0]), "last": float(B.subs(t, end)), "end": end}
-    return told("B = 0.25 - 0.01 t", "computed", numbers)
+    return stated("B = 0.25 - 0.01 t", "computed", numbers)
 
 
 def _table3() -> Erratum:
@@ -411,7 +419,7 @@ def _table3() -> Erratum:
         "improvement": 100.0 * (1.0 - means["bristle"] / means["beam"]),
         "rounded": 100.0 * (1.0 - rounded["bristle"] / rounded["beam"]),
     }
-    return told("Table 3", "computed", numbers)
+    return stated("Table 3", "computed", numbers)
 
 
 def _values(rows: Iterable[float]) -> str:
@@ -423,7 +431,7 @@ def _table4_kp() -> Erratum:
     same = to_unit("1 kN*m/(km/h)", "N*m/(m/s)") / one
     sizes = {name: {"printed": row.Kp * one, "reading": TABLE4_PI[name].kp} for name, row in TABLE4_PI_PRINTED.items()}
     values = _values(row.Kp for row in TABLE4_PI_PRINTED.values())
-    return told("Table 4, Kp", "computed", {"values": values, "same": same}, by_column=sizes)
+    return stated("Table 4, Kp", "computed", {"values": values, "same": same}, by_column=sizes)
 
 
 def _table4_ki() -> Erratum:
@@ -432,18 +440,18 @@ def _table4_ki() -> Erratum:
         for name, row in TABLE4_PI_PRINTED.items()
     }
     values = _values(row.Ki for row in TABLE4_PI_PRINTED.values())
-    return told("Table 4, Ki", "computed", {"values": values}, by_column=sizes)
+    return stated("Table 4, Ki", "computed", {"values": values}, by_column=sizes)
 
 
 def _table4_asmc() -> Erratum:
     rows = TABLE4_SLIDING_PRINTED
     D, K, rho = (_values(dict.fromkeys(row[i] for row in rows.values())) for i in range(3))
     sizes = {name: _sliding_sizes(*row[:3]) for name, row in rows.items()}
-    return told("Table 4, D, K, rho", "computed", {"D": D, "K": K, "rho": rho}, by_column=sizes)
+    return stated("Table 4, D, K, rho", "computed", {"D": D, "K": K, "rho": rho}, by_column=sizes)
 
 
 def _sliding_sizes(D: float, K: float, rho: float) -> dict[str, float]:
-    """One column's D, K, rho as rates, the units of (39), and D and K as read."""
+    """D, K and rho of one column as rates, in the units of (39), and D and K in the reading used."""
     rates = {
         "D0": to_unit(f"{D} 1/h", "1/s"),
         "K0": to_unit(f"{K} km/h^2", "m/s^2"),
@@ -457,7 +465,7 @@ def _energy() -> Erratum:
     scale, energy = AS_PUBLISHED_INERTIA_SCALE, printed.TABLE5_ENERGY["PI"]
     kinetic = 0.5 * scale * PARK2008.mass * (v0**2 - v1**2)
     numbers = {"digits": energy * 1e7, "joules": energy * 1e14 / scale / 1e6, "kinetic": kinetic, "scale": scale}
-    return told("Table 5, energy", "computed", numbers)
+    return stated("Table 5, energy", "computed", numbers)
 
 
 def _duration() -> Erratum:
@@ -473,11 +481,11 @@ def _duration() -> Erratum:
         "scale": AS_PUBLISHED_INERTIA_SCALE,
         "step_time": printed.MASS_STEP_TIME,
     }
-    return told("Table 5 / (4), braking time", "computed", numbers)
+    return stated("Table 5 / (4), braking time", "computed", numbers)
 
 
 def _least_time(scale: float, v0: float, v1: float) -> float:
-    """Braking time, s, at peak adhesion, dry and empty until the step, then wet and loaded; resistance left out."""
+    """Braking time, s, at peak adhesion, without resistance: dry and empty until the mass step, then wet and loaded."""
     load = PARK2008.wheel_load
     dry = printed.PEAK_ADHESION["dry"] * load / (scale * PARK2008.mass)
     wet = printed.PEAK_ADHESION["wet"] * load / (scale * PARK2008.mass_loaded)
@@ -489,7 +497,7 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
 
 
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:
-    """The rows, those that agree among them, in the order adhesion and observer, law, numbers."""
+    """All comparisons, including those that agree: adhesion and observer, then law, then numbers."""
     return (
         *(_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer()),
         compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,)),

@@ -1,7 +1,7 @@
-"""Equations of [Park2008] as they are printed, entered literally, right or wrong; and the numbers printed with them.
+"""Equations and numbers of [Park2008] exactly as printed, including misprints.
 
-Nothing here is used by the law: `errata` compares it with what is derived. The source's sigma_d' is the symbol
-sigma_d_rate, its Tm (never defined) is read as Ta, theta_tilde as theta - theta_hat.
+`errata` compares them with the derivation; the law does not use them. The source's sigma_d' is the symbol sigma_d_rate,
+its undefined Tm is read as Ta, and theta_tilde as theta - theta_hat.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - len
 """(5): contact pressure, Pa."""
 
 force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
-"""(6): the locking and the slipping branch; the pressure is left as the symbol p."""
+"""(6): force per length of the locking and the slipping branch; the pressure is the symbol p."""
 
 travelling_stiffness = Cx * length**2 / 2  #: (9): Kx, N.
 beam_force: Any = beam.printed_force()  #: (10), in v, sigma, N and the beam's parameters; both factors as printed.
@@ -56,7 +56,7 @@ observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1))
 
 # --- sliding-mode law ----------------------------------------------------------------------------------------------
 
-_both = 1 / (_r * _M) + _r / _J  # what a torque on wheel and train adds to s'
+_both = 1 / (_r * _M) + _r / _J  # coefficient in s' of a torque that acts on wheel and train
 _drift = _both * _Ta - _r * _B / _J * _omega
 _nominal = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
 _disturbance = _both * _Tr + _Fr / _M - _r / _J * _Td
@@ -68,7 +68,7 @@ asked_rate = -_D * _s - _K * sp.sign(_s)  #: (39): s' = -D s - K sgn s.
 robust_control = _D * _s + _K * sp.sign(_s)  #: (41).
 
 reaching_product = _s * (_disturbance - _r / _J * _D * _s - _r / _J * _K * sp.sign(_s))
-"""The first line of (42), D0 = (r/J) D and K0 = (r/J) K put in."""
+"""First line of (42), with D0 = (r/J) D and K0 = (r/J) K."""
 
 control_law = equivalent_control + robust_control  #: (43).
 theta = (1 / (_r * _Mp), -_r * _Bp / _J)  #: (44): theta.
@@ -80,12 +80,12 @@ lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k) 
 _adaptation_part = sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
 
 lyapunov_rate = _s * (_nominal - _r / _J * _Tb + _THETA[0] * _Ta + _THETA[1] * _omega + _rho * _e) - _adaptation_part
-"""(47)."""
+"""(47): V' before the law is substituted."""
 
 lyapunov_rate_with_law = (
     -_D * _s**2 - _K * _s * sp.sign(_s) + _s * (_THETA_TILDE[0] * _Ta + _THETA_TILDE[1] * _omega) - _adaptation_part
 )
-"""(48)."""
+"""(48): V' with the law."""
 
 adaptation = (_k * _s * _Ta, _k * _s * _omega)  #: (49).
 
@@ -100,10 +100,10 @@ TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": 
 """Mean absolute errors of the adhesion coefficient at 30, 60, 100, 140 km/h."""
 
 TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})
-TABLE3_IMPROVEMENT = 24.5  # per cent
+TABLE3_IMPROVEMENT = 24.5  # %, of bristle over beam
 
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
-"""kN*m as the table has it; p. 56 has the same digits times 10^7 N*m."""
+"""Brake energy, kN*m, as printed in the table; p. 56 has the same digits times 10^7 N*m."""
 
 TABLE5: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {

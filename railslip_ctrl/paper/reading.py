@@ -1,4 +1,4 @@
-"""The reading of [Park2008] under which Table 5 comes out: its rules, alternatives to them, and what each is worth."""
+"""The interpretation of [Park2008] that reproduces Table 5: its rules, alternatives, and the effect of each."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from . import tables
 
 
 class Basis(StrEnum):
-    """Where a rule comes from: the paper prints it, it follows from the paper, or it was fitted to Table 5."""
+    """Basis of a rule: printed in the paper, inferred from it, or fitted to Table 5."""
 
     PRINTED = "printed"
     INFERRED = "inferred"
@@ -52,7 +52,7 @@ class Basis(StrEnum):
 
 @dataclass(frozen=True)
 class ReadingRule:
-    """One rule of the reading: its name, what is used, its basis, and where in the paper it is or bears on."""
+    """One rule of the reading: its name, the interpretation used, its basis, and its place in the paper."""
 
     name: str
     used: str
@@ -78,22 +78,22 @@ def _rules() -> tuple[ReadingRule, ...]:
     )
 
 
-READING = _rules()  #: the rules, in the order of what they bear on
+READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
 # --- alternatives -----------------------------------------------------------------------------------------------------
 
 
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""From the reading's setup of a column to the alternative's; None where it does not concern the column."""
+"""Change of a column's setup from the reading to an alternative; None if the alternative does not affect it."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
-_FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m, beyond anything a controller here asks for
+_FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such a torque, so it is no limit
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """A rule of the reading by name, what is done instead, and the change of a setup that does it."""
+    """An alternative to a rule of the reading: the rule's name, the alternative's name, and the change of a setup."""
 
     rule: str
     name: str
@@ -101,16 +101,16 @@ class Alternative:
 
 
 class _HalvedCurve(Curve):
-    """The curve whose wet force is half the dry one at every slip: alpha halved too, which leaves the peak's slip."""
+    """Curve whose wet force is half the dry one at every slip: alpha is halved too, so the peak slip stays."""
 
-    __module__ = Curve.__module__  # the same equations: the generated code is the curve's
+    __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": 0.5, "beta": 2.0})
 
 
 class _LoadedWetCurve(Curve):
-    """The curve whose wheel load follows the mass when the rail turns wet: alpha grows and beta falls with it."""
+    """Curve whose wheel load grows with the mass when the rail turns wet: alpha grows and beta falls with it."""
 
-    __module__ = Curve.__module__  # the same equations: the generated code is the curve's
+    __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": _LOAD_RATIO, "beta": 2.0 / _LOAD_RATIO})
 
 
@@ -118,27 +118,27 @@ class _LoadedWetCurve(Curve):
 
 
 def _scenario(**changes: Any) -> Change:
-    """Fields of the scenario."""
+    """Change fields of the scenario."""
     return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
 
 
 def _part(name: str, **changes: Any) -> Change:
-    """Fields of a part of the scenario."""
+    """Change fields of a part of the scenario."""
     return lambda setup: _scenario(**{name: getattr(setup.scenario, name).model_copy(update=changes)})(setup)
 
 
 def _wet_by(law: type[Curve]) -> Change:
-    """Another way in which the curve turns wet."""
+    """Change the effect of a wet rail on the curve."""
     return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
-def _plant(columns: Sequence[Column] = COLUMNS, **told: Any) -> Change:
-    """The published scenario told otherwise: another law, also in the ASMC that takes the plant's, or another scale."""
-    return lambda setup: replace(setup, scenario=published_scenario(**told)) if setup.case.gains in columns else None
+def _plant(columns: Sequence[Column] = COLUMNS, **changes: Any) -> Change:
+    """Change the published scenario: another law, which an ASMC using the plant's law follows, or another scale."""
+    return lambda setup: replace(setup, scenario=published_scenario(**changes)) if setup.case.gains in columns else None
 
 
 def _controller(kind: type[Any], changes: Callable[[tables.Setup], dict[str, Any]]) -> Change:
-    """Fields of the controllers of a kind."""
+    """Change fields of the controllers of a kind."""
 
     def change(setup: tables.Setup) -> tables.Setup | None:
         if not isinstance(setup.controller, kind):
@@ -153,7 +153,7 @@ def _asmc(**changes: Any) -> Change:
 
 
 def _one_reference(reference: ReferenceSlip) -> Change:
-    """The same reference slip held in every column."""
+    """Use the same reference slip in every column."""
     return lambda setup: replace(
         setup, controller=published_controller(setup.case.kind, setup.case.gains, reference=reference)
     )
@@ -169,7 +169,7 @@ def _si_gains(setup: tables.Setup) -> dict[str, Any]:
 
 
 def _rates_of_s(setup: tables.Setup) -> dict[str, Any]:
-    """D and K as (38)-(39) have them, rates of s in the printed 1/h and km/h^2, brought to torque by J/r."""
+    """D and K as rates of s in the printed 1/h and km/h^2, as in (38)-(39), converted to torque by J/r."""
     printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
     per_hour = 1.0 / 3600.0
     torque = vehicle.effective_inertia / vehicle.wheel.radius
@@ -225,25 +225,26 @@ ALTERNATIVES = (
     Alternative("caliper", "no Td", _part("disturbances", caliper_fraction=0.0)),
     Alternative("slip error", "against each column's own reference", lambda setup: replace(setup, own_reference=True)),
 )
-"""One or more for each rule that could be read otherwise, in the order of `reading.READING`."""
+"""Alternatives to the rules that allow another interpretation, in the order of `reading.READING`."""
 
 
-# --- what each rule is worth ------------------------------------------------------------------------------------------
+# --- effect of each rule ----------------------------------------------------------------------------------------------
 
 
 DEFAULT_SEEDS = 8
-"""Fewer than Table 5's own: the same seeds on both sides, so that most of the noise drops out of a change."""
+"""Runs of each column; fewer than for Table 5, as most of the noise cancels between runs with the same seed."""
 
 _UNTOUCHED = np.full(len(tables.QUANTITIES), math.nan)
 
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """One alternative: the four columns (one that it does not concern is the reading's own), and the rms deviation from
-    Table 5 over all sixteen numbers, %, NaN where a run did not stop.
+    """Results of one alternative.
 
-    largest_change_percent, _of: the number that changes most against the reading, by how much, and which it is, among
-    the columns that the alternative concerns and whose runs all stopped; NaN and "" if none did.
+    - results: the four columns; a column that the alternative does not affect has the reading's result.
+    - rms_deviation_percent: rms deviation from Table 5 over all sixteen numbers, %; NaN if a run did not stop.
+    - largest_change_percent, largest_change_of: largest change against the reading, %, and the number that changes,
+      among the affected columns whose runs all stopped; NaN and "" if there is none.
     """
 
     alternative: Alternative
@@ -254,13 +255,13 @@ class SensitivityRow:
 
     @property
     def not_stopped(self) -> dict[str, int]:
-        """Number of runs that did not stop, by column, where there are any."""
+        """Number of runs that did not stop, by column; columns without any are left out."""
         return {one.setup.case.name: len(one.failures) for one in self.results if one.failures}
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All alternatives against the reading itself (`base`, the four columns) with the same seeds."""
+    """All alternatives, compared with the reading (`base`, the four columns) for the same seeds."""
 
     base: tuple[tables.CaseResult, ...]
     rows: tuple[SensitivityRow, ...]
@@ -268,7 +269,7 @@ class Sensitivity:
 
     @property
     def base_rms_deviation_percent(self) -> float:
-        """Of the reading itself, %."""
+        """Rms deviation of the reading itself from Table 5, %."""
         return tables.rms_deviation_percent(self.base)
 
 

@@ -1,5 +1,7 @@
-"""Tables 3 and 5 of [Park2008] beside what comes out: the columns of Table 5 as many seeded runs, on all cores; Table 3
-as far as its own printed numbers can be checked; and the adhesion curves of Figs. 13 to 15 and 17.
+"""Tables 3 and 5 and the adhesion curves of [Park2008], compared with computed results.
+
+The columns of Table 5 are many seeded runs, on all cores. Of Table 3 only the arithmetic of the printed numbers can be
+checked. The curves are those of Figs. 13 to 15 and 17.
 """
 
 from __future__ import annotations
@@ -35,23 +37,23 @@ from . import printed
 from .printed import TABLE5
 
 QUANTITIES = ("braking_time_s", "braking_distance_m", "brake_energy_published_reading", "mean_abs_slip_error")
-"""What Table 5 gives of each column, by the names of the comparison."""
+"""Quantities of Table 5, by their names in the comparison."""
 
-MOST_SEEDS = 100_000
+MOST_SEEDS = 100_000  #: most runs of a column
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class TableColumn:
-    """A column of Table 5: kind of controller, and the column of Table 4 whose gains and reference it has."""
+    """A column of Table 5: kind of controller, and the column of Table 4 that gives its gains and reference."""
 
     kind: Kind
     gains: Column
 
     @property
     def name(self) -> str:
-        """As Table 5 heads it."""
+        """Heading of the column in Table 5."""
         return f"{self.kind.upper()} {self.gains}"
 
 
@@ -66,10 +68,10 @@ CASES = (
 
 @dataclass(frozen=True)
 class Setup:
-    """What is run for a column, and how its numbers are read.
+    """Scenario and controller of a column, and how its numbers are computed.
 
-    own_reference: the slip error is taken against the controller's reference instead of 0.132/0.092; energy_in_joules:
-    the energy is left as it is instead of multiplied with the inertia scale.
+    - own_reference: if true, the slip error is against the controller's reference instead of 0.132/0.092.
+    - energy_in_joules: if true, the energy is not multiplied by the inertia scale.
     """
 
     case: TableColumn
@@ -79,20 +81,20 @@ class Setup:
     energy_in_joules: bool = False
 
     def numbers(self, run: Run) -> tuple[float, ...]:
-        """The `QUANTITIES` of a run: s, m, J times the unit's factor, slip ratio."""
+        """Values of the `QUANTITIES` for a run: s, m, J times the unit's factor, slip ratio."""
         unit = 1.0 if self.energy_in_joules else self.scenario.vehicle.inertia_scale
         error = run.mean_abs_slip_error if self.own_reference else run.mean_abs_slip_error_published
         return run.braking_time, run.braking_distance, unit * run.brake_energy, error
 
 
 def published_setup(case: TableColumn) -> Setup:
-    """The setup of a `case`, a column of Table 5, in the reading of `reading.READING`."""
+    """Setup of a `case`, a column of Table 5, in the reading of `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Runs of a setup: the `QUANTITIES` of each, by rows, NaN where it did not stop; and what became of those."""
+    """Runs of a setup: `values`, a row of `QUANTITIES` for each, NaN if it did not stop; `failures`: those outcomes."""
 
     setup: Setup
     values: Floats
@@ -113,7 +115,7 @@ class CaseResult:
 
 
 def checked_seeds(seeds: int) -> int:
-    """The number of seeds, 2 to `MOST_SEEDS`; InputError for another."""
+    """Return the number of seeds; InputError if it is not 2 to `MOST_SEEDS`."""
     if not 2 <= seeds <= MOST_SEEDS:
         raise InputError(f"seeds: {seeds} is not allowed; give a whole number from 2 to {MOST_SEEDS}")
     return seeds
@@ -122,14 +124,14 @@ def checked_seeds(seeds: int) -> int:
 def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None = None) -> tuple[CaseResult, ...]:
     """Run each setup with seeds 0, 1, ... on all cores; a setup without random force runs once.
 
-    The same seeds for all, so that differences between setups are not noise. `progress` is told each setup done.
+    All setups use the same seeds, so that differences between them are not noise. `progress` is called after each.
     """
     results = []
-    with ThreadPoolExecutor(cpu_count()) as pool:  # threads: a run leaves the interpreter's lock
+    with ThreadPoolExecutor(cpu_count()) as pool:  # threads suffice, as a run releases the interpreter's lock
         for setup in setups:
             simulator = Simulator(setup.scenario, setup.controller)
             noisy = setup.scenario.disturbances.random_force > 0
-            first = simulator.run(0 if noisy else None)  # alone, so that the kernel is compiled or loaded once
+            first = simulator.run(0 if noisy else None)  # before the threads, so that the kernel is compiled only once
             runs = [first, *pool.map(simulator.run, range(1, seeds if noisy else 1))]
             values = [setup.numbers(run) if run.stopped else (math.nan,) * len(QUANTITIES) for run in runs]
             failures = tuple(str(run.outcome) for run in runs if not run.stopped)
@@ -140,7 +142,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int = 0) -> dict[str, Run]:
-    """One recorded run of each column of Table 5, by name, a row every 20 steps."""
+    """Record one run of each column of Table 5; returned by name, with a row every 20 steps."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
 
@@ -149,18 +151,17 @@ def published_runs(*, seed: int = 0) -> dict[str, Run]:
 
 
 TOLERANCE_PERCENT = 4.0
-"""Largest deviation allowed of a number, %: single runs scatter by up to 5 % in slip error, and the paper shows one."""
+"""Largest accepted deviation, %: single runs scatter by up to 5 % in slip error, and the paper reports one run."""
 
-DEFAULT_SEEDS = 256
+DEFAULT_SEEDS = 256  #: runs of each column
 
 
 @dataclass(frozen=True)
 class Row:
-    """One number of Table 5 ("Table 5 / PI beam / braking_time_s"), published and obtained, in the unit that the item
-    names.
+    """One number of Table 5, published and obtained, in the unit named in `item` (".../ PI beam / braking_time_s").
 
-    The standard error is from the runs' spread; the tolerance is the largest deviation that counts as reproduced;
-    deviations in percent of the published one, NaN where runs did not stop.
+    `standard_error` comes from the scatter of the runs. `tolerance_percent` is the largest deviation that counts as
+    reproduced. Deviations are in percent of the published number, NaN if a run did not stop.
     """
 
     item: str
@@ -172,18 +173,18 @@ class Row:
 
     @property
     def deviation_percent(self) -> float:
-        """Obtained over published, less 1."""
+        """Obtained over published number, less 1, %."""
         return 100.0 * (self.obtained / self.published - 1.0)
 
     @property
     def within(self) -> bool:
-        """Whether the deviation is within the tolerance; a NaN is not."""
+        """True if the deviation is within the tolerance; false if it is NaN."""
         return abs(self.deviation_percent) <= self.tolerance_percent
 
 
 @dataclass(frozen=True)
 class Table5:
-    """The comparison: rows by column and quantity, the runs behind them by column, and the number of seeds of each."""
+    """Comparison with Table 5: rows by column and quantity, the runs by column, and the number of seeds."""
 
     rows: tuple[Row, ...]
     results: tuple[CaseResult, ...]
@@ -191,12 +192,12 @@ class Table5:
 
     @property
     def rms_deviation_percent(self) -> float:
-        """Root mean square of the rows' deviations; NaN where one of them has none."""
+        """Root mean square of the rows' deviations, %; NaN if a run did not stop."""
         return rms_deviation_percent(self.results)
 
     @property
     def within(self) -> bool:
-        """Whether every row is within its tolerance."""
+        """True if every row is within its tolerance."""
         return all(row.within for row in self.rows)
 
 
@@ -204,7 +205,7 @@ def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> T
     """Run the four columns and compare them with [Park2008] Table 5.
 
     - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
-    - progress: callable; told what is run, a line for each column done.
+    - progress: callable; called with a line for each column done.
     """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(
@@ -225,7 +226,7 @@ def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> T
 
 
 def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
-    """Root mean square of the deviations from Table 5 of all columns, %; NaN where one did not always stop."""
+    """Root mean square of the deviations of all columns from Table 5, %; NaN if a run did not stop."""
     shares = [result.mean / np.array(TABLE5[result.setup.case.name]) - 1.0 for result in results]
     values = [100.0 * share for one in shares for share in one.tolist()]
     return math.sqrt(sum(value**2 for value in values) / len(values))
@@ -234,22 +235,23 @@ def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
 # --- Table 3 ----------------------------------------------------------------------------------------------------------
 
 
-ADHESION_REGIME = (0.0193, 0.0138)  #: beam and bristle, where adhesion rises with slip: [Park2008] Figs. 14 and 15.
+ADHESION_REGIME = (0.0193, 0.0138)  #: errors of beam and bristle while adhesion rises with slip, Figs. 14 and 15.
 
 NOT_REPRODUCIBLE = (
-    "The eight errors themselves cannot be computed again: they are against the mean of the rig's measurements, which "
-    "[Park2008] prints only as marks in Fig. 13, and the sampling in slip over which they are averaged is not given. "
-    "railslip identify does the same comparison for a log that one has."
+    "The eight errors themselves cannot be recomputed: they refer to the mean of the rig's measurements, which "
+    "[Park2008] shows only as marks in Fig. 13, and the slips over which they are averaged are not given. "
+    "railslip identify makes the same comparison for a given log."
 )
 
 
 @dataclass(frozen=True)
 class Table3:
-    """What follows from the printed errors of the adhesion coefficient (ratios), and findings.
+    """Means and improvements that follow from the printed errors of the adhesion coefficient (ratios).
 
-    beam_mean, bristle_mean: of the printed rows; improvement_percent: of bristle over beam, from these means; and from
-    the printed means, and from the errors where adhesion rises with slip; not_reproducible: what cannot be computed
-    again.
+    - beam_mean, bristle_mean: means of the printed rows.
+    - improvement_percent: of bristle over beam, from these means; likewise improvement_of_printed_means_percent, and
+      improvement_in_adhesion_regime_percent from the errors while adhesion rises with slip.
+    - not_reproducible: statement on the numbers that cannot be recomputed.
     """
 
     beam_mean: float
@@ -262,12 +264,12 @@ class Table3:
 
     @property
     def improvement_follows_from_printed_means(self) -> bool:
-        """Whether the printed improvement is that of the printed means, to its last digit."""
+        """True if the printed improvement is that of the printed means, to its last digit."""
         return abs(self.improvement_of_printed_means_percent - printed.TABLE3_IMPROVEMENT) <= 0.05
 
 
 def table3() -> Table3:
-    """The arithmetic of Table 3."""
+    """Recompute the means and improvements of Table 3 from its printed errors."""
     beam, bristle = (sum(row) / len(row) for row in printed.TABLE3.values())
     return Table3(
         beam_mean=beam,
@@ -289,12 +291,12 @@ SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)  #: initial braking speeds of the rig te
 
 LAWS = ("beam", "curve", "bristle")  #: laws drawn: the beam model, the bristle model along a slip ramp, and at rest
 
-_POINTS = 801
+_POINTS = 801  # of a curve
 
 
 @dataclass(frozen=True)
 class ModelCurve:
-    """mu = Fa/N over the slip ratio at v = v0, km/h; its peak, and the published slip to hold (100 km/h only)."""
+    """Curve of mu = Fa/N over slip ratio at v = v0, km/h, with its peak; the published `reference` slip at 100 km/h."""
 
     law: str
     rail: Rail
@@ -306,7 +308,7 @@ class ModelCurve:
 
     @property
     def rises(self) -> bool:
-        """Whether adhesion rises with slip to its peak; at rest the bristle model falls from the start."""
+        """True if adhesion rises with slip to a peak; the bristle model at rest falls from the start."""
         return bool(self.peak.slip > self.slip[1])
 
 
@@ -317,11 +319,11 @@ def model_curves(
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
 ) -> tuple[ModelCurve, ...]:
-    """Curves by law, then initial speed (km/h, 30 to 140), then rail, at the rig's wheel load. [Park2008] Figs. 13 to
-    15.
+    """Adhesion curves of [Park2008] Figs. 13 to 15, at the rig's wheel load.
 
-    Each goes from slip 0 to `largest_slip`, or just short of where its law's domain ends. InputError for a law that is
-    not one, or a speed out of range; MissingParametersError for a law without published parameters.
+    They are ordered by law, then initial speed (km/h, 30 to 140), then rail. Each goes from slip 0 to `largest_slip`,
+    or to just before the end of its law's domain. InputError for an unknown law, or a speed out of range;
+    MissingParametersError for a law without published parameters.
     """
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 
@@ -329,7 +331,7 @@ def model_curves(
 def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
     law, speed = published_law(name, rail, v0), v0 * KMH
     end = min(largest_slip, law.domain_limit(speed)[0] * (1.0 - 1e-9))
-    # a dynamic law has no rest state without slip: its curve starts just above
+    # a dynamic law has no steady state at slip 0, so its curve starts just above
     slip = np.linspace(1e-6 if law.has_state else 0.0, end, _POINTS)
     return ModelCurve(
         law=name,
@@ -343,27 +345,27 @@ def _curve(name: str, rail: Rail, v0: float, largest_slip: float) -> ModelCurve:
 
 
 def wet_and_dry() -> tuple[ModelCurve, ...]:
-    """The curves of [Park2008] Fig. 17: bristle along a ramp and beam, dry and wet, at 100 km/h up to slip 0.5."""
+    """Curves of [Park2008] Fig. 17: bristle along a ramp and beam, dry and wet, at 100 km/h up to slip 0.5."""
     return model_curves(("curve", "beam"), speeds_kmh=(INITIAL_SPEED_KMH,), rails=tuple(Rail), largest_slip=0.5)
 
 
-# --- what else the published runs show; the words are in `facts.toml` ------------------------------------------------
+# --- further facts of the published runs; the texts are in `facts.toml` ----------------------------------------------
 
 
 SLIDING_SHARES = (0.65, 0.85)
-"""Share of the time with s s' < 0 that counts as about three quarters: neither sliding (1) nor chance (1/2)."""
+"""Range of the time share with s s' < 0 that counts as about three quarters: not sliding (1), not random (1/2)."""
 
 SLOW = 3.0
-"""A stop so many times longer than without the adaptation counts as lost: no stopping distance allows for it."""
+"""Ratio of braking times with and without adaptation beyond which the adaptation counts as failed."""
 
-LATE_SHARE = 0.5  #: locking in this last share of the stop's time counts as late
+LATE_SHARE = 0.5  #: locking counts as late within this last share of the braking time
 
-_SEED = 0  # of the noise
+_SEED = 0  # of the runs with noise
 
 
 @dataclass(frozen=True)
 class Fact:
-    """One finding about the published runs: what is said, what was found, whether it holds and how that was decided."""
+    """A fact about the published runs: the statement, the numbers found, whether it holds, and the method."""
 
     name: str
     statement: str
@@ -373,7 +375,7 @@ class Fact:
 
 
 def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """What else the published runs show; takes some seconds."""
+    """Determine further facts of the published runs; takes some seconds."""
     facts = []
     for decide in (pi_margins, no_sliding, reaching_fails, wet_rail_unknown, adaptation_unstable, si_stops_early):
         facts.append(decide())
@@ -383,7 +385,7 @@ def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
 
 
 def pi_loop(column: Column, inertia_scale: float) -> Assessment:
-    """A column's PI on the dry bristle model at 100 km/h and the column's reference slip, through the actuator."""
+    """Assess a column's PI loop with actuator, on the dry bristle model at 100 km/h and the column's reference slip."""
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = published_law("bristle", Rail.DRY)
     slip = published_reference(column).dry
@@ -392,7 +394,7 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
 
 
 def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
-    """The fact of a name with its words of `facts.toml`."""
+    """Make the named fact with its texts of `facts.toml`."""
     statement, found, how = (
         filled(texts(__package__, "facts.toml")[name][part], numbers) for part in ("statement", "found", "how")
     )
@@ -400,7 +402,7 @@ def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
 
 
 def pi_margins() -> Fact:
-    """Barely stable as published, unstable in SI."""
+    """Fact: the PI loops are barely stable as published, and unstable in SI."""
     scale = AS_PUBLISHED_INERTIA_SCALE
     published = {column: pi_loop(column, scale) for column in COLUMNS}
     si = {column: pi_loop(column, 1.0) for column in COLUMNS}
@@ -412,21 +414,21 @@ def pi_margins() -> Fact:
 
 
 def no_sliding() -> Fact:
-    """s s' < 0 only part of the time, though nothing random acts."""
+    """Fact: s s' < 0 holds only part of the time, even without noise."""
     shares = {c: judge_run(published_scenario(), _asmc(c), seed=None).condition("sliding").share for c in COLUMNS}
     low, high = SLIDING_SHARES
     return _fact("no sliding", all(low < share < high for share in shares.values()), shares=shares)
 
 
 def reaching_fails() -> Fact:
-    """(40) with Table 4's gains and the published noise."""
+    """Fact: the reaching condition (40) fails with Table 4's gains and the published noise."""
     judged = {column: judge_run(published_scenario(), _asmc(column), seed=_SEED) for column in COLUMNS}
     shares = {column: one.condition("reaching (40)").share for column, one in judged.items()}
     return _fact("(40) fails", all(share < 1.0 for share in shares.values()), shares=shares, seed=_SEED)
 
 
 def wet_rail_unknown() -> Fact:
-    """The ASMC that keeps the dry curve after 25 s."""
+    """Fact: the ASMC locks the wheel if it keeps the dry curve after 25 s."""
     scenario, runs, holds = published_scenario(), {}, True
     change = _rail_change(scenario)
     for column in COLUMNS:
@@ -444,7 +446,7 @@ def wet_rail_unknown() -> Fact:
 
 
 def adaptation_unstable() -> Fact:
-    """The printed k behind the printed actuator."""
+    """Fact: the printed adaptation gain k is unstable with the printed actuator."""
     loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
     ratio = largest_adaptation(loop) / loop.gains.k1
     scenario, runs, holds = published_scenario(), {}, ratio < 1.0
@@ -459,7 +461,7 @@ def adaptation_unstable() -> Fact:
 
 
 def si_stops_early() -> Fact:
-    """The same run with SI inertias."""
+    """Fact: with SI inertias the stop ends before the rail turns wet."""
     scenario = published_scenario(as_published=False)
     end = _rail_change(scenario)
     highest = peak(scenario.law(Rail.DRY), scenario.initial_speed, scenario.vehicle.wheel_load).slip
@@ -483,7 +485,7 @@ def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) ->
 
 
 def _rail_change(scenario: Scenario) -> float:
-    """When the rail turns wet, s."""
+    """Time at which the rail turns wet, s."""
     return next(event.time for event in scenario.events if event.rail is Rail.WET and event.time is not None)
 
 

@@ -1,7 +1,11 @@
-"""The sliding-mode laws, derived from the plant in SymPy: [Park2008]'s adaptive law with its code, the predictive law.
+"""Derivation in SymPy of the sliding-mode laws: the adaptive law of [Park2008], with its code, and the predictive law.
 
-Imports `model` and `core`. Begin with `derivation`, the chain of steps of the published law; `predictive` derives the
-law for the actuator and the loop of its layer; `proof` checks each step. `sampled_law` makes the published law
-discrete, `code` writes it in the language of steps, which `controllers` prints as kernels and as C99. `law` has the
-gains; `generate` writes the Python text that is committed, so that a run needs no SymPy.
+Imports `model` and `core`. Begin with `derivation`, the derivation of the published law.
+
+- `derivation`, `predictive`: the published law step by step; the law for a plant with actuator, and its loop.
+- `proof`: symbols, and the machine checks of each step.
+- `sampled_law`, `code`: the published law in discrete time, and as Python code, from which `controllers` makes kernels
+  and C99.
+- `law`: the gains.
+- `generate`: writes the committed Python code, so that a run needs no SymPy.
 """

@@ -1,8 +1,7 @@
-"""The sampled law as a Python module in the language of steps, with an adhesion law's own numbers where a file gives
-them.
+"""Code of the sampled law as a Python module, with an adhesion law's numbers if a file gives them.
 
-The module is `templates/law.py.jinja` filled in: functions of numbers, and a step that changes a state in named fields.
-`controllers` puts it into kernels and prints it as C99.
+The module is made from `templates/law.py.jinja`: functions of numbers, and a step that changes a state with named
+fields. `controllers` compiles it into kernels and prints it as C99.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, PREFIX, Assignmen
 WIDTH = 99  #: largest length of a line of generated code
 
 _HELPERS = ("reciprocal", "exponential", "limited")
-"""Functions of the template: x^-1 and exp where an argument may be anything, and a number held to limits."""
+"""Functions of the template: 1/x and exp that are safe for any argument, and limiting of a number."""
 
 
 @dataclass(frozen=True)
 class LawCode:
-    """The law as a Python module's text, and the numbers of an adhesion law that come with it, by rail."""
+    """The law as text of a Python module, with the numbers of an adhesion law by rail, if any."""
 
     law: SampledLaw
     python: str
@@ -45,13 +44,13 @@ class LawCode:
 
     @property
     def head(self) -> list[str]:
-        """Paragraphs on the law's origin, and the conditions that do not hold."""
+        """Paragraphs for the head of a program: the law's origin, and the conditions that do not hold."""
         return _head(self.law.note)
 
 
 @cache
 def generate(derivation: Derivation) -> LawCode:
-    """The law of a derivation as Python source."""
+    """Generate the Python source of a derivation's law."""
     law = sampled_law(derivation)
     return LawCode(law, _source(law))
 
@@ -64,7 +63,7 @@ def _head(note: tuple[str, ...]) -> list[str]:
         f"from sources of SHA-256 {sources_hash()}.",
         *note,
         "",
-        "Units: SI throughout (m, kg, s, N, rad), those of each number beside it.",
+        "Units: SI throughout (m, kg, s, N, rad); each number has its unit beside it.",
         "",
         *CAUTIONS,
     ]
@@ -74,7 +73,7 @@ def _head(note: tuple[str, ...]) -> list[str]:
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    """Powers up to 4 are products, which overflow to infinity where ** raises; sgn 0 is 0, SymPy prints copysign."""
+    """Printer that writes powers up to 4 as products, which overflow to infinity while ** raises, and sgn 0 as 0."""
 
     def _print_Pow(self, expression: sp.Expr, **options: object) -> str:
         base, exponent = expression.as_base_exp()
@@ -92,7 +91,7 @@ _PRINTER = _Printer({"fully_qualified_modules": True, "user_functions": {name: n
 
 
 def _source(law: SampledLaw) -> str:
-    # from what is measured and kept to what the continuous law is a function of
+    # from measurements and states to the arguments of the continuous law
     prepare: list[str] = []
     for name, value in law.prepare:
         prepare += _statements([(name, value)], law)
@@ -122,15 +121,15 @@ def _source(law: SampledLaw) -> str:
 
 
 def _field(name: str, meaning: str, rules: tuple[str, ...], has_default: bool) -> str:
-    """A field of a record: its meaning with unit, and what its number must be besides finite."""
-    told = ", ".join(f'"{one}"' for one in (meaning, *rules))
-    return f"    {name}: Annotated[float, {told}]{' = 0.0' if has_default else ''}"
+    """Line of a record's field: its meaning with unit, and the bounds of its number."""
+    notes = ", ".join(f'"{one}"' for one in (meaning, *rules))
+    return f"    {name}: Annotated[float, {notes}]{' = 0.0' if has_default else ''}"
 
 
 def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
-    """Lines that assign the targets, common parts first; parameters are read from `p`.
+    """Lines that assign the targets, common subexpressions first; parameters are read from `p`.
 
-    Divided by and exponentiated with the `_HELPERS`, so that a parameter of 0 does in every language the same.
+    Division and exp use the `_HELPERS`, so that a parameter of 0 has the same effect in every language.
     """
     lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
     temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
@@ -145,7 +144,7 @@ def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
             lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and not x.base.is_Number,
             lambda x: reciprocal(x.base**-x.exp),
         ).replace(lambda x: isinstance(x, sp.exp), lambda x: exponential(x.args[0]))
-        # a case distinction is printed in several lines
+        # a Piecewise is printed on several lines
         text = " ".join(_PRINTER.doprint(guarded.xreplace(shown)).split())
         line = f"    {name} = {text}"
         lines += [line] if len(line) <= WIDTH else [f"    {name} = (", *_short(f"        {text}"), "    )"]
@@ -153,10 +152,10 @@ def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
 
 
 def _short(line: str) -> list[str]:
-    """A line of code in lines of `WIDTH`, broken at blanks, before an operator; from the second on indented farther."""
+    """Wrap a line of code to `WIDTH`, at blanks before operators, with indented continuation lines."""
     if len(line) <= WIDTH:
         return [line]
-    blank = "\N{NO-BREAK SPACE}"  # an operator stays with what follows it, = with both sides
+    blank = "\N{NO-BREAK SPACE}"  # no break between an operator and its right operand, or around =
     spaced = re.sub(r"(?<=[\w)])([*/])(?=[\w(])", r" \1 ", line)
     together = re.sub(r" ([-+*/]) ", rf" \1{blank}", spaced.replace(" = ", f"{blank}={blank}"))
     further = line[: len(line) - len(line.lstrip())] + 4 * " "
@@ -172,8 +171,10 @@ _DIGITS = 6  #: significant digits of a number in a formula; the code has all of
 
 @dataclass(frozen=True)
 class LawNumbers:
-    """The numbers on one rail: name and value (SI, in the law's order; of a table one for each of its points), and Tb,
-    N*m, with the numbers in it; None for a law without a closed form, whose Ta stays an argument.
+    """An adhesion law's numbers on one rail.
+
+    - parameters: name and value, SI, in the law's order; a table has one for each of its points.
+    - torque: Tb, N*m, with the numbers substituted; None for a law without a closed form, whose Ta is an argument.
     """
 
     rail: Rail
@@ -182,13 +183,13 @@ class LawNumbers:
 
 
 def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
-    """The numbers of `law` in the `derivation` made with it, on dry and on wet rail; of a wet one on wet rail alone.
+    """Numbers of `law` for the `derivation` made with it, on dry and wet rail; for a wet law, on wet rail only.
 
     InputError for a derivation with another law.
     """
     if derivation.adhesion != law.name:
-        raise InputError(f"law: {law.name!r} is not the one derived with, {derivation.adhesion!r}; derive with it")
-    # of a list the values are numbered
+        raise InputError(f"law: {law.name!r} is not the law of the derivation, {derivation.adhesion!r}; derive with it")
+    # values of a list are numbered
     fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]
     names = [
         name if len(values) == 1 else f"{name}_{i}"
@@ -207,10 +208,10 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
-    """The code with the numbers, at its end as a dict for each rail; its head names the `file` that they are from."""
+    """Append the numbers to the code as a dict for each rail, and name their `file` in its head."""
     named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
     if not all(name in code.law.parameters for _, row in named for name in row):
-        return code  # Ta is an argument: there are no such parameters
+        return code  # Ta is an argument, so the code has no such parameters
     origin = f"{file.name}, SHA-256 {file_hash(file)}."
     law = replace(code.law, note=(*code.law.note, "Numbers of the adhesion law, in this file, from:", origin))
     python = ["", "", "# The adhesion law's parameters: Parameters(**ADHESION_DRY, J=..., ...)"]

@@ -1,10 +1,9 @@
 """The adaptive sliding-mode law, derived step by step from the plant's statement ([Park2008] (33)-(49)).
 
-Symbols are those of `core.notation` and `sliding.proof`; plain SymPy, real, `sympy.sign` for sgn. s' is positive where
-s grows, Tb > 0 brakes, theta_tilde = theta - theta_hat. Nothing of the law is typed in: the plant is `plant.WHEEL`,
-`plant.TRAIN`, `plant.SLIP_VELOCITY`; what is chosen (not derived) is the surface (33), the reaching law asked for and
-V. Every step carries the outcome of a machine check. The records build on each other: `Reaching`, `Adaptation`,
-`Derivation`.
+Symbols are those of `core.notation` and `sliding.proof`: real SymPy symbols, with `sympy.sign` for sgn. Tb > 0 brakes,
+theta_tilde = theta - theta_hat. The plant is `plant.WHEEL`, `plant.TRAIN`, `plant.SLIP_VELOCITY`. Chosen, not derived,
+are the surface (33), the reaching law and V; everything else is derived. Every step has the outcome of a machine check.
+The records extend each other: `Reaching`, `Adaptation`, `Derivation`.
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ _SIGMA_RATE = sliding_symbol("sigma_rate")
 
 
 UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
-"""What is dropped where the source says "uncertainties are neglected" (p. 53)."""
+"""Substitution for the source's "uncertainties are neglected" (p. 53): disturbances set to zero."""
 
 
 def derive_surface(reference: Reference) -> dict[str, Any]:
-    """s and s' for a reference; fields of `Reaching`."""
+    """Derive s and s' for a reference; returns fields of `Reaching`."""
     plant_step, train, wheel = accelerations()
     motion, slip_velocity = plant.motion(), plant.SLIP_VELOCITY.rhs
-    # v' is kept apart, so that a measured v' may stand for it
+    # v' stays a symbol, so that a measured v' can replace it
     sigma_rate = sp.expand(sp.diff(slip_velocity, plant.v) * train + sp.diff(slip_velocity, plant.omega) * wheel)
     moves = identical(_in_plant_variables(sigma_rate), motion.sigma_rate)
     slip_step = step("slip acceleration", (_SIGMA_RATE, sigma_rate), moves)
@@ -57,12 +56,12 @@ def derive_surface(reference: Reference) -> dict[str, Any]:
 
 
 def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
-    """v' and omega' in Ta, Fr, omega from the statement, and the step that shows them."""
+    """Solve the plant for v' and omega' in Ta, Fr, omega; (step, v', omega')."""
     force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
     train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
     wheel = sp.expand(linear_solution(plant.WHEEL, plant.omega_rate))
     v, omega, r, M, J = plant.v, plant.omega, plant.r, plant.M, plant.J
-    # kinetic energy can leave only by slip, resistance, brake and bearing: fails for a wrong sign in (3) or (4)
+    # only slip, resistance, brake and bearing dissipate energy: this check fails for a wrong sign in (3) or (4)
     power = M * v * train + J * omega * wheel
     slip_velocity = v - r * omega
     losses = (plant.Ta + plant.Tr) / r * slip_velocity + plant.Fr * v + (plant.Tb + plant.Td + plant.B * omega) * omega
@@ -78,7 +77,7 @@ def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
 
 
 def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
-    """(e, e', s, the step, s') by differentiating (33) along time; s' in sigma', v' and e."""
+    """Differentiate (33) with respect to time; (e, e', s, step, s'), with s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
     at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
@@ -104,14 +103,14 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, De
 
 
 def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
-    """Ta, Fr and omega replaced by Fa, the resistance's formula and (v - sigma)/r, as `plant.motion` has them."""
+    """Replace Ta, Fr and omega by the variables of `plant.motion`: Fa, the resistance's formula, (v - sigma)/r."""
     wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
     stated = {plant.Ta: plant.ADHESION_TORQUE.rhs, plant.Fr: plant.RESISTANCE.rhs}
     return expression.subs({**stated, plant.omega: wheel_speed})
 
 
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
-    """The terms of s' by what they multiply, as the source writes them."""
+    """Collect the terms of s' by torque and omega, as the source does."""
     return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
 
 
@@ -124,7 +123,7 @@ _S_RATE, _ZERO = sliding_symbol("s_rate"), sp.Integer(0)
 
 @dataclass(frozen=True)
 class Reaching:
-    """The sliding variable, its rate, and the law for known parameters; fields as of `Derivation`."""
+    """Sliding variable, its rate, and the law for known parameters; fields as of `Derivation`."""
 
     steps: tuple[DerivationStep, ...]
     s: sp.Expr
@@ -141,13 +140,13 @@ class Reaching:
 
 
 def derive_reaching(reference: Reference) -> Reaching:
-    """The law from s'."""
+    """Derive the law for known parameters from s'."""
     surface = derive_surface(reference)
     rate, known, d = surface["s_rate"], surface["s_rate"].subs(UNCERTAIN), surface["disturbance"]
     equivalent = linear_solution(known, plant.Tb)
     reaching = grouped_rate(sp.expand(rate.subs(plant.Tb, equivalent + Ur)))
     # Ur for which s' without disturbances is -D0 s - K0 sgn s, in D = (J/r) D0 and K = (J/r) K0
-    sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
+    sign = sp.Dummy("sgn", real=True)  # stands for sgn s, which `solve` would split into cases
     in_rates = linear_solution(reaching.subs(UNCERTAIN) + D0 * s + K0 * sign, Ur)
     robust = sp.expand(in_rates.subs({D0: plant.r / plant.J * D, K0: plant.r / plant.J * K})).subs(sign, sp.sign(s))
     law = grouped(equivalent) + robust
@@ -191,7 +190,7 @@ def derive_reaching(reference: Reference) -> Reaching:
 
 
 def grouped(control: sp.Expr) -> sp.Expr:
-    """A control as the source writes it: J/r times a bracket by Ta and omega."""
+    """Write a control as in the source: J/r times a bracket with terms in Ta and omega."""
     factor = plant.J / plant.r
     inside = sp.collect(sp.expand(control / factor), (plant.Ta, plant.omega))
     return sp.Mul(factor, inside, evaluate=False)
@@ -208,14 +207,14 @@ THETA_TILDE = tuple(sliding_symbol(f"theta{i}_tilde") for i in (1, 2))
 THETA_HAT_RATE = tuple(sliding_symbol(f"theta{i}_hat_rate") for i in (1, 2))
 PHI = (plant.Ta, plant.omega)
 
-TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}  #: the true parameters in nominal and perturbation
-NOMINAL = {plant.M: Mn, plant.B: Bn}
+TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}  #: substitution of the true parameters: nominal value and perturbation
+NOMINAL = {plant.M: Mn, plant.B: Bn}  #: substitution of the nominal parameters
 _V_RATE = sliding_symbol("V_rate")
 
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """A Lyapunov function, its rate and the adaptive law that follows, for adaptation gains (k, k) or (k1, k2)."""
+    """Lyapunov function, its rate and the adaptive law that follows, for adaptation gains (k, k) or (k1, k2)."""
 
     V: sp.Expr
     V_rate: sp.Expr
@@ -227,7 +226,7 @@ class Lyapunov:
 
 @dataclass(frozen=True)
 class Adaptation(Reaching, Lyapunov):
-    """And the adaptive law, with the Lyapunov function of the scalar gain."""
+    """`Reaching` extended by the adaptive law and the Lyapunov function of the scalar gain."""
 
     theta: tuple[sp.Expr, ...]
     adaptive_law_control: sp.Expr
@@ -239,7 +238,7 @@ class Adaptation(Reaching, Lyapunov):
 
 @cache
 def derive_adaptation(reference: Reference) -> Adaptation:
-    """theta, the law with theta_hat, the error dynamics and the adaptive laws; Ta is an argument."""
+    """Derive theta, the law with theta_hat, the error dynamics and the adaptive laws; Ta is an argument."""
     reaching = derive_reaching(reference)
     known = reaching.s_rate.subs(UNCERTAIN)
     uncertainty = sp.expand(known.subs(TRUE) - known.subs(NOMINAL))
@@ -250,7 +249,7 @@ def derive_adaptation(reference: Reference) -> Adaptation:
     true = tuple(hat + tilde for hat, tilde in zip(THETA_HAT, THETA_TILDE, strict=True))
     error_dynamics = sp.expand(_with_theta(known, true).subs(plant.Tb, law)) + disturbance
     scalar, matrix = (_lyapunov(error_dynamics, disturbance, gains) for gains in ((k, k), (k1, k2)))
-    # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
+    # independent check: s' of the true plant under the law, with theta_tilde = theta - theta_hat by definition
     plant_rate = reaching.s_rate.subs(TRUE).subs(plant.Tb, law)
     errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
     taken = sum(tilde * variable for tilde, variable in zip(THETA_TILDE, PHI, strict=True))
@@ -297,7 +296,7 @@ def derive_adaptation(reference: Reference) -> Adaptation:
 
 
 def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
-    """s' without disturbances: the nominal one plus theta' phi."""
+    """s' without disturbances: its nominal value plus theta' phi."""
     return known.subs(NOMINAL) + sum(a * b for a, b in zip(theta, PHI, strict=True))
 
 
@@ -308,7 +307,7 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
     adaptation_part = sum(sp.diff(V, tilde) * -rate for tilde, rate in zip(THETA_TILDE, THETA_HAT_RATE, strict=True))
     rate = sp.expand(sp.diff(V, s) * ideal + adaptation_part)
     cross = sp.expand(rate - rate.subs(dict.fromkeys(THETA_TILDE, 0)))
-    # it is linear in theta_tilde: it vanishes for every theta_tilde where each coefficient does
+    # the cross term is linear in theta_tilde: it vanishes for every theta_tilde if each coefficient does
     solution = sp.solve([sp.diff(cross, tilde) for tilde in THETA_TILDE], THETA_HAT_RATE, dict=True)[0]
     adaptation = tuple(solution[symbol] for symbol in THETA_HAT_RATE)
     final = sp.factor(sp.expand(rate.subs(solution)).subs(s * sp.sign(s), sp.Abs(s)))
@@ -316,7 +315,7 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
 
 
 def _function_steps(scalar: Lyapunov) -> tuple[DerivationStep, DerivationStep]:
-    """V and its rate."""
+    """Steps for V and its rate."""
     hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
     second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
     rest = scalar.V_rate - scalar.cross_term
@@ -339,12 +338,12 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
     )
 
 
-# --- what else the plant states ---------------------------------------------------------------------------------------
+# --- further equations of the plant -----------------------------------------------------------------------------------
 
 
 @cache
 def _statement_steps() -> tuple[DerivationStep, ...]:
-    """The steps, one an equation: slip ratio, resistance, actuator."""
+    """Steps for the plant's other equations: slip ratio, resistance, actuator."""
     ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     rolls, locks = (ratio.subs(plant.omega, omega) for omega in (plant.v / plant.r, 0))
     grows = bool(sp.diff(ratio, plant.omega).is_negative)
@@ -354,7 +353,7 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
     brakes = all(part.is_positive for part in parts) and identical(power, whole)
     s_laplace, tau, Tc = (symbol(name) for name in ("s", "tau", "Tc"))
     transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
-    # the command after the dead time is exp(-tau s) of the command
+    # the dead time multiplies the command by exp(-tau s)
     from_rate = sp.solve(sp.Eq(s_laplace * plant.Tb, rate), plant.Tb)[0].subs(Tc, sp.exp(-tau * s_laplace))
     poles = sp.solve(sp.denom(sp.together(from_rate)), s_laplace)
     return (
@@ -375,26 +374,30 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
 
 @dataclass(frozen=True)
 class Derivation(Adaptation):
-    """The law and all that leads to it, in Ta, omega, v_rate (v', measured), e and the parameters; N*m and m/s^2.
+    """The derivation: the law and its steps in Ta, omega, v_rate (measured v'), e and parameters; N*m and m/s^2.
 
-    reference, adhesion: as asked of `derive`. steps: in order.
-    s, error, reference_rate: s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
-    s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
-    disturbance: d, what Tr, Fr and Td add to s', at the true mass M; `disturbance_perturbed` has M = Mn + Mp.
-    equivalent_control, reaching, robust_term, control_law: (36); s' with Ueq + Ur in the symbol Ur (37); Ur (41); Tb
-    (43).
-    closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
-    theta, phi: the unknown coefficients, true values, in r, J, Mn, Mp, Bp, (44) corrected; (Ta, omega).
-    adaptive_law_control, error_dynamics: Tb with Mn, Bn and theta_hat, (45); s' under it in theta_tilde, disturbed.
-    V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
-    V_rate, cross_term: V' under the law, theta_hat' and theta_tilde free, disturbances dropped; what of it has
-    theta_tilde in it, (47), (48).
-    adaptation: theta_hat' for which the cross term vanishes whatever theta_tilde is, (49).
-    V_rate_final, V_rate_disturbed: V' with it, -(r/J)(D s^2 + K |s|), and the same with the disturbances kept.
-    V_matrix, adaptation_matrix: the same for gains k1, k2 (diagonal matrix gain): units right.
-    estimation_disturbance: what Ta_hat and v_rate_hat in place of Ta and v_rate add to s'.
-    adhesion_torque, adhesion_state_rate: Ta of the law in v, sigma, z, N and its parameters; z', m/s, of a dynamic one.
-    law_in_adhesion: `adaptive_law_control` with that torque; the same as it without a law.
+    - reference, adhesion: arguments of `derive`.
+    - steps: in order.
+    - s, error, reference_rate: s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
+    - s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
+    - disturbance, disturbance_perturbed: d, the contribution of Tr, Fr and Td to s', with the true mass as M, and as
+      Mn + Mp.
+    - equivalent_control, reaching, robust_term, control_law: Ueq (36); s' under Ueq + Ur in the symbol Ur (37); Ur
+      (41); Tb (43).
+    - closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
+    - theta, phi: true values of the unknown coefficients in r, J, Mn, Mp, Bp, (44) corrected; (Ta, omega).
+    - adaptive_law_control, error_dynamics: Tb with Mn, Bn and theta_hat, (45); s' under it in theta_tilde, with
+      disturbances.
+    - V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
+    - V_rate, cross_term: V' under the law without disturbances, for free theta_hat' and theta_tilde; its terms with
+      theta_tilde, (47), (48).
+    - adaptation: theta_hat' for which the cross term vanishes for every theta_tilde, (49).
+    - V_rate_final, V_rate_disturbed: V' with this adaptation, -(r/J)(D s^2 + K |s|), and with disturbances.
+    - V_matrix, adaptation_matrix: the same for gains k1, k2 (diagonal matrix gain), whose units are consistent.
+    - estimation_disturbance: change of s' if Ta_hat and v_rate_hat replace Ta and v_rate.
+    - adhesion_torque, adhesion_state_rate: Ta of the law in v, sigma, z, N and its parameters; z', m/s, of a dynamic
+      law.
+    - law_in_adhesion: `adaptive_law_control` with that torque, or unchanged without a law.
     """
 
     reference: str
@@ -407,17 +410,17 @@ class Derivation(Adaptation):
 
     @property
     def all_checked(self) -> bool:
-        """True where the check of every step holds."""
+        """True if the check of every step holds."""
         return all(one.checked for one in self.steps)
 
 
 @checked
 @cache
 def derive(*, reference: Reference = "proportional", law: str | None = None) -> Derivation:
-    """Derive the sliding-mode law; takes a few seconds, and the result is kept. [Park2008] (33)-(45).
+    """Derive the sliding-mode law, [Park2008] (33)-(45); takes a few seconds, and the result is cached.
 
-    - reference: "proportional": slip velocity lambda_d v to be held; or "constant".
-    - law: name of the adhesion law put in place of Ta; left out, Ta is an argument.
+    - reference: "proportional" (reference slip velocity lambda_d v) or "constant".
+    - law: name of the adhesion law that replaces Ta; by default Ta is an argument.
 
     Returns equations and steps as SymPy expressions in SI, by name; no arrays. InputError: an unknown reference or law.
     """
@@ -436,7 +439,7 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 
 
 def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
-    """What estimates of Ta and v' in the law add to s'."""
+    """Change of s' if estimates replace Ta and v' in the law."""
     estimates = {plant.Ta: sliding_symbol("Ta_hat"), plant.v_rate: sliding_symbol("v_rate_hat")}
     law = adaptive.adaptive_law_control
     with_estimates = adaptive.s_rate.subs(plant.Tb, law.subs(estimates))
@@ -458,7 +461,7 @@ def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
 def _with_adhesion(
     law: str | None, adaptive: Adaptation
 ) -> tuple[tuple[DerivationStep, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
-    """The step, torque, state rate and control law with an adhesion law in place of Ta."""
+    """Substitute an adhesion law for Ta; (steps, torque, state rate, control law)."""
     control = adaptive.adaptive_law_control
     if law is None:
         return (), None, None, control

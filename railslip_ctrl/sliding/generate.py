@@ -1,7 +1,6 @@
-"""The derived law's Python text, committed by `make generate`, so that running the law needs no SymPy.
+"""Generated Python code of the derived law, written by `make generate` and committed, so that a run needs no SymPy.
 
-As in `numeric`: the head of the file has a hash of the sources the text came from; where it does not fit, the law is
-derived at once.
+As in `model.numeric`, the head of the file has a hash of its sources; if it does not match, the law is derived again.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ _HEAD = "# mypy: ignore-errors\n"
 
 @cache
 def law_source() -> str:
-    """Python source of the law of [Park2008] (45) with Ta as an argument, as `code.generate(derive())` gives it."""
+    """Python source of the law of [Park2008] (45), with Ta as an argument: that of `code.generate(derive())`."""
     if LAW_FILE.is_file():
         text = LAW_FILE.read_text(encoding="utf-8")
         if f" {sources_hash()}." in text:
@@ -31,12 +30,12 @@ def law_source() -> str:
 
 @cache
 def generated_law() -> Any:
-    """The law as a module, as `code.generate` writes it: `Parameters`, `State`, `start`, `control`, `law_step`."""
+    """Module of the generated law: `Parameters`, `State`, `start`, `control`, `law_step`."""
     return module_of(law_source())
 
 
 def generate_law() -> str:
-    """Text of the committed file."""
+    """Generate the text of the committed file."""
     from .code import generate
     from .derivation import derive
 
@@ -44,7 +43,7 @@ def generate_law() -> str:
 
 
 def main() -> None:
-    """Write the functions of every adhesion law, and the derived sliding-mode law."""
+    """Write the generated code of every adhesion law and of the derived sliding-mode law."""
     texts = {f"{name}.py": generate_plant(law) for name, law in law_classes().items()}
     for name, text in {**texts, LAW_FILE.name: generate_law()}.items():
         target = LAW_FILE.parent / name

@@ -1,4 +1,4 @@
-"""Gains of the law, and what its generated text has in it without SymPy."""
+"""Gains of the sliding-mode law, and helpers of its generated code that need no SymPy."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 @dataclass(frozen=True)
 class LawGains:
-    """Gains of the law (45) and of its robust variants; InputError for one that is not finite or below its bound.
+    """Gains of the law (45) and of its robust variants.
 
-    K, gain on the switching term, N*m, >= 0; D, gain on s, N*m/(m/s), > 0, added to the torque like K; rho, weight of
-    the integral in s, 1/s, > 0; k1, k2, adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i;
-    layer, width Phi of the boundary layer, m/s, 0 is sgn s; leak, rate of sigma-modification, 1/s, >= 0: theta_hat_i' =
-    k_i s phi_i - leak theta_hat_i; box, projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); dead_zone:
-    the adaptation is driven by s - Phi sat(s/Phi) in place of s.
+    - K: gain of the switching term, N*m, >= 0.
+    - D: gain on s, N*m/(m/s), > 0, a torque like K.
+    - rho: weight of the integral in s, 1/s, > 0.
+    - k1, k2: adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i.
+    - layer: half width Phi of the boundary layer, m/s, >= 0; 0 means sgn s.
+    - leak: rate of the sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
+    - box: projection bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); None for no projection.
+    - dead_zone: if true, s - Phi sat(s/Phi) drives the adaptation instead of s.
+
+    InputError for a gain that is not finite or out of its range.
     """
 
     K: float
@@ -42,9 +47,9 @@ class LawGains:
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:
-    """The generated law's parameters of those names, from the record of the robust variants.
+    """Convert gains to parameters of the generated law, by name.
 
-    InputError for a box without width: 0 .. 0 in the generated law is no projection.
+    InputError for a box without width, as 0 .. 0 means no projection in the generated law.
     """
     values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
     values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
@@ -57,20 +62,20 @@ def gain_parameters(gains: LawGains) -> dict[str, float]:
     return values
 
 
-# Printed are D in 1/h, meant as N*m per km/h, K in km/h^2, meant as N*m, rho in 1/h, meant as 1/s, and one k. In km/h
-# theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
+# The paper prints D in 1/h (meant: N*m per km/h), K in km/h^2 (N*m), rho in 1/h (1/s), and one k. With speeds in km/h,
+# theta1, s and omega are 3.6 times their SI values, and theta2 is unchanged. So k1 = k and k2 = 3.6^2 k.
 TABLE4_LAWS = MappingProxyType(
     {
         column: LawGains(K=row.K, D=3.6 * row.D, rho=row.rho, k1=row.k, k2=3.6**2 * row.k)
         for column, row in TABLE4_SLIDING_PRINTED.items()
     }
 )
-"""[Park2008] Table 4, ASMC, by column, as it must be read, SI."""
+"""Gains of [Park2008] Table 4, ASMC, by column, in the unit interpretation that reproduces Table 5; SI."""
 
 PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
 
-# --- what generated code shares ---------------------------------------------------------------------------------------
+# --- shared parts of the generated code -------------------------------------------------------------------------------
 
 NOT_HOLDING = (
     *("V' <= 0, disturbed", "invariant-set theorem", "theta_hat converges", "scalar gain k"),
@@ -78,14 +83,14 @@ NOT_HOLDING = (
     *("theta constant", "theta_hat bounded under noise", "sliding exists behind the actuator"),
     *("the law behind the actuator spares the wheel", "the adaptive loop is stable behind the actuator"),
 )
-"""Conditions that `joint_verification` finds not to hold for the published law; deciding them takes half a minute."""
+"""Conditions that fail for the published law, by `joint_verification`, which takes half a minute."""
 
 CAUTIONS = (
     "Conditions that do NOT hold for this law, with the published vehicle, gains and disturbances (railslip verify "
     "reports why, and decides them for other numbers):",
     *(f"- {name}" for name in NOT_HOLDING),
 )
-"""`NOT_HOLDING` as paragraphs for the head of a program."""
+"""Paragraphs for the head of a program that list `NOT_HOLDING`."""
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -93,7 +98,7 @@ SOURCES = (
     *("model/plant.py", "core/notation.toml", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
     *("sliding/notation.toml", "sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
-"""What the text of the law without adhesion follows from."""
+"""Source files of the generated law without an adhesion law."""
 
 
 def sources_hash() -> str:
@@ -102,12 +107,12 @@ def sources_hash() -> str:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a text file; line ends do not count."""
+    """SHA-256 of a text file, independent of its line ends."""
     return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()
 
 
 def module_of(text: str) -> ModuleType:
-    """The module of the law's text; its functions can be read again from their source, as a kernel needs."""
+    """Make a module from the law's text; `inspect` finds the source of its functions, which a kernel needs."""
     name = f"<sliding-mode law {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
     module = ModuleType("railslip_asmc")

@@ -1,4 +1,4 @@
-"""The predictive sliding-mode law, derived step by step from the plant's statement, and the loop of its layer.
+"""Derivation of the predictive sliding-mode law from the plant's statement, and of the loop of its boundary layer.
 
 The law slides on a surface of relative degree one in the command: a model of the brake's lag gives the torque ahead of
 the dead time, T_plus, and the reduction of [Artstein1982] removes the dead time from the error. The plant is
@@ -100,7 +100,7 @@ def derive_predictive() -> PredictiveDerivation:
 
 
 def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
-    """H: the brake torque at which e = lambda_d v - sigma is constant, speed and reference changing."""
+    """Derive H, the brake torque at which e = lambda_d v - sigma is constant while speed and reference change."""
     t = sp.Symbol("t", real=True)
     v_t, omega_t, reference_t = (sp.Function(name)(t) for name in ("v", "omega", "lambda_d"))
     reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma)
@@ -126,7 +126,7 @@ def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
-    """H with the train's deceleration put in, against the trim torque of the plant."""
+    """Substitute the train's deceleration into H, and compare with the trim torque of the plant."""
     inside = sp.expand(holding.subs(a, -train))
     shown = sp.collect(inside, (plant.Ta, plant.Tr, plant.Fr))
     at_reference = {
@@ -140,7 +140,7 @@ def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
 
 
 def _ahead() -> DerivationStep:
-    """T_plus' from the lag of the actuator; the acting torque follows it after the dead time."""
+    """Derive T_plus' from the actuator's lag; the acting torque is T_plus after the dead time."""
     s, tau, Tc = symbol("s"), symbol("tau"), symbol("Tc")
     lag, late = plant.actuator_lag_rate(), sp.Dummy("T_plus(t - theta)", real=True)
     rate = lag.subs({plant.Tb: T_plus, Tc: u})
@@ -155,17 +155,17 @@ def _ahead() -> DerivationStep:
 
 
 def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
-    """e_hat, e_hat' without a delay in it, and e(t + theta) - e_hat."""
+    """Derive e_hat, its delay-free rate e_hat', and the prediction error e(t + theta) - e_hat."""
     t, x = sp.symbols("t x", real=True)
-    torque, held, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
-    error_rate = -_r / _J * (torque(x - theta) - held(x))
+    torque, holding, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
+    error_rate = -_r / _J * (torque(x - theta) - holding(x))
     under_way = sp.Integral(torque(x), (x, t - theta, t))
     predicted = error(t) - _r / _J * (under_way - theta * estimate(t))
     names = {
         error(t).diff(t): error_rate.subs(x, t),
         estimate(t).diff(t): H_hat_rate,
     }
-    rate = sp.expand(predicted.diff(t).subs(names)).subs({torque(t): T_plus, held(t): H})
+    rate = sp.expand(predicted.diff(t).subs(names)).subs({torque(t): T_plus, holding(t): H})
     shown_rate = -_r / _J * (T_plus - H - theta * H_hat_rate)
     definition = e - _r / _J * (sliding_symbol("under_way") - theta * H_hat)
     reduced = step(
@@ -174,13 +174,13 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
         not rate.atoms(sp.core.function.AppliedUndef),
         identical(rate, shown_rate),
     )
-    # e(t + theta) by integrating e' over the next dead time, the torque's integral moved to the last one
+    # e(t + theta) by integrating e' over the next dead time; the torque's integral becomes one over the last dead time
     span = (x, t, t + theta)
     torque_ahead = sp.Integral(torque(x - theta), span).transform(x - theta, x)
-    surplus = sp.Integral(held(x), span) - theta * estimate(t)
-    ahead = error(t) - _r / _J * (torque_ahead - sp.Integral(held(x), span))
+    surplus = sp.Integral(holding(x), span) - theta * estimate(t)
+    ahead = error(t) - _r / _J * (torque_ahead - sp.Integral(holding(x), span))
     left_over = sp.expand(ahead - predicted - _r / _J * surplus)
-    constant = sp.Integral(held(x) - estimate(t), span).expand().doit() - surplus
+    constant = sp.Integral(holding(x) - estimate(t), span).expand().doit() - surplus
     prediction = step(
         "error of the prediction",
         (sliding_symbol("prediction_error"), _r / _J * sliding_symbol("H_surplus")),
@@ -194,7 +194,7 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
 
 
 def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Expr]]:
-    """S, S', the command for the rate asked for, and S' under it."""
+    """Derive S, S', the command u for the chosen reaching law, and S' under it."""
     surface = H_hat + _J / _r * kappa * e_hat - T_plus
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     parts = {H_hat: H_hat_rate, e_hat: reduced, T_plus: ahead}
@@ -224,7 +224,7 @@ def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Exp
 def _motion(
     reduced: sp.Expr, law: dict[str, sp.Expr]
 ) -> tuple[tuple[DerivationStep, ...], sp.Expr, tuple[sp.Expr, sp.Expr]]:
-    """Reaching outside the layer, the layer, the motion on S = 0, and the authority of the brake."""
+    """Derive reaching outside the layer, the linear layer, the motion on S = 0, and the authority of the brake."""
     d, size = sliding_symbol("d"), sp.Dummy("|d|", positive=True)
     product = S * (d - k * S - K * sp.sign(S))
     bound = -(K - size) * sp.Abs(S)
@@ -263,11 +263,11 @@ def _motion(
     return steps, sliding, (down, up)
 
 
-# --- what the observer and a falling curve of adhesion add -----------------------------------------------------------
+# --- effect of the observer and of a falling adhesion curve ----------------------------------------------------------
 
 
 def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
-    """H' = (J/r) p e' on a static curve: p from the slope of the adhesion force, the train speed frozen."""
+    """Derive the pole p in H' = (J/r) p e' on a static curve, from the force's slope, at frozen train speed."""
     slope, rest = sliding_symbol("Fa_slope"), sp.Dummy("Fa_0", real=True)
     force = rest + slope * plant.sigma
     stated = {plant.Ta: plant.ADHESION_TORQUE.rhs.subs(plant.Fa, force), plant.Fr: plant.RESISTANCE.rhs}
@@ -288,7 +288,7 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
-    """The disturbance behind the observer, and the loop gain from H' back to H', all kernels in L1."""
+    """Derive the disturbance due to the observer, and the loop gain from H' back to H' by L1 norms of the kernels."""
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
     observed = tau_o * H_hat_rate  # H - H_hat, as tau_o H_hat' = H - H_hat
@@ -299,7 +299,7 @@ def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[Deriva
         identical(law["disturbance"].subs(H, H_hat + observed), shown),
         vanishes(linear_solution(tau_o * s * H_hat - (H - H_hat), H_hat) - H / (tau_o * s + 1)),
     )
-    # Laplace transforms, H the input: T_plus, e_hat, S and e' = -(r/J)(E T_plus - H)
+    # Laplace transforms of T_plus, e_hat, S and e' = -(r/J)(E T_plus - H), with H as input
     estimate, more = Q * H, 1 + kappa * lag
     equations = (
         s * e_hat - reduced.subs(H_hat_rate, s * estimate),
@@ -318,7 +318,7 @@ def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[Deriva
         more / g * (1 + sp.integrate(kappa * sp.exp(-kappa * x), (x, 0, sp.oo))),
     )
     quantity = 2 * p * (lag + more / g)
-    # Q, E, kappa/(s + kappa) and g/(s + g) have kernels >= 0 of integral 1
+    # the kernels of Q, E, kappa/(s + kappa) and g/(s + g) are not negative and have integral 1
     made = step(
         "small gain",
         (sliding_symbol("small_gain"), quantity),
@@ -333,7 +333,7 @@ def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[Deriva
 
 
 def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, sp.Expr]:
-    """The loop transfer function of the linear layer, broken at the acting torque."""
+    """Derive the loop transfer function of the linear layer, broken at the acting torque."""
     s, Ga, back = symbol("s"), sliding_symbol("Ga"), sp.Dummy("Tb_back", real=True)
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     # the observer filters Ta and omega by Q, the deceleration by Qa; the wheel accelerates by (v' - sigma')/r
@@ -363,7 +363,7 @@ def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, s
 
 
 def _relative_degrees(law: dict[str, sp.Expr]) -> tuple[DerivationStep, tuple[int, int]]:
-    """How often the published s and S are differentiated until the command appears."""
+    """Relative degrees of the published s and of S: the derivatives needed until the command appears."""
     Tc = symbol("Tc")
     published = derive_surface("proportional")["s_rate"]
     behind_the_lag = sp.diff(published, plant.Tb) * plant.actuator_lag_rate()

@@ -1,8 +1,8 @@
-"""What the derivation is made of: symbols, machine-checked identities, and the step as it is shown and was checked.
+"""Parts of a derivation: symbols, machine-checked identities, and the record of a checked step.
 
-The symbols of the sliding-mode law stand beside those of the plant (`core.notation`): name, LaTeX, unit, meaning. The
-estimation error is theta_tilde = theta - theta_hat. A rate is a symbol of its own (`_rate`) wherever it is measured,
-estimated or still to be solved for.
+The symbols of the sliding-mode laws (name, LaTeX, unit, meaning) extend those of the plant (`core.notation`). The
+estimation error is theta_tilde = theta - theta_hat. A rate that is measured, estimated or unknown is a symbol of its
+own (`_rate`).
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: symbols of the published 
 PREDICTIVE_NOTATION = notation_in(_TABLES["predictive"])  #: symbols of the predictive law, by name
 _SYMBOLS = {**PREDICTIVE_NOTATION, **SLIDING_NOTATION}
 CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
-"""Unit and meaning of what the generated code has besides, by name."""
+"""Unit and meaning of further names in the generated code."""
 
 
 def sliding_symbol(name: str) -> sp.Symbol:
-    """The SymPy symbol of a name in `SLIDING_NOTATION` or `PREDICTIVE_NOTATION`; KeyError for another."""
+    """SymPy symbol of a name in `SLIDING_NOTATION` or `PREDICTIVE_NOTATION`; KeyError for an unknown name."""
     entry = _SYMBOLS[name]
     return sp.Symbol(name, positive=True) if entry.positive else sp.Symbol(name, real=True)
 
 
 def latex(expression: sp.Basic) -> str:
-    """LaTeX of an expression in the source's letters."""
+    """LaTeX of an expression, in the source's notation."""
     own = {sp.Symbol(name, positive=True): text for name, text in _OTHER_LATEX}
     names = {**latex_names(), **own, **{sliding_symbol(name): entry.latex for name, entry in _SYMBOLS.items()}}
     return str(sp.latex(expression, symbol_names=names)).replace(r"\operatorname{sign}", r"\operatorname{sgn}")
 
 
 def plain(expression: sp.Basic) -> str:
-    """An expression as plain text; a column as a tuple."""
+    """Plain text of an expression; a column becomes a tuple."""
     if isinstance(expression, sp.MatrixBase):
         return "(" + ", ".join(plain(entry) for entry in expression) + ")"
     return str(sp.sstr(expression)).replace("sign(", "sgn(")
@@ -50,15 +50,16 @@ def plain(expression: sp.Basic) -> str:
 
 
 POINTS = 32  #: random points of the numeric check
-_TOLERANCE = 1e-9
-_SEED = 2008
+_TOLERANCE = 1e-9  # relative; rounding errors are far smaller
+_SEED = 2008  # fixed, so that every run checks the same points
 
 
 def vanishes(expression: sp.Expr) -> bool:
-    """True where a rational expression in symbols, sgn and absolute values is proved to be zero.
+    """True if a rational expression in symbols, sgn and absolute values is proved to be zero.
 
-    Each sgn x is taken as 1, as -1 and, where x is a symbol, as 0 with x = 0; functions and cases of an adhesion law
-    are generators like any symbol. Complete for what the control law consists of, and much faster than `simplify`.
+    Each sgn x is replaced by 1, by -1 and, if x is a symbol, by 0 with x = 0. Functions and Piecewise parts of an
+    adhesion law are treated as symbols. This decides every expression of the control law, and is much faster than
+    `simplify`.
     """
     functions = {part for part in expression.atoms(sp.Function) if not isinstance(part, (sp.sign, sp.Abs))}
     opaque = {part: sp.Dummy() for part in functions | expression.atoms(sp.Piecewise)}
@@ -83,9 +84,9 @@ def _is_zero(expression: sp.Expr) -> bool:
 
 
 def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
-    """True where both sides have the same value at `POINTS` random points, to rounding.
+    """True if both sides agree at `POINTS` random points, to rounding.
 
-    Positive symbols are drawn from 0.2 to 3, the others from -2 to 2; the same points on every run.
+    Positive symbols are drawn from 0.2 to 3, others from -2 to 2; every run uses the same points.
     """
     import numpy as np
 
@@ -102,15 +103,14 @@ def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
 
 
 def identical(left: sp.Expr, right: sp.Expr) -> bool:
-    """True where left = right is proved and holds at random points."""
+    """True if left = right is proved and holds at random points."""
     return vanishes(left - right) and agree_at_random_points(left, right)
 
 
 def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
-    """The unknown from an equation that is linear in it, as `sympy.solve` gives it.
+    """Solve an equation that is linear in the unknown, by `sympy.solve` without its slow `simplify` and `check`.
 
-    Without its `simplify` and `check`, which take most of its time: of a linear equation there is one solution, which
-    is the same without them, and what is made of it is proved by its step.
+    A linear equation has one solution, so these do not change it, and the check of the step proves the result.
     """
     return sp.solve(equation, unknown, simplify=False, check=False)[0]
 
@@ -120,9 +120,14 @@ def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
 
 @dataclass(frozen=True)
 class DerivationStep:
-    """One step: short name, unique in a derivation; the statement that holds after it; what was done to get there; the
-    result as an equation, in LaTeX and as plain text (a column as a tuple); where the source has it; whether the
-    machine check holds, and how it was checked.
+    """One step of a derivation.
+
+    - name: short name, unique in a derivation.
+    - statement: what holds after the step.
+    - done: the operation of the step.
+    - equation, equation_latex, equation_text: the result, also in LaTeX and as plain text (a column as a tuple).
+    - source: place in the source.
+    - checked, check: whether the machine check holds; description of the check.
     """
 
     name: str
@@ -136,10 +141,10 @@ class DerivationStep:
     check: str
 
 
-def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **words: object) -> DerivationStep:
-    """A step whose `equation` is (left, right); `holds` are the outcomes of its checks, `words` go into its texts."""
+def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **inserts: object) -> DerivationStep:
+    """Make a step: `equation` is (left, right), `holds` the outcomes of its checks, `inserts` go into its texts."""
     left, right = equation
-    texts = {key: text.format(**words) for key, text in templates.texts(__package__, "steps.toml")[name].items()}
+    texts = {key: text.format(**inserts) for key, text in templates.texts(__package__, "steps.toml")[name].items()}
     if texts["source"].startswith(("(", "p. ")):
         texts["source"] = cite("Park2008", texts["source"])
     return DerivationStep(

@@ -1,26 +1,27 @@
-"""The derived law sampled: assignments in order, which `code` prints as programs.
+"""The derived law in discrete time: a sequence of assignments, which `code` prints as programs.
 
-Sampling, with period h: the integral of e and the filter s/(tau s + 1) that estimates v' by backward Euler (it cannot
-ring, whatever h/tau is), the adhesion state of a dynamic law too; the estimates theta_hat by forward Euler, used from
-the next sample on. Each update is solved from its differential equation. sgn s is s/boundary, held to -1 .. 1, where
-`boundary` > 0. The torque is held to torque_min .. torque_max.
+The sampling period is h. The integral of e, the filter s/(tau s + 1) that estimates v', and the state of a dynamic
+adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use forward Euler, and
+take effect at the next sample. If `boundary` > 0, sgn s is s/boundary, limited to -1 .. 1. The torque is limited to
+torque_min .. torque_max.
 
-A wheel that locks leaves the domain of the bristle law, whose state would diverge: the slip velocity that an adhesion
-state is driven with is held to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`, Fs/alpha,
-on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way.
+A wheel that locks leaves the domain of the bristle law, whose state would diverge. Therefore the slip velocity that
+drives an adhesion state is limited to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`,
+Fs/alpha. Both limits are symmetric about 0, as the laws are odd: a wheel faster than the train bends the bristles the
+other way.
 
-The parameters of `OPTIONS` are the robust variants' (`law.LawGains`; see `law.gain_parameters`) and anti-windup; at
-their default 0 the law is the paper's:
+The parameters of `OPTIONS` belong to the robust variants (`law.LawGains`; see `law.gain_parameters`) and to
+anti-windup; at their default 0 the law is the paper's:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
-- dead_zone 1: the adaptation is driven by s - boundary sat(s/boundary) in place of s;
-- theta_i_min < theta_i_max: theta_hat_i is held between them (projection);
-- anti_windup 1: while the torque is at a limit the estimates rest, and so does the integral where e would drive the
+- dead_zone 1: s - boundary sat(s/boundary) drives the adaptation instead of s;
+- theta_i_min < theta_i_max: theta_hat_i is limited to this range (projection);
+- anti_windup 1: while the torque is at a limit the estimates are constant. So is the integral if e would drive the
   torque, which grows with s, farther beyond the limit.
 
-What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the inverse of 0 is `LARGEST`^2, of
-parameters too: measurements of any size give finite numbers. Bad samples and parameters are the guard's
-(`controllers.guard`), as of every controller.
+Inputs, states and outputs are limited to +-`LARGEST`, NaN becomes 0, and the inverse of 0 is `LARGEST`^2, also for
+parameters. So measurements of any size give finite numbers. The guard (`controllers.guard`) handles invalid samples and
+parameters, as for every controller.
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ from .law import file_hash
 from .proof import CODE_NOTATION, SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
-SWITCHING = sp.Symbol("switching", real=True)  #: what stands for sgn s
-LIMITED = sp.Function("limited")  #: limited(x, limit): x held to -limit .. limit
+SWITCHING = sp.Symbol("switching", real=True)  #: switching function: sgn s, or its saturated form
+LIMITED = sp.Function("limited")  #: limited(x, limit): x limited to -limit .. limit
 DOMAIN_SHARE = 0.999
-"""Of an adhesion law's `sigma_limit`, to which |sigma| is held: there the bristle law has 1/1000 of Fs left."""
+"""Limit of |sigma| over an adhesion law's `sigma_limit`; there the bristle law has 1/1000 of Fs left."""
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
 _DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)
 _LEAK, _DEAD_ZONE = sp.Symbol("leak", nonnegative=True), sp.Symbol("dead_zone", nonnegative=True)
 
 LARGEST = 1e12
-"""What numbers of the generated code are held to, SI: far beyond a train's, far from overflow in products of them."""
+"""Limit of numbers in the generated code, SI: far above any value of a train, and products do not overflow."""
 
 EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
-"""Intermediate values that have a comment in the code."""
+"""Intermediate values with a comment in the code."""
 
 _LIMITS = ("boundary", "torque_min", "torque_max", "period")
 OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta2_max", "anti_windup")
-"""Parameters that have a default, 0: with it the law is the paper's."""
+"""Optional parameters; at their default 0 the law is the paper's."""
 
 _MAY_BE_ZERO = ("Bn", "K", "k1", "k2", "boundary", "leak", "dead_zone", "anti_windup")
 RULES: Mapping[str, tuple[str, ...]] = {
@@ -67,23 +68,26 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lambda_d": ("> 0.0", "< 1.0"),
     "torque_min": ("<= 0.0",),
 }
-"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
+"""Bounds of parameters; those not listed must be > 0. Gains other than D and rho may be 0, as in `law.LawGains`."""
 
 _SIGNS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
-PREFIX = "adhesion_"  #: before the names of an adhesion law's parameters
+PREFIX = "adhesion_"  #: prefix of the names of an adhesion law's parameters
 Assignment = tuple[str, sp.Expr]
 
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """The law as assignments in order, before it is printed in a language.
+    """The law as a sequence of assignments, independent of a programming language.
 
-    measured: arguments of a step (v, omega, and Ta where no adhesion law is put in). parameters, states: names in
-    order, the `OPTIONS` last; a state starts at 0, `v_filtered` at v. rules: as `RULES`, of every parameter. meanings:
-    unit and meaning of the adhesion law's parameters. prepare: from measured values and states to e, e_integral,
-    v_rate, Ta; what is a state is its new value. surface: s. control: from_adhesion to theta2_hat_rate, `SWITCHING` for
-    sgn s. control_arguments: what the continuous law is a function of, besides the parameters. note: what the reader
-    must know of Ta, in paragraphs.
+    - measured: arguments of a step: v, omega, and Ta unless an adhesion law gives it.
+    - parameters, states: names in order, the `OPTIONS` last; states start at 0, `v_filtered` at v.
+    - rules: bounds of every parameter, as `RULES`.
+    - meanings: unit and meaning of the adhesion law's parameters.
+    - prepare: from measurements and states to e, e_integral, v_rate, Ta; a state gets its new value.
+    - surface: expression of s.
+    - control: from_adhesion to theta2_hat_rate, with `SWITCHING` for sgn s.
+    - control_arguments: arguments of the continuous law besides the parameters.
+    - note: paragraphs on the origin of Ta.
     """
 
     measured: tuple[str, ...]
@@ -98,7 +102,7 @@ class SampledLaw:
     note: tuple[str, ...]
 
     def meaning(self, name: str) -> str:
-        """Unit and meaning of a parameter, a state or one of `EXPLAINED`."""
+        """Meaning and unit of a parameter, a state or one of `EXPLAINED`."""
         if name in CODE_NOTATION:
             unit, text = CODE_NOTATION[name]
             return f"{text}, {unit}"
@@ -109,17 +113,17 @@ class SampledLaw:
 
 
 def sampled_law(derivation: Derivation) -> SampledLaw:
-    """The derivation's law with its integrals and filters made discrete."""
+    """Discretise the integrals and filters of a derivation's law."""
     error = derivation.error.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     s, e, integral = (sliding_symbol(name) for name in ("s", "e", "e_integral"))
     prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
     states = ["e_integral"]
     if plant.v_rate in derivation.adaptive_law_control.free_symbols:
-        low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered' ; it is also v' seen through s/(filter_time s + 1)
+        low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered', which is also v filtered by s/(filter_time s + 1)
         prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
         states.append("v_filtered")
     law = None if derivation.adhesion is None else law_class(derivation.adhesion)
-    note: tuple[str, ...] = ("Ta is an argument: an observer's or a model's estimate.",)
+    note: tuple[str, ...] = ("Ta is an argument: an estimate by an observer or a model.",)
     own_rules, meanings, measured = dict[str, tuple[str, ...]](), dict[str, str](), ["v", "omega"]
     if law is not None and derivation.adhesion_torque is not None and not law.statement().functions:
         states += ["z"] if law.has_state else []
@@ -162,7 +166,7 @@ def sampled_law(derivation: Derivation) -> SampledLaw:
 
 
 def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
-    """The law in steps that a reader can follow: Tb = Ueq + Ur, Ueq = (J/r) s_drift, as they stand in it."""
+    """Split the law into readable assignments: Tb = Ueq + Ur, Ueq = (J/r) s_drift."""
     equivalent = derivation.adaptive_law_control - derivation.robust_term
     drift = equivalent * plant.r / plant.J
     parts = {
@@ -181,7 +185,7 @@ def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
 
 
 def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
-    """Ta of a law in closed form at the measured slip velocity, its state a step farther, its parts beforehand."""
+    """Assignments for Ta of a law in closed form at the measured slip velocity: parts, new state, Ta."""
     statement = law.statement()
     renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
     named: dict[sp.Expr, sp.Symbol] = {}
@@ -190,7 +194,7 @@ def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | Non
 
     def shown(expression: sp.Expr) -> sp.Expr:
         for part, symbol in reversed(named.items()):
-            number, rest = part.as_coeff_Mul()  # products of the part are found whatever number is before them
+            number, rest = part.as_coeff_Mul()  # so that multiples of the part are found too
             expression = expression.subs({rest: symbol / number, sp.Abs(rest): sp.Abs(symbol) / abs(number)})
         return expression.xreplace(renamed)
 
@@ -214,22 +218,22 @@ def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | Non
 
 
 def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
-    """The note of a law that is in the code."""
+    """Note on the origin of Ta for a law that is in the code."""
     path, statement = Path(inspect.getfile(law)), law.statement()
-    held = []
+    limits = []
     if statement.sigma_limit is not None:
-        held.append(f"the slip velocity it is driven with to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
+        limits.append(f"its slip velocity to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
     if statement.state_limit is not None:
-        held.append(f"its state z to +-{statement.state_limit}")
+        limits.append(f"its state z to +-{statement.state_limit}")
     return (
         f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain:",
         f"{path.name}, SHA-256 {file_hash(path)}.",
-        *([f"Held, so that a locked wheel cannot make it diverge: {' and '.join(held)}."] if held else []),
+        *([f"Limited, so that it does not diverge if the wheel locks: {' and '.join(limits)}."] if limits else []),
     )
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
-    """The new value of a state: x_new = x + h rate(x_new), solved; the rate must be linear in the state."""
+    """New value of a state, from x_new = x + h rate(x_new); the rate must be linear in the state."""
     slope = sp.diff(rate, state)
     constant = rate.subs(state, 0)
     return (state + PERIOD * constant) / (1 - PERIOD * slope)

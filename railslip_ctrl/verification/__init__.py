@@ -1,10 +1,13 @@
-"""Which stability conditions a sliding-mode law meets: the published law, robust variants, behind the actuator.
+"""Stability conditions of the sliding-mode laws: the published law, its robust variants, the effect of the actuator.
 
-Imports `simulation` and the rooms below. Begin with `joint_verification`, which collects all conditions of a law, each
-a `verdict.Condition` of numbers; `report/verification.py` puts them into words. Without the actuator, as the paper's
-proof assumes: `published_law` and `robust`, with the gain bound of `reaching`. Behind it: `relay_loop` is what the
-relay sees, `actuator_effects` what it does to the wheel and what is left of the gains. `predictive` decides
-the law that accounts for the actuator over boxes, by the interval arithmetic of `boxes`; `no_lock` certifies torques
-from which a released wheel does not lock; `rails` is the adhesion of a verification. `fixed_step`, by
-`fixed_step_kernel`, simulates the laws with the actuator and without; `lyapunov_runs` judges braking runs.
+Imports `simulation` and the rooms below. Begin with `joint_verification`, which collects all conditions of a law as
+`verdict.Condition` records; `report/verification.py` writes their texts.
+
+- `published_law`, `robust`: conditions without the actuator, as in the paper's proof; `reaching` has the gain bound.
+- `relay_loop`, `actuator_effects`: the linear loop with the actuator; its effect on the wheel and on the largest gains.
+- `predictive`: conditions of the law that accounts for the actuator, over boxes, by the interval arithmetic of `boxes`.
+- `no_lock`: certifies torques from which a released wheel does not lock.
+- `rails`: adhesion law, rails and reference slips of a verification.
+- `fixed_step`, `fixed_step_kernel`: simulation of the laws with and without actuator.
+- `lyapunov_runs`: evaluates the conditions along braking runs.
 """

@@ -1,9 +1,9 @@
-"""What lag and dead time do to the published law and to the robust variants, and what is left of the gains.
+"""Effect of lag and dead time on the published law and its robust variants, and the largest stable gains.
 
-The linear half is `relay_loop`: whether sliding exists, exact root counts, and the largest gains, each alone. A largest
-K/layer found with k = 0 and a largest k found without relay are no advice: both together may be unstable. The relay
-enters the adaptive loop as a gain: 0 for excursions far above its height, larger for smaller ones. What the nonlinear
-wheel does is simulated (`fixed_step`); where it locks or leaves its adhesion law's domain it is lost.
+The linear part is `relay_loop`: existence of sliding, exact root counts, and the largest value of each gain. Each limit
+holds with the other gains unchanged; two gains at their limits may be unstable together. In the adaptive loop the relay
+acts as a gain: 0 for excursions far above its height, larger for smaller ones. The nonlinear wheel is simulated
+(`fixed_step`); a run is lost if the wheel locks or leaves its adhesion law's domain.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from .relay_loop import SLOWEST, SurfaceLoop, stable_up_to
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
 
-_OFFSET = 0.05  # of the reference, where runs start above it
-_SETTLING, _MEASURED = 30.0, 20.0  # s, times the inertia scale: some 8 and 5 periods of the relay's cycle
+_OFFSET = 0.05  # initial offset of a run above the reference slip velocity, as a share of it
+_SETTLING, _MEASURED = 30.0, 20.0  # s, times the inertia scale: about 8 and 5 periods of the relay's cycle
 _LONGEST = 60.0  # s, times the inertia scale: longer than any stop
-_LEAST_CROSSINGS = 3  # upward crossings of s that make two periods
+_LEAST_CROSSINGS = 3  # upward zero crossings of s needed for a period: two whole periods
 
 
 def published_loop(
     rail: Rail, *, inertia_scale: float | None = None, adhesion: str = "bristle", vehicle: Vehicle = PARK2008
 ) -> SurfaceLoop:
-    """The published law's loop on a rail at 100 km/h and the law's reference slip, with Table 4's bristle column.
+    """Loop of the published law on a rail at 100 km/h and the law's reference slip, gains of Table 4's bristle column.
 
-    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model; left out, the vehicle's.
+    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model; by default the vehicle's.
     """
     if inertia_scale is not None:
         vehicle = vehicle.model_copy(update={"inertia_scale": inertia_scale})
@@ -50,25 +50,25 @@ def published_loop(
 
 
 def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
-    """The same loop with an ideal actuator."""
+    """Return the loop with an ideal actuator."""
     return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
 
 
-# --- what is left of the gains ----------------------------------------------------------------------------------------
+# --- largest gains ----------------------------------------------------------------------------------------------------
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Largest k, as printed, with which the loop is stable without relay; inf without bound, 0 where none is."""
+    """Largest k, as printed, with which the loop without relay is stable; inf if there is no bound, 0 if none is."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
 @dataclass(frozen=True)
 class Survivors:
-    """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
+    """Limits of single gains for a stable loop with actuator, the other gains unchanged and the relay as a gain of 0.
 
-    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k; rho,
-    1/s; D, N*m/(m/s); layer: smallest without limit cycle at the gains' own K, m/s; inf where there is no bound, or no
-    layer.
+    - stable: whether the linear part (rho, D, feed-forward) is stable; if not, the largest gains are 0.
+    - k, rho, D: largest stable values; 1, 1/s and N*m/(m/s), inf if there is no bound.
+    - layer: smallest boundary layer without limit cycle at the gains' K, m/s; inf if there is none.
     """
 
     stable: bool
@@ -79,13 +79,13 @@ class Survivors:
 
 
 def survivors(loop: SurfaceLoop) -> Survivors:
-    """Bisect each gain on exact stability."""
+    """Find the limit of each gain by bisection on exact stability."""
     gains, stable, gain = loop.gains, loop.is_stable(), loop.largest_relay_gain
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop) if stable else 0.0,
         rho=stable_up_to(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
-        D=gains.D + gain if stable else 0.0,  # a relay gain is a D
+        D=gains.D + gain if stable else 0.0,  # a relay gain acts like D
         layer=gains.K / gain if gain > 0 else math.inf,
     )
 
@@ -94,25 +94,26 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 
 
 @dataclass(frozen=True)
-class HeldRun:
-    """Whether a run held the wheel: the slip stayed between 0 and twice the reference; NaN where it is `lost`, and how.
+class SlipRun:
+    """Slip range of a run, and whether it stayed between 0 and twice the reference slip (`in_range`).
 
-    amplitude, period: half of the slip's swing, and s between upward crossings of 0 by s; NaN where it does not cycle.
+    - lost: reason if the wheel locked or left the law's domain, else None; the range is then NaN.
+    - period: time between upward zero crossings of s, s; NaN if the run has no cycle.
     """
 
     slip_range: tuple[float, float]
-    held: bool
+    in_range: bool
     lost: str | None = None
     period: float = math.nan
 
     @property
     def amplitude(self) -> float:
-        """Half of the slip's swing, a ratio."""
+        """Amplitude of the slip ratio: half of its range."""
         return 0.5 * (self.slip_range[1] - self.slip_range[0])
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Period of s, s, and the part of a run from its first to its last upward crossing of 0; NaN without three."""
+    """Period of s, in seconds, and the slice from its first to its last upward zero crossing; NaN with fewer than 3."""
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -122,27 +123,28 @@ def whole_periods(run: FixedRun) -> tuple[float, slice]:
     return float((instants[1] - instants[0]) / (up.size - 1)), slice(int(up[0]), int(up[-1]))
 
 
-def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> HeldRun:
-    """The law from 5 % above the reference, undisturbed, parameters known; times in s, before the inertia scale.
+def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> SlipRun:
+    """Simulate the law from 5 % above the reference, undisturbed, with known parameters.
 
-    The speed is frozen, or falls to 5 km/h. The range is that from `settling` on, over whole periods where s cycles.
+    Times are in s, before the inertia scale. The speed is frozen, or falls to 5 km/h. The slip range is that after
+    `settling`, over whole periods if s has a cycle.
     """
     point, scale = loop.plant.point, loop.plant.point.vehicle.inertia_scale
     started = {"duration": scale * duration, "offset": _OFFSET * point.sigma}
     try:
         run = simulate_behind(point, loop.gains, loop.actuator, frozen=frozen, **started)
     except DomainError as error:
-        return HeldRun((math.nan, math.nan), False, str(error))
+        return SlipRun((math.nan, math.nan), False, str(error))
     late = run.time >= scale * settling
     run = FixedRun(*(one[late] for one in vars(run).values()))
     period, part = whole_periods(run) if settling else (math.nan, slice(None))
     slip = run.sigma[part] / run.speed[part]
     low, high = float(slip.min()), float(slip.max())
-    return HeldRun((low, high), low > 0.0 and high < 2.0 * point.slip, None, period)
+    return SlipRun((low, high), low > 0.0 and high < 2.0 * point.slip, None, period)
 
 
-def relay_cycle(loop: SurfaceLoop) -> HeldRun | None:
-    """The relay's own cycle, adaptation off and speed frozen; None where it has none, or does not carry the load."""
+def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
+    """Limit cycle of the relay without adaptation at frozen speed; None if it has none, or cannot carry the load."""
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -150,22 +152,24 @@ def relay_cycle(loop: SurfaceLoop) -> HeldRun | None:
     return None if run.lost is None and math.isnan(run.period) else run
 
 
-# --- the published law behind the actuator ----------------------------------------------------------------------------
+# --- the published law with the actuator ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class ActuatorEffect:
-    """What lag and dead time do to the published law at one operating point.
+    """Effect of lag and dead time on the published law at one operating point.
 
-    cycle: `relay_cycle` with the gains' own K; runs: of the whole law, by name; unstable_ideal, unstable_actual: poles
-    right of the axis of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: with
-    it, no adaptation.
+    - cycle: `relay_cycle` with the gains' K.
+    - runs: simulated runs of the whole law, by name.
+    - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, the
+      relay as a gain of 0.
+    - unstable_linear: the same with actuator and without adaptation.
     """
 
     loop: SurfaceLoop
     existence: Mapping[str, Any]
-    cycle: HeldRun | None
-    runs: Mapping[str, HeldRun]
+    cycle: SlipRun | None
+    runs: Mapping[str, SlipRun]
     unstable_ideal: float
     unstable_actual: float
     unstable_linear: float
@@ -173,18 +177,18 @@ class ActuatorEffect:
 
     @property
     def name(self) -> str:
-        """For tables: adhesion, rail and inertia scale."""
+        """Name for tables: adhesion, rail and inertia scale."""
         point = self.loop.plant.point
         return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
 
     @property
-    def holds_the_wheel(self) -> bool:
-        """Whether the relay's own cycle does; without one, whether the loop is stable about its rest."""
-        return self.unstable_linear == 0 if self.cycle is None else self.cycle.held
+    def keeps_slip_in_range(self) -> bool:
+        """True if the relay's cycle keeps the slip in range or, without a cycle, if the linear loop is stable."""
+        return self.unstable_linear == 0 if self.cycle is None else self.cycle.in_range
 
 
 def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
-    """Analyse one loop."""
+    """Analyse the effect of the actuator on one loop."""
     k = loop.gains.k1
     return ActuatorEffect(
         loop=loop,
@@ -202,11 +206,11 @@ def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
 
 
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
+    """Conditions of the published law with actuator, and the findings for the conclusion.
 
-    At the published reference slip of the bristle model at 100 km/h. as_published: largest k that is stable over the
-    printed one in the as-published reading, by adhesion and rail, the relay's help left out; empty where nothing is
-    published of the vehicle.
+    K in N*m, D in N*m/(m/s), rho and k as printed, at the bristle model's published reference slip and 100 km/h. The
+    finding as_published is the largest stable k without relay over the printed k, in the as-published reading, by
+    adhesion and rail; empty if the vehicle is not the published one.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
@@ -219,8 +223,8 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
             ratios[f"{adhesion} {rail}"] = largest_adaptation(scaled) / scaled.gains.k1
     acting = {**first.existence, "existence": first.existence}
     ran = {"runs": {one.name: one.runs for one in effects}, "K": K, "k": first.loop.gains.k1}
-    spares = all(one.holds_the_wheel for one in effects)
-    law_spares = all(run.held for one in effects for run in one.runs.values())
+    spares = all(one.keeps_slip_in_range for one in effects)
+    law_spares = all(run.in_range for one in effects for run in one.runs.values())
     stable = all(one.unstable_actual == 0 for one in effects)
     conditions = (
         Condition("sliding exists behind the actuator", first.existence["exists"], RULE, acting, claimed=True),
@@ -231,13 +235,13 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
     return conditions, {"effects": effects, "as_published": ratios}
 
 
-# --- the robust variants behind the actuator --------------------------------------------------------------------------
+# --- the robust variants with the actuator ----------------------------------------------------------------------------
 
 
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """The conditions of layer and relay behind the actuator, and what is concluded from; gains in N*m, N*m/(m/s).
+    """Conditions of layer and relay with the actuator, and the findings; gains in N*m, N*m/(m/s).
 
-    carried: largest K, N*m, whose layer is stable, by rail, and on both; asked: what the reaching condition asks.
+    Finding carried: largest K, N*m, whose layer is stable on both rails; asked: least K of the reaching condition.
     """
     loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}

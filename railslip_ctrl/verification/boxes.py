@@ -1,7 +1,7 @@
 """Interval arithmetic: SymPy expressions and adhesion laws on balls, and the largest value of a function over a box.
 
-Balls are python-flint's `arb`: a midpoint and a radius, rounded outward, so that the ball of a result holds every
-value that the arguments' balls allow. `largest` divides a box until the enclosure of the largest value is narrow.
+Balls are python-flint's `arb`: a midpoint and a radius, rounded outward. The ball of a result contains every value that
+the arguments' balls allow. `largest` divides a box until the enclosure of the largest value is narrow.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.adhesion.curve import Curve
 
 Box = Mapping[str, tuple[float, float]]
-"""Ranges, (lowest, highest), by the name of the quantity."""
+"""Ranges (lowest, highest) by the name of the quantity."""
 
 
 def ball(low: float, high: float) -> arb:
-    """The smallest ball that holds a range."""
+    """Smallest ball that contains a range."""
     return arb(low).union(arb(high))
 
 
 def upper(value: arb) -> float:
-    """An upper end of a ball as a double, rounded up; inf for a ball that is not finite."""
+    """Upper end of a ball as a double, rounded up; inf for a ball that is not finite."""
     if value.is_exact() and arb(float(value)) == value:
         return float(value)
     return math.nextafter(float(value.upper()), math.inf) if value.is_finite() else math.inf
@@ -42,14 +42,14 @@ def upper(value: arb) -> float:
 
 
 def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """An increasing function of a ball by its two ends: narrower than by midpoint and radius."""
+    """Enclose an increasing function by its values at the ball's ends; narrower than by midpoint and radius."""
     return lambda x: function(x.lower()).union(function(x.upper()))
 
 
 def _pieces(*parts: arb) -> arb:
-    """The hull of the pieces that may apply: value and slack in turn, then the last value.
+    """Hull of the pieces that may apply; arguments are value and slack in turn, then the last value.
 
-    A piece may apply where its slack can be >= 0; where the slack is certainly > 0 no later piece does.
+    A piece may apply if its slack can be >= 0; if its slack is certainly > 0, no later piece applies.
     """
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
@@ -79,10 +79,10 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **functions: Any) -> Callable[..., Any]:
-    """A function from balls to the list of enclosures of some expressions in `arguments`.
+    """Make a function from balls of the `arguments` to a list of enclosures of the expressions.
 
-    functions: enclosures of the SymPy functions that an expression has of its own, by name. InputError for a function
-    without enclosure.
+    functions: enclosures of further SymPy functions in the expressions, by name. InputError for a function without
+    enclosure.
     """
     known = {**_FUNCTIONS, "pi": arb.pi(), **functions}
     exact = [_exact(expression) for expression in expressions]
@@ -94,7 +94,7 @@ def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **f
 
 
 def _exact(expression: sp.Expr) -> sp.Expr:
-    """The expression with pieces as a function of their slacks, and fractions that Python would round as quotients."""
+    """Replace Piecewise by a function of the slacks, and fractions, which Python would round, by exact quotients."""
     pieces, ratio = sp.Function("pieces"), sp.Function("ratio")
 
     def split(one: sp.Piecewise) -> sp.Expr:
@@ -113,14 +113,14 @@ def _exact(expression: sp.Expr) -> sp.Expr:
 
 
 Enclosure = Callable[[arb, arb, arb], list[arb]]
-"""From v (m/s), slip and N (N) to F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
+"""From v (m/s), slip and N (N): F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
 
-# of slip, between nodes: a curve's slope near its peak is then within 1 % of the pole's range
+# slip between nodes of the curve; the slope's enclosure near the peak is then within 1 % of the pole's range
 _CURVE_STEP = 1.0 / 4096.0
 
 
 def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
-    """Force of a static law in braking, slip > 0, and its derivatives, on balls.
+    """Enclosure of a static law's force and its derivatives in braking, slip > 0.
 
     InputError: a law with a state, or with a function that has no enclosure.
     """
@@ -140,10 +140,10 @@ def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
 
 
 def _curve_on_balls(law: Curve) -> Callable[..., arb]:
-    """F of `Curve` on a ball of slip ratios >= 0.
+    """Enclosure of F of `Curve` on a ball of slip ratios >= 0.
 
-    F' has the sign of G - F with G = (gamma - s)/beta, which falls: F rises to where it meets G and falls from there.
-    So the ends of a range bound F unless the peak is in it, and then G at the lower end does.
+    F' has the sign of G - F with the falling G = (gamma - s)/beta: F rises until it meets G, then falls. So the ends of
+    a range bound F; if the peak is in the range, G at the lower end is the upper bound.
     """
 
     alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
@@ -152,7 +152,7 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
         return (gamma - slip * v0) / beta
 
     def hull(first: arb, at_first: arb, last: arb, at_last: arb) -> arb:
-        if at_last < level(last):  # it still rises there
+        if at_last < level(last):  # F still rises at the last point
             most = at_last.upper()
         else:
             most = at_first.upper() if at_first > level(first) else level(first).upper()
@@ -179,7 +179,7 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
 
 @cache
 def _curve_node(law: Curve, index: int) -> arb:
-    """F at slip index * step, by validated integration of variation of constants, see `curve.curve_force`."""
+    """Enclose F at slip index * step, by validated integration of the variation of constants (`curve.curve_force`)."""
     alpha, beta, gamma, R = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R))
     c, s = alpha * beta / R, arb(index * _CURVE_STEP) * arb(law.v0)
 
@@ -197,9 +197,10 @@ def _curve_node(law: Curve, index: int) -> arb:
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest value of a function over a box lies between `attained`, at `point`, and `bound`.
+    """Bounds of the largest value of a function over a box: between `attained`, at `point`, and `bound`.
 
-    `bound` is rounded outward; `attained` is the lower end of the enclosure at the point. parts: boxes examined.
+    `bound` is rounded outward; `attained` is the lower end of the enclosure at the point. `parts` is the number of
+    boxes examined.
     """
 
     attained: float
@@ -213,9 +214,9 @@ def largest(
 ) -> Largest:
     """Enclose the largest value of a function over a box by branch and bound.
 
-    The part with the largest upper bound is halved along the quantity that the enclosure there depends on most, until
-    bound and attained value differ by no more than `relative` times the latter or `absolute`, or `most` parts were
-    examined.
+    The part with the largest upper bound is halved along the quantity with the largest effect on that bound. This ends
+    when bound and attained value differ by at most `relative` times the latter, or by `absolute`, or after `most`
+    parts.
     """
     order, attained, at = count(), -math.inf, dict.fromkeys(box, math.nan)
 
@@ -236,7 +237,7 @@ def largest(
         _, _, part = heapq.heappop(parts)
         whole = {name: ball(*ends) for name, ends in part.items()}
         middles = {name: 0.5 * (low + high) for name, (low, high) in part.items() if low < high}
-        # the quantity whose fixing at its middle lowers the upper bound most
+        # the quantity that lowers the upper bound most if it is fixed at its middle
         name = min(middles, key=lambda name: upper(function({**whole, name: arb(middles[name])})))
         low, high = part[name]
         for half in pairwise((low, 0.5 * (low + high), high)):

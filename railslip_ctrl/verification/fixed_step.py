@@ -1,9 +1,9 @@
-"""The verification's simulator, in fixed steps: the generated law on the nonlinear wheel, exact estimates.
+"""Fixed-step simulator of the verification: the generated law on the nonlinear wheel, with exact estimates.
 
-`simulate_ideal` is the loop that the proof is about: the law acts at once on the plant. A relay's s chatters within
-(one step) * K0 of zero. `simulate_behind` has dead time and lag. A relay's switch is seen at the next sample, so that
-instants are good to one step. The kernel of braking runs is another: there the law is sampled as it is built into a
-brake, with the adhesion model at rest, which the proof does not speak of.
+`simulate_ideal` is the loop of the proof, in which the law's torque acts at once; with a relay, s chatters within
+(one step) * K0 of zero. `simulate_behind` has dead time and lag. A switch of the relay takes effect at the next sample,
+so times are exact to one step. Braking runs use another kernel: their law is sampled as in a brake and uses the
+adhesion model at rest, which the proof does not cover.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from railslip_ctrl.verification import reaching
 
 from . import fixed_step_kernel as layout
 
-END_SPEED = 5.0 * KMH  #: m/s, where a stop ends ([Park2008] p. 56)
-STEP = 0.002  # s; behind a dead time the largest that divides it below this
-RUNS = 8  #: runs of a simulated condition; seeds follow the one asked for
-_NONE = Actuator(dead_time=0.0, lag=0.0)
-_NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
+END_SPEED = 5.0 * KMH  #: speed at which a stop ends, m/s ([Park2008] p. 56)
+STEP = 0.002  # s; with a dead time, the largest step up to this that divides it
+RUNS = 8  #: runs of a simulated condition, with consecutive seeds
+_NONE = Actuator(dead_time=0.0, lag=0.0)  # ideal actuator
+_NOISE_INTERVAL = 0.02  # s, over which the random adhesion force is constant
 
 
 @cache
 def kernel(law: type[AdhesionLaw]) -> ModuleType:
-    """The compiled steps: the plant with an adhesion law, the generated sliding-mode law, and `fixed_step_kernel`."""
+    """Compiled module of the plant with an adhesion law, the generated sliding-mode law, and `fixed_step_kernel`."""
     control = read_step(generated_law().control, {"p": PARAMETERS})
     places = Layout((), (), generated_law().Parameters._fields, (), 0)
-    # floats: the law, run in the interpreter, counts with them and not with NumPy's
+    # converts to float, so that the law uses Python floats, not NumPy's, when it is interpreted
     names = ", ".join(f"float({name})" for name in control.arguments if name != "p")
     joined = f"""
 @compiled
@@ -61,8 +61,9 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 
 @dataclass(frozen=True)
 class FixedRun:
-    """Signals (steps, runs), NaN after the end of a stop: time (s, steps only), speed, sigma, s (m/s, s as measured),
-    acting torque (N*m).
+    """Signals of simulated runs, (steps, runs), NaN after the end of a stop.
+
+    time (s, (steps,)), speed and sigma (m/s), s (m/s, as measured), acting torque (N*m).
     """
 
     time: Floats
@@ -87,20 +88,21 @@ def _rows(
     frozen: bool = False,
     largest_slip: float = math.inf,
 ) -> tuple[Floats, float]:
-    """Signals (columns, steps, runs), NaN after the end of a stop, and the step, s.
+    """Simulate runs; (signals (columns, steps, runs), NaN after the end of a stop; step, s).
 
-    The first vehicle, and the last one from step `changed` on; start: v, sigma, z, torque; forces: random force, N, and
-    noise of the slip velocity, m/s, (runs, steps). DomainError where the domain of the adhesion law or of slip ends.
+    The vehicle is the first one, and the last one from step `changed` on. start: v, sigma, z, torque. forces: random
+    force, N, and noise of the slip velocity, m/s, (runs, steps). DomainError if a run leaves the domain of the adhesion
+    law or exceeds the largest slip.
     """
     force, noise = forces
     delay = math.ceil(actuator.dead_time / STEP - 1e-9)
     step = actuator.dead_time / delay if delay else STEP
-    limit = law.domain_limit(start[0])[0] * start[0]  # does not move with v
+    limit = law.domain_limit(start[0])[0] * start[0]  # m/s, independent of v
     rows = np.full((*force.shape, layout.COLUMNS), np.nan)
     settings = kernel(type(law)).Settings(
         *(step, delay, float(actuator.lag), reference, frozen, END_SPEED, limit, largest_slip),
         *(reaching.TORQUE_FRACTION * disturbed, reaching.TORQUE_DECAY, reaching.TORQUE_FREQUENCY),
-        # the box is kept by the loop, as the generated step keeps it
+        # the kernel's loop limits theta_hat to the box, as the generated step does
         *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
     )
     parameters = reaching.law_parameters(
@@ -119,8 +121,8 @@ def _rows(
         last = int(np.count_nonzero(np.isfinite(rows[lost, :, layout.SPEED]))) - 1
         v, sigma = rows[lost, last, : layout.SURFACE]
         raise DomainError(
-            f"simulation: the wheel is lost at {last * step:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} "
-            f"m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
+            f"simulation: the wheel locks or leaves the adhesion law at {last * step:.3f} s and {v / KMH:.4g} km/h: "
+            f"slip velocity {sigma:.4g} m/s is outside +-{min(limit, largest_slip * v):.4g} m/s; give smaller gains"
         )
     return rows.transpose(2, 1, 0), step
 
@@ -130,8 +132,10 @@ def _rows(
 
 @dataclass(frozen=True)
 class IdealRun(FixedRun):
-    """And V (m^2/s^2; NaN without adaptation gains), theta_hat (steps, seeds, 2), disturbance: (J/r) d (N*m); theta:
-    true values at the end, (2,).
+    """Signals of runs without actuator.
+
+    As `FixedRun`, with V (m^2/s^2; NaN without adaptation gains), theta_hat (steps, seeds, 2), disturbance (J/r) d
+    (N*m), and theta, the true values at the end, (2,).
     """
 
     V: Floats
@@ -149,18 +153,21 @@ def simulate_ideal(
     disturbed: bool = False,
     slip_noise: float = 0.0,
     seeds: Sequence[int] = (0,),
-    held_speed: float | None = None,
+    constant_speed: float | None = None,
     change: tuple[float, Vehicle] | None = None,
 ) -> IdealRun:
-    """Runs on the bristle model, dry rail, for `duration` seconds, or until 5 km/h.
+    """Simulate the law without actuator on the bristle model, dry rail, for `duration` seconds or until 5 km/h.
 
-    The law has the parameters of `nominal` (left out: of `vehicle`). A run starts free rolling at 100 km/h; with
-    `held_speed`, m/s, v stays there (v' = 0 for wheel and law) and the run starts at the reference slip, at rest.
-    `disturbed`: by the published random adhesion force, cut at three standard deviations, a value lasting 0.02 s, by
-    Td = 0.05 Tb exp(-4t) sin(10 pi t) and the vehicle's resistance; `slip_noise`: standard deviation of the measured
-    slip velocity, m/s, white over the steps; `seeds`: of both, a run each.
-    `change`: a time, s, from which on the vehicle is another; V then counts theta_hat against that one's theta.
-    DomainError where a run diverges beyond the slip the bristle model holds for.
+    - nominal: vehicle whose parameters the law uses; by default `vehicle`.
+    - constant_speed: m/s; if given, v is constant (v' = 0 for wheel and law), and the run starts at the reference slip,
+      at rest. By default it starts free rolling at 100 km/h.
+    - disturbed: adds the published random adhesion force (limited to three standard deviations, constant over 0.02 s),
+      Td = 0.05 Tb exp(-4t) sin(10 pi t), and the vehicle's resistance.
+    - slip_noise: standard deviation of the measured slip velocity, m/s, white over the steps.
+    - seeds: one run for each, of force and noise.
+    - change: (time, s, vehicle): the vehicle from this time on; V then uses its theta.
+
+    DomainError if a run leaves the domain of the bristle model.
     """
     law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
     slip, steps = reaching.reference_slip(), round(duration / STEP)
@@ -169,16 +176,16 @@ def simulate_ideal(
         vehicles = [one.model_copy(update={"resistance": Resistance()}) for one in vehicles]
     changed = steps if change is None else round(change[0] / STEP)
     start = [INITIAL_SPEED_KMH * KMH, 0.0, 0.0, 0.0]
-    if held_speed is not None:
-        at_rest = (held_speed, slip * held_speed, 0.0, 0.0, 0.0, 0.0, plant_parameters(law, vehicle))
+    if constant_speed is not None:
+        at_rest = (constant_speed, slip * constant_speed, 0.0, 0.0, 0.0, 0.0, plant_parameters(law, vehicle))
         start = [*at_rest[:2], float(numeric_plant(type(law)).rest_state(*at_rest)), 0.0]
     force, noise = _random(seeds, steps)
     force *= vehicle.wheel_load * disturbed
-    known: dict[str, Any] = {"reference": slip, "nominal": nominal, "frozen": held_speed is not None}
+    known: dict[str, Any] = {"reference": slip, "nominal": nominal, "frozen": constant_speed is not None}
     rows, _ = _rows(
         *(law, vehicles, gains, start, (force, slip_noise * noise)), **known, changed=changed, disturbed=disturbed
     )
-    # the signals to the end of the longest stop, with d and V, which the loop does without
+    # signals up to the end of the longest stop, with d and V, which the kernel does not compute
     length = int(np.max(np.count_nonzero(np.isfinite(rows[layout.SPEED]), axis=0)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length]
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
@@ -199,29 +206,29 @@ def simulate_ideal(
 
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Random forces over the wheel load, and noise of variance 1: one row a seed, each with a generator of its own."""
-    each = round(_NOISE_HELD / STEP)
+    """Random forces over the wheel load, and noise of variance 1; a row for each seed, with its own generator."""
+    each = round(_NOISE_INTERVAL / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
-        force[row] = np.repeat(held, each)[:steps]
+        values = reaching.ADHESION_NOISE * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(values, each)[:steps]
         noise[row] = generator.standard_normal(steps)
     return force, noise
 
 
-# --- behind the actuator ----------------------------------------------------------------------------------------------
+# --- with an actuator -------------------------------------------------------------------------------------------------
 
 
 def simulate_behind(
     point: OperatingPoint, gains: LawGains, actuator: Actuator, *, duration: float, offset: float, frozen: bool
 ) -> FixedRun:
-    """A run from an operating point, held until t = 0 by its own torque, undisturbed; its signals are 1-D.
+    """Simulate an undisturbed run with actuator from an operating point; its signals are 1-D.
 
-    It lasts `duration` s or until 5 km/h. The point's slip is the reference, and what the law knows of the vehicle is
-    right. `offset`: initial slip velocity above the point's, m/s; `frozen`: the speed is held, for wheel and law.
-    DomainError where the wheel locks, or leaves the adhesion law's domain on either side: slip below 0 is a released
-    wheel that runs ahead.
+    Until t = 0 the torque holds the operating point. The run lasts `duration` s or until 5 km/h. The reference is the
+    point's slip, and the law's parameters are exact. `offset`: initial slip velocity above the point's, m/s. `frozen`:
+    constant speed for wheel and law. DomainError if the wheel locks, or leaves the adhesion law's domain on either
+    side; the slip of a released wheel may fall below 0.
     """
     state = (point.speed, point.sigma, point.adhesion_state or 0.0)
     hold = point.brake_torque

@@ -1,6 +1,6 @@
-"""The published law on the wheel in fixed steps, run as text in a kernel: one run after another, by Heun's method.
+"""Kernel that simulates the published law on the wheel in fixed steps by Heun's method, one run after another.
 
-The law's torque is computed once a step; it acts at once, or behind a dead time of whole steps and a lag.
+The law's torque is computed once a step. It acts at once, or after a dead time of whole steps and a lag.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from railslip_ctrl.model.kernels import (
 SPEED, SIGMA, SURFACE, THETA1, THETA2, TORQUE = range(6)
 COLUMNS = 6
 
-RADIUS = 3  # place of the wheel's radius among the plant's parameters
+RADIUS = 3  # index of the wheel's radius among the plant's parameters
 
 
 class Settings(NamedTuple):
-    """What holds for all runs; SI. delay: the dead time in steps; low, high: the box of theta_hat."""
+    """Settings common to all runs; SI. `delay` is the dead time in steps; `low`, `high` are the box of theta_hat."""
 
     step: float
     delay: int
@@ -49,7 +49,7 @@ class Settings(NamedTuple):
 
 @compiled
 def law_torque(v, sigma, z, noise, p, table):
-    """Ta of the law, N*m: the true one, moved by what the noise moves the model at rest."""
+    """Ta used by the law, N*m: the true value plus the change of the model at rest due to the noise."""
     force = adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
     if noise != 0.0:
         for x, sign in ((sigma + noise, 1.0), (sigma, -1.0)):
@@ -60,7 +60,7 @@ def law_torque(v, sigma, z, noise, p, table):
 
 @compiled
 def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
-    """v' (0 where the speed is frozen), sigma', z' and Tb'; share: Td over the acting torque, Tb with a lag."""
+    """Rates v' (0 at frozen speed), sigma', z' and Tb' (with a lag); `share` is Td over the acting torque."""
     Tb = torque if given.lag > 0.0 else command
     v_rate, sigma_rate, z_rate = rates(v, sigma, z, Tb, share * Tb, Tr, p, table)
     torque_rate = lag_rate(torque, command, given.lag) if given.lag > 0.0 else 0.0
@@ -69,11 +69,11 @@ def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
 
 @entry
 def run(rows, start, force, noise, plants, change, given, law, table):
-    """Fill rows (runs, steps, `COLUMNS`), given as NaN, to the end of each stop; the number of the run whose last row
-    has a slip velocity outside the law's domain, or a slip beyond the largest one; -1 if none has.
+    """Simulate the runs and fill `rows` (runs, steps, `COLUMNS`), given as NaN, to the end of each stop.
 
-    start: v, sigma, z and the torque that acted before; theta_hat starts at 0. force, N, and noise, m/s: (runs, steps).
-    plants: the parameters before and from step `change` on. law: numbers of the generated `Parameters`.
+    Returns the index of the run whose last row has a slip velocity outside the law's domain or a slip beyond the
+    largest, else -1. start: v, sigma, z and the previous torque; theta_hat starts at 0. force, N, and noise, m/s:
+    (runs, steps). plants: parameters before step `change`, and from it on. law: numbers of the generated `Parameters`.
     """
     h, n = given.step, given.delay + 1
     commands = np.empty(n)
@@ -90,14 +90,14 @@ def run(rows, start, force, noise, plants, change, given, law, table):
                 return k
             p = plants[0] if i < change else plants[1]
             Tr = p[RADIUS] * force[k, i]
-            v_rate = all_rates(v, sigma, z, 0.0, 0.0, 0.0, Tr, p, table, given)[0]  # of every torque the same
+            v_rate = all_rates(v, sigma, z, 0.0, 0.0, 0.0, Tr, p, table, given)[0]  # does not depend on the torque
             Ta = law_torque(v, sigma, z, noise[k, i], p, table)
             measured = sigma + noise[k, i]
             e = given.reference * v - measured
             omega = (v - measured) / p[RADIUS]
             asked, s, rate1, rate2 = law_control(e, e_integral, omega, Ta, v_rate, theta1, theta2, law)
             commands[i % n] = asked
-            command = 0.5 * (commands[(i + 1) % n] + commands[(i + 2) % n])  # the delayed one at both ends of the step
+            command = 0.5 * (commands[(i + 1) % n] + commands[(i + 2) % n])  # mean of the delayed command over the step
             if given.lag == 0.0:
                 torque = command
             row[SURFACE], row[THETA1], row[THETA2], row[TORQUE] = s, theta1, theta2, torque

@@ -1,7 +1,7 @@
-"""`verify`: which claims of [Park2008] (33)-(49) hold, which a robust law keeps, and what lag and dead time do.
+"""Verification of a sliding-mode law (`verify`): the claims of [Park2008] (33)-(49), robust variants, actuator.
 
-The conditions of `published_law` and `robust` are about the loop without the actuator: what fails there fails before
-lag and dead time, which `actuator_effects` puts in; `predictive` is the law that accounts for them.
+The conditions of `published_law` and `robust` concern the loop without the actuator. Those of `actuator_effects`
+include its lag and dead time. `predictive` has the conditions of the law that accounts for them.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from .rails import PUBLISHED_ADHESION, RailAdhesion
 from .robust import design_gain, robust_conditions
 from .verdict import Verification
 
-LARGEST_GAIN = 10_000.0  #: of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law
-LEAST_D = 0.1  # N m/(m/s): below it D0 is less than 1e-3 1/s and nothing is reached in a stop
+LARGEST_GAIN = 10_000.0  #: largest K (N m) and D (N m/(m/s)); beyond it, sampling at 2 ms distorts the relay
+LEAST_D = 0.1  # N m/(m/s); with less, D0 is below 1e-3 1/s, too slow for a stop
 
-INERTIA_SCALES = (0.5, 10.0)  #: between them a stop takes seconds to minutes
-LARGEST_SEED = 2**31
+INERTIA_SCALES = (0.5, 10.0)  #: range in which a stop takes seconds to minutes
+LARGEST_SEED = 2**31  #: upper limit of seeds
 
 Law = Literal["paper", "robust", "predictive"]
 
@@ -43,16 +43,16 @@ def verify(
 ) -> Verification:
     """Decide every condition of a law.
 
-    - law: "paper", the published law's conditions and, after them, the robust variants'; "robust", these alone;
-      "predictive", the law that slides behind the actuator, decided over a box of speed, slip and load.
-    - vehicle: which brakes.
-    - K: gain, 0 to 1e4; N*m, of the predictive law N*m/s; left out, Table 4's, bristle column, of the robust law 1.1
-      times what (40) asks over its box, of the predictive law by its own rule.
-    - D: gain on s, 0.1 to 1e4, N*m/(m/s); left out, Table 4's; the predictive law has none.
-    - seed: first of sampled and simulated conditions, 0 to 2^31.
-    - adhesion: static law, rails and reference slip of the predictive law, which takes the bristle model by its static
-      curve; the others are verified for the published bristle model on both rails alone.
-    - actuator: whether those behind the actuator are decided too; the predictive law's all are.
+    - law: "paper" (the published law, then the robust variants), "robust" (the variants only), or "predictive" (the law
+      that accounts for the actuator, over a box of speed, slip and load).
+    - vehicle: the braking vehicle.
+    - K: gain, 0 to 1e4; N*m, for the predictive law N*m/s. By default that of Table 4, bristle column; for the robust
+      law 1.1 times the least gain of (40) over its box; for the predictive law by its own rule.
+    - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has none.
+    - seed: first seed of sampled and simulated conditions, 0 to 2^31.
+    - adhesion: static law, rails and reference slip of the predictive law; the bristle model is replaced by its static
+      curve. The other laws are verified only for the published bristle model on both rails.
+    - actuator: whether conditions with the actuator are decided too; always true for the predictive law.
 
     InputError for a value outside its range, or an argument that the law does not have.
     """
@@ -61,7 +61,7 @@ def verify(
             raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
         _check_ranges(vehicle, K, None, seed)
         return verify_predictive(vehicle, adhesion, K=K, seed=seed)
-    # another adhesion than the one that sets, runs and limit cycles of the conditions are made with
+    # sets, runs and limit cycles of these conditions use the published bristle model only
     for name, value, expected in (
         ("adhesion", adhesion.law if isinstance(adhesion.law, str) else f"{adhesion.name} as given", "bristle"),
         ("rail", adhesion.rails_text, PUBLISHED_ADHESION.rails_text),
@@ -71,9 +71,9 @@ def verify(
         if value != expected:
             value = f"{value:g}" if isinstance(value, float) else value
             raise InputError(
-                f"{name}: {value} does not go with the law {law!r}, whose conditions are decided over sets, runs and "
-                "limit cycles of the published bristle model; leave it out, or take the law 'predictive', which is "
-                "verified for any static law"
+                f"{name}: {value} does not go with the law {law!r}, whose conditions use sets, runs and limit cycles "
+                "of the published bristle model; leave it out, or give the law 'predictive', which is verified for any "
+                "static law"
             )
     _check_ranges(vehicle, K, D, seed)
     if K is None:

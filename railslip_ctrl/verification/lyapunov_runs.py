@@ -1,8 +1,8 @@
-"""V, V', s s', the bound of (40) and theta_hat along a nonlinear braking run, and how long each condition holds.
+"""Evaluation of V, V', s s', the bound of (40) and theta_hat along nonlinear braking runs.
 
-The nonlinear half of the verification: the conditions of `sliding` are judged on what the simulated wheel does, with
-the actuator and without. s' is that of the true state, from the plant's own rates; nothing of the closed form under the
-law is assumed, as behind an actuator the torque is not what the law asks for.
+The conditions of `sliding` are evaluated on the simulated wheel, with and without the actuator, as shares of the time.
+s' comes from the plant's rates at the true state, not from the closed form under the law, since with an actuator the
+torque differs from the law's command.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
 from .reaching import derived
 
-TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of abs(s) is taken
+TAIL = 1.0 / 3.0  #: share of a stage, at its end, from which the ultimate bound of abs(s) is computed
 
 
 @dataclass(frozen=True)
 class LyapunovSignals:
-    """Along a run, arrays over its samples but the last, which has no next one for V' to be taken to.
+    """Lyapunov function and related signals along a run, without its last samples, for which V' is not known.
 
-    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, (46), (m/s)^2 and (m/s)^2/s;
-    V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add; asked and available: |d| of
-    (40) and K + D|s| in its place, N*m, (J/r) times (40); theta_hat, theta: (n, 2), 1/(kg m) and m/s.
+    - time (s), s (m/s), s_rate (m/s^2).
+    - V, V_rate: s^2/2 or, with adaptation, (46), in (m/s)^2 and (m/s)^2/s.
+    - V_rate_constant: V' without the effect of changes of the true theta (mass step, drift of B).
+    - asked, available: the two sides of (40) times J/r, (J/r)|d| and K + D|s|, N*m.
+    - theta_hat, theta: (n, 2), 1/(kg m) and m/s.
     """
 
     time: Floats
@@ -48,7 +50,7 @@ class LyapunovSignals:
 
 @dataclass(frozen=True)
 class AlongRun:
-    """How a condition fared: share of the time it held, and when it was first violated, s (NaN: never)."""
+    """Outcome of a condition along a run: share of the time it held, and first violation, s (NaN if none)."""
 
     name: str
     share: float
@@ -56,13 +58,13 @@ class AlongRun:
 
     @property
     def holds(self) -> bool:
-        """Whether it held all the time."""
+        """True if the condition held all the time."""
         return math.isnan(self.first_violation)
 
 
 @dataclass(frozen=True)
 class LyapunovRun:
-    """A run judged; ultimate: largest |s|, m/s, and slip error over the last third of each stage between events."""
+    """A run with its conditions; `ultimate`: largest |s|, m/s, and slip error in the last third of each stage."""
 
     run: Run
     signals: LyapunovSignals
@@ -70,15 +72,14 @@ class LyapunovRun:
     ultimate: tuple[tuple[float, float], ...]
 
     def condition(self, name: str) -> AlongRun:
-        """One of the conditions by name; KeyError for another."""
+        """Return the condition of this name; KeyError for an unknown name."""
         return {condition.name: condition for condition in self.conditions}[name]
 
 
 def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
-    """Simulate the scenario and judge the conditions along it.
+    """Simulate the scenario and evaluate the conditions along the run.
 
-    `actuator=False` takes lag and dead time away: the torque acts at once, as the proof assumes. `seed` is the noise's;
-    None without it.
+    With `actuator=False` the torque acts at once, as the proof assumes. `seed` is that of the noise; None for no noise.
     """
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
@@ -90,7 +91,7 @@ def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True,
     signals, ultimate = _lyapunov_signals(run, run.controller, run.signals, stages), []
     for _, part in stages:
         time = run.signals.time[part]
-        if time.size >= 2:  # not of an event after the end
+        if time.size >= 2:  # false for an event after the end
             late = time >= time[-1] - TAIL * (time[-1] - time[0])
             error = np.abs(run.signals.slip[part] - run.signals.reference[part])
             ultimate.append((float(np.abs(s[part][late]).max()), float(error[late].max())))
@@ -98,7 +99,7 @@ def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True,
 
 
 def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, slice]]:
-    """Adhesion law and samples of each stretch between events that change the rail."""
+    """Adhesion law and samples of each stage between events that change the rail."""
 
     def first_sample(event: Any) -> int:
         place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
@@ -117,7 +118,7 @@ def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, sli
 def _lyapunov_signals(
     run: Run, controller: Sliding, signals: Signals, stages: list[tuple[AdhesionLaw, slice]]
 ) -> LyapunovSignals:
-    """V and what belongs to it along a recorded run."""
+    """Compute V and related signals along a recorded run."""
     scenario, vehicle, gains = run.scenario, run.scenario.vehicle, controller.gains
     J, r, scale = vehicle.effective_inertia, vehicle.wheel.radius, vehicle.inertia_scale
     # the true theta steps with the mass and drifts with B(t)
@@ -133,7 +134,7 @@ def _lyapunov_signals(
     found = derived("r J Mn Mp Bp", "theta")(r, J, Mn, signals.mass - Mn, B - Bn)
     theta = np.column_stack([np.broadcast_to(one, signals.time.shape) for one in found])
     theta_hat = np.column_stack([run.controller_signals[f"theta{i}_hat"] for i in (1, 2)])
-    # s' = lambda_d v' - sigma' + rho e from the plant's rates, with what disturbs and without Tr, Td and Fr
+    # s' = lambda_d v' - sigma' + rho e from the plant's rates, with all disturbances, and without Tr, Td and Fr
     rates = np.empty((2, signals.time.size))
     for law, part in stages:
         v, sigma, reference = signals.speed[part], signals.slip_velocity[part], signals.reference[part]
@@ -159,14 +160,14 @@ def _lyapunov_signals(
             V_rate_constant = V_rate_constant - error * forward_rate(theta_hat[:, i]) / gain
     asked, available = (J / r) * np.abs(s_rate - rates[1]), gains.K + gains.D * np.abs(s)
     along = (signals.time, s, s_rate, V, V_rate, V_rate_constant, asked, available, theta_hat, theta)
-    return LyapunovSignals(*(one[:-2] for one in along))  # the last row is the stop itself, between samples
+    return LyapunovSignals(*(one[:-2] for one in along))  # the last row is the end of the stop, between samples
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
-    """s s' < 0; V' <= 0; the same without what the changes of the true theta add; K + D|s| > (J/r)|d|.
+    """Evaluate s s' < 0, V' <= 0, the same for constant theta, and K + D|s| > (J/r)|d|.
 
-    Shares of the time, each sample weighted with the time to the next. A sampled relay cannot do better than to carry s
-    across 0 within the sample, which counts as held.
+    Each sample is weighted with the time to the next. A sample in which s crosses 0 counts as satisfied, as a sampled
+    relay cannot do better.
     """
     weight = np.append(np.diff(signals.time), 0.0)
     crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)
@@ -177,8 +178,8 @@ def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
         "reaching (40)": signals.available > signals.asked,
     }
     found = []
-    for name, held in judged.items():
-        broken = np.flatnonzero(~held)
-        share = float(weight[held].sum() / weight.sum())
+    for name, satisfied in judged.items():
+        broken = np.flatnonzero(~satisfied)
+        share = float(weight[satisfied].sum() / weight.sum())
         found.append(AlongRun(name, share, float(signals.time[broken[0]]) if broken.size else math.nan))
     return tuple(found)

@@ -1,13 +1,13 @@
-"""Torques from which a released wheel certainly does not lock.
+"""Certified torques from which a wheel does not lock if the brake is released.
 
-The brake is released now: the acting torque stays for the dead time and then decays with the lag. From (3) and (4)
+After the release the acting torque is constant for the dead time and then decays with the lag. From (3) and (4)
 
     v slip' = -(1 - slip)(Fa + Fr)/M + (r/J)(B omega + (1 + c) T - r Fa),
 
-which falls with Fa. The slip is therefore below the solution with the least adhesion of each cell of slip and speed,
-less the random force's bound, and the caliper's share c of the torque against the wheel. That equation is stepped with
-the largest rate over each step. The least adhesion comes from balls; the arithmetic after it is in floats, whose
-rounding `_ROUNDING` covers. It is a certificate of no lock, not of convergence.
+which decreases with Fa. The slip is therefore below the solution for the least adhesion of each cell of slip and speed,
+minus the random force's bound, and for the caliper's share c of the torque against the wheel. This solution is stepped
+with the largest rate over each step. The least adhesion comes from interval arithmetic; the rest uses floats, whose
+rounding `_ROUNDING` covers. The certificate excludes locking; it does not prove convergence.
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ from .boxes import adhesion_on_balls, ball, upper
 from .reaching import ADHESION_NOISE, TORQUE_FRACTION
 from .verdict import NoLock, ReleasedRun
 
-EVERY = 0.1  #: s, between the samples of a run that are looked at: slip moves less than 0.1 in it
+EVERY = 0.1  #: interval between the samples of a run that are checked, s; slip changes by less than 0.1 in it
 SIGMAS = 3.0  #: bound of the random force, standard deviations
-_CELLS, _SPEEDS = 256, 6  # cells of slip from 0 to 1, and of speed: twice as many of slip certify 1 % more torque
-_STEP = 0.0025  # s: the largest rate over a step costs 0.1 kN*m of the largest torque
-_LONGEST = 4.0  # s, after which a wheel that still slips more counts as not certified
-_LEAST_SPEED = 1.0  # m/s, below which nothing is certified
-_ROUNDING = 1e-9  # relative, of a rate: a million times the rounding of its some twenty operations
-_ROUNDS, _TRIED = 2, 51  # torques tried at once, twice: the largest to 1/2500 of the range
+_CELLS, _SPEEDS = 256, 6  # cells of slip from 0 to 1, and of speed; twice the slip cells certify 1 % more torque
+_STEP = 0.0025  # s; using the largest rate over a step lowers the certified torque by 0.1 kN*m
+_LONGEST = 4.0  # s; a wheel whose slip still grows then is not certified
+_LEAST_SPEED = 1.0  # lowest speed that is certified, m/s
+_ROUNDING = 1e-9  # relative bound of a rate's rounding error: a million times that of its twenty operations
+_ROUNDS, _TRIED = 2, 51  # refinement rounds, and torques tried in each: resolve 1/2500 of the range
 
 
 @dataclass(frozen=True)
 class Force:
-    """Bounds of Fa, N, at every speed from `_LEAST_SPEED` up to each of `speeds`, m/s, ascending: the least by cells of
-    slip from 0 to 1, (speeds, cells), and the most of all, (speeds,). The least of cells where the law ends is 0.
+    """Bounds of Fa, N, for speeds from `_LEAST_SPEED` up to each of `speeds`, m/s, ascending.
+
+    - least: lower bound by cells of slip from 0 to 1, (speeds, cells); 0 for cells beyond the law's domain.
+    - most: upper bound over all slips, (speeds,).
     """
 
     speeds: Floats
@@ -56,9 +58,9 @@ class Force:
 
 
 def bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force:
-    """Bound a static law's force up to a speed, m/s; the most at the wheel load.
+    """Bound a static law's force up to a speed, m/s; the upper bound is at most the wheel load.
 
-    Of a law of the package it is kept: the curve law's takes a second.
+    Results for laws of the package are cached, as the curve law takes a second.
     """
     bound = partial(_bounded_adhesion, law, vehicle, speed)
     known = law.name in law_names()
@@ -79,7 +81,7 @@ def _bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force
 
 
 def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Floats, *, torque_max: float) -> NoLock:
-    """Certify torques up to `torque_max`, N*m, on a grid of speeds, km/h, and slips."""
+    """Find the largest certified torques, up to `torque_max`, N*m, on a grid of speeds, km/h, and slips."""
     kmh, slip = np.asarray(speeds_kmh, float), np.asarray(slips, float)
     force = bounded_adhesion(law, vehicle, float(kmh.max()) * KMH)
     v, at = np.repeat(kmh * KMH, slip.size), np.tile(slip, kmh.size)
@@ -88,7 +90,7 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
         tried = low[:, None] + width * np.linspace(0.0, 1.0, _TRIED)
         flat = (np.repeat(v, _TRIED), np.repeat(at, _TRIED), tried.ravel())
         holds = certain(force, vehicle, *flat).reshape(tried.shape)
-        # up to the first that is not certain; 0 where none is
+        # number of certified torques before the first that is not
         count = np.argmin(np.column_stack((holds, np.zeros(v.size, bool))), axis=1)
         low = np.where(count > 0, tried[np.arange(v.size), np.maximum(count - 1, 0)], 0.0)
         width /= _TRIED - 1
@@ -96,12 +98,12 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Look at a recorded run every `EVERY` seconds, above a speed, m/s.
+    """Check samples of a recorded run, `EVERY` seconds apart, above a speed, m/s.
 
-    Its rail is that of its start, its brake that of its vehicle. InputError: its adhesion law has a state, or no
-    enclosure.
+    The rail is that of the start, the brake that of the vehicle. InputError for an adhesion law with a state, or
+    without enclosure.
     """
-    assert run.signals is not None, "it is recorded"
+    assert run.signals is not None, "the run is recorded"
     vehicle, seen, period = run.scenario.vehicle, run.signals, float(run.signals.time[1])
     window = math.ceil(vehicle.actuator.dead_time / period) + 1
     ahead = sliding_window_view(np.append(seen.torque, np.zeros(window - 1)), window).max(axis=1)
@@ -113,9 +115,10 @@ def released_run(run: Run, *, above: float) -> ReleasedRun:
 
 
 def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torques: Floats) -> Flags:
-    """Whether wheels at speeds, m/s, and slips, under acting torques, N*m, certainly do not lock; all of shape (n,).
+    """Mask of the wheels that certainly do not lock, for speeds, m/s, slips and acting torques, N*m; all (n,).
 
-    A slip below 0 counts as 0, from where it rises no later. InputError: a speed above those of `force`.
+    A slip below 0 is replaced by 0, from which it rises at least as early. InputError for a speed above those of
+    `force`.
     """
     J, M, r = vehicle.effective_inertia, vehicle.effective_mass, vehicle.wheel.radius
     noise = SIGMAS * ADHESION_NOISE * vehicle.wheel_load
@@ -126,14 +129,14 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
     def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
-        """Largest v slip', m/s^2, of some wheels with at least this adhesion, N, and at most this slip."""
+        """Largest v slip', m/s^2, of the wheels `which` with at least this adhesion, N, and at most this slip."""
         train = -(1.0 - np.where(least > 0.0, end, 0.0)) * least / M
         wheel = r / J * (friction[which] + (1.0 + TORQUE_FRACTION) * torque - r * least)
         sizes = np.abs(train) + r / J * (friction[which] + torque + r * np.abs(least))
         return np.asarray(train + wheel + _ROUNDING * sizes)
 
     slip, safe = np.maximum(slips, 0.0), np.zeros(slips.size, bool)
-    left = np.arange(slips.size)  # those that are neither safe nor lost
+    left = np.arange(slips.size)  # indices of the wheels that are not decided yet
     actuator = vehicle.actuator
     for n in range(round(_LONGEST / _STEP)):
         t = n * _STEP
@@ -142,14 +145,14 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
             break
         acting = torques[left] * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
         at, cell = row[left], np.minimum((slip[left] * _CELLS).astype(int), _CELLS - 1)
-        # from here on the torque falls: a rate below 0 over the cell keeps the slip below the cell's upper end
-        held = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
-        safe[left[held]] = True
-        left, at, cell, acting = left[~held], at[~held], cell[~held], acting[~held]
+        # the torque does not rise again: a rate below 0 over the cell keeps the slip below the cell's upper end
+        falls = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
+        safe[left[falls]] = True
+        left, at, cell, acting = left[~falls], at[~falls], cell[~falls], acting[~falls]
         if not left.size:
             break
         slowest = speeds[left] - falling[left] * (t + _STEP)
-        # over the step the slip stays within the cells that the largest rate at all can reach
+        # over the step the slip stays within the cells that the largest possible rate can reach
         none = np.full(left.size, np.min(weakest))
         steepest = float(np.max(numerator(left, none, np.ones(left.size), acting) / slowest))
         reach = min(int(_STEP * max(steepest, 0.0) * _CELLS) + 2, _CELLS)

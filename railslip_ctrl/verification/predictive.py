@@ -1,22 +1,22 @@
-"""The predictive sliding-mode law behind its actuator: conditions proved over boxes, and the largest tolerances.
+"""Conditions of the predictive sliding-mode law with its actuator, proved over boxes, and the largest tolerances.
 
 With T+ the acting torque ahead of the dead time, H the torque that holds the reference slip and H_hat its estimate,
 
     S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi)
 
-(`sliding.predictive`). H is split into a part of bounded rate, |H'| <= R, and a bounded part |n| that may jump: the
-random force, and the errors of the believed dead time, lag and inertia. Filters of unit gain then give
+(`sliding.predictive`). H is the sum of a part of bounded rate, |H'| <= R, and a part bounded by n that may jump: the
+random force, and the errors of the modelled dead time, lag and inertia. Filters of unit gain then give
 
     |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R,    tau the larger of the observer's time constants.
 
 S - (1 + kappa theta) n_hat falls while K > d = kappa (tau R + 2 n) + (1 + kappa theta) R. So S reaches the tube
-phi + 2 (1 + kappa theta) n; without n that is the layer itself. The torque is off H by at most
+phi + 2 (1 + kappa theta) n; for n = 0 it is the layer itself. The torque differs from H by at most
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
-P the largest size of the slip pole and R0 the rate of H at rest: they are finite together while P (theta + tau) < 1.
+with P the largest magnitude of the slip pole and R0 the rate of H at rest. Both are finite if P (theta + tau) < 1.
 P, R0 and the range of H are enclosed over the box of speed, slip, load and rail (`boxes.largest`); the rest is
-arithmetic on balls. The law is taken in continuous time, its reference constant.
+arithmetic on balls. The law is in continuous time, with a constant reference.
 """
 
 from __future__ import annotations
@@ -49,19 +49,22 @@ PROVED, COUNTEREXAMPLE = "proved over the box", "counterexample"
 REACHING_AT_ONCE = "reaching at once"
 
 _INFINITE = arb.pos_inf()
-_LEAST_SLIP = 1e-4  # of the box: the laws are enclosed in braking, slip > 0
-_LEAST_LAG = 1e-3  # s: a brake without lag follows any rate
-_LOWEST_KMH = 10.0  #: the lowest speed that is looked for
+_LEAST_SLIP = 1e-4  # lower limit of the box's slip, as the laws are enclosed for slip > 0
+_LEAST_LAG = 1e-3  # s; avoids division by 0, as a brake without lag follows any rate
+_LOWEST_KMH = 10.0  #: lowest speed of the search for the lowest speed, km/h
 
 
 @dataclass(frozen=True)
 class PredictiveBox:
-    """The box of the conditions; the last seven are what the law does not know, 0 for exact.
+    """The box over which the conditions are decided; the last seven fields are errors of the law's model, 0 if exact.
 
-    speed_kmh: range, km/h. slip: half of the range of slip ratios, a share of the reference. surface: largest |S|, N*m;
-    error: largest |e_hat|, m/s. brake_gain, dead_time, lag, radius, train_speed, inertia: errors, shares either way.
-    random_force: bound in standard deviations of the published force, which grows with the wheel load. The mass is
-    empty to loaded, and the wheel load follows it.
+    - speed_kmh: range, km/h.
+    - slip: half of the range of slip ratios, as a share of the reference.
+    - surface, error: largest |S|, N*m, and |e_hat|, m/s.
+    - brake_gain, dead_time, lag, radius, train_speed, inertia: errors, shares either way.
+    - random_force: bound in standard deviations of the published force, which grows with the wheel load.
+
+    The mass ranges from empty to loaded, and the wheel load follows it.
     """
 
     speed_kmh: tuple[float, float] = (60.0, INITIAL_SPEED_KMH)
@@ -77,7 +80,7 @@ class PredictiveBox:
     random_force: float = 0.0
 
 
-#: errors that are asked of the law together, beside the random force, which has conditions of its own
+#: errors that the law must tolerate together; the random force has separate conditions
 ASKED = {"brake_gain": 0.15, "dead_time": 0.1, "lag": 0.1, "radius": 0.01, "train_speed": 0.01, "inertia": 0.05}
 RANDOM_FORCE = 3.0  #: bound of the random force, standard deviations
 
@@ -86,16 +89,16 @@ RANDOM_FORCE = 3.0  #: bound of the random force, standard deviations
 
 _F, _F_slip, _F_v = sp.symbols("F F_slip F_v", real=True)
 _reference = sp.Symbol("lambda_d", positive=True)
-_off = sp.Symbol("off", real=True)  # torque less the holding torque, N*m
+_off = sp.Symbol("off", real=True)  # torque minus the holding torque, N*m
 _KNOWN = (plant.v, plant.slip, plant.M, plant.J, plant.B, plant.r, plant.Fr0, plant.Fr1, plant.Fr2, _reference)
 
 
 @cache
 def holding_torque() -> tuple[sp.Expr, ...]:
-    """H (N*m), minus the part of its rate by the torque that is off (1/s), its rates with none off, and -v' (m/s^2).
+    """Derive H (N*m), the sensitivity P of its rate to the torque's deviation (1/s), its rate R0 without it, and -v'.
 
-    H is the torque Tb with e' = 0, e = lambda_d v - sigma. Its two parts, that of the wheel's torques and that of the
-    train's deceleration, are filtered on their own: of the rates the sizes are added.
+    H is the torque Tb with e' = 0, e = lambda_d v - sigma. Its two parts, from the wheel's torques and from the train's
+    deceleration, are filtered separately, so the magnitudes of their rates are added.
     """
     motion = plant.motion()
     known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
@@ -114,8 +117,8 @@ def holding_torque() -> tuple[sp.Expr, ...]:
     return hold, pole, drift, -v_rate
 
 
-_POLE_WIDTH = 0.02  # relative, of its enclosure: d grows with it, and is a sum of bounds
-_DRIFT_WIDTH = 1e-3  # 1/s, of the drift's over the wheel load: 1 % of K
+_POLE_WIDTH = 0.02  # relative width of the pole's enclosure, which enters d
+_DRIFT_WIDTH = 1e-3  # width of the drift's enclosure over the wheel load, 1/s: 1 % of K
 
 
 class Extremes(NamedTuple):
@@ -130,7 +133,10 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class RailCase:
-    """A rail that the conditions are decided on: the law at the empty wheel load, and the reference slip."""
+    """A rail of the verification: the law at the empty wheel load, and the reference slip.
+
+    `scaled`: the law's force is proportional to the wheel load, at constant mu(slip).
+    """
 
     rail: Rail
     law: AdhesionLaw
@@ -139,7 +145,7 @@ class RailCase:
 
     @classmethod
     def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
-        """The law on a rail; a law whose parameters go with the wheel load keeps mu(slip) by them, and is scaled."""
+        """Set up a rail; a law whose parameters follow the wheel load keeps mu(slip), so it is `scaled`."""
         heavy = vehicle.model_copy(update={"wheel_load": load_ratio(vehicle) * vehicle.wheel_load})
         laws = [adhesion.on(rail, one) for one in (vehicle, heavy)]
         return cls(rail, laws[0], laws[0].parameters() != laws[1].parameters(), adhesion.reference(rail, vehicle))
@@ -156,7 +162,7 @@ def _expressions() -> Callable[..., Any]:
 
 
 def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
-    """`holding_torque` on balls at `speed` (m/s), `slip` and `load`: 0 empty to 1 loaded."""
+    """Evaluate `holding_torque` on balls at `speed` (m/s), `slip` and `load` (0 empty to 1 loaded)."""
     v, slip, load = point["speed"], point["slip"], point["load"]
     M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
     share = 1 + load * (arb(load_ratio(vehicle)) - 1)
@@ -173,7 +179,7 @@ def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> lis
 
 @cache
 def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], slip: tuple[float, float]) -> Extremes:
-    """Enclose them; vehicles, laws and boxes are compared by value."""
+    """Enclose the extremes over a box; the cache compares vehicles, laws and boxes by value."""
     box: Box = {"speed": (speed_kmh[0] * KMH, speed_kmh[1] * KMH), "slip": slip, "load": (0.0, 1.0)}
 
     def enclosed(index: int, sign: float = 1.0, *, relative: float = 0.01, absolute: float = 0.0) -> Largest:
@@ -186,18 +192,23 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
     return Extremes(enclosed(0, -1.0), enclosed(0), pole, drift, enclosed(3))
 
 
-# --- what the law needs over a box ------------------------------------------------------------------------------------
+# --- requirements of the law over a box -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What the law needs over a box on a rail; bounds, rounded outward.
+    """Requirements of the law over a box on a rail; bounds, rounded outward.
 
-    loop: P (theta + tau), the small gain; d: N*m/s, which K has to exceed; at_once: with the jumping part in H_hat'
-    too, N*m/s; tube: N*m, half-width about S = 0; hold: least and largest H, N*m; carried: the largest K whose torque
-    stays within the limits on S = 0, downwards and upwards, N*m/s; left: rate of S towards 0 with the valve at its end,
-    downwards and upwards, N*m/s; off: dT, N*m; rate: R, N*m/s; jump: n, N*m. Infinite where the loop can be >= 1, or
-    not finite. found: the extremes over speed, slip and load.
+    - loop: P (theta + tau), the small gain.
+    - d: N*m/s, which K has to exceed; at_once: the same with jumps of H in H_hat', N*m/s.
+    - tube: half width about S = 0, N*m.
+    - hold: least and largest H, N*m.
+    - carried: largest K whose torque stays within the limits on S = 0, downwards and upwards, N*m/s.
+    - left: rate of S towards 0 with the valve at its limit, downwards and upwards, N*m/s.
+    - off, rate, jump: dT, N*m; R, N*m/s; n, N*m.
+    - found: the extremes over speed, slip and load.
+
+    Bounds are infinite if the loop can be >= 1, or is not finite.
     """
 
     loop: float
@@ -213,19 +224,19 @@ class Demand:
     jump: float = math.inf
 
 
-@lru_cache(512)  # several conditions are decided by it
+@lru_cache(512)  # several conditions use the same result
 def demand(
     gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
-    """Bound what the law needs; see the head of this module.
+    """Bound the requirements of the law, by the equations at the head of this module.
 
-    attained: from the values that the extremes have at points of the box, in place of their bounds, rounded inward.
+    attained: use the values of the extremes at points of the box, rounded inward, instead of their bounds.
     """
     assert gains.lag is not None, "filled in by `believing`"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
     ratio = arb(gains.wheel_inertia) / gains.radius
     tau, seen = arb(max(gains.observer_time, gains.deceleration_time)), arb(box.radius) + box.train_speed
-    # radius and train speed shift the slip seen by at most their errors
+    # errors of radius and train speed shift the measured slip by at most their sum
     shift, half = upper(seen / (1 - seen)), box.slip * case.reference
     slip = max(case.reference - half - shift, _LEAST_SLIP), case.reference + half + shift
     found = extremes(case, vehicle, box.speed_kmh, slip)
@@ -241,7 +252,7 @@ def demand(
     lever = arb(vehicle.wheel.radius) + ratio * (1 - arb(case.reference)) / vehicle.effective_mass
     force = arb(box.random_force) * ADHESION_NOISE * heavy * lever
     gain, late = arb(box.brake_gain), arb(box.dead_time) * theta + arb(box.lag) * lag
-    ahead = arb(box.surface) + ratio * kappa * box.error  # T+ less H_hat, at most
+    ahead = arb(box.surface) + ratio * kappa * box.error  # largest T+ minus H_hat
     steepest = kappa * ahead + arb(gains.reaching_rate) * box.surface + gains.switching_gain  # of T+
     fixed, steady = force + late * (1 + gain) * steepest, drift + gain * steepest
     lowest, highest = -low / (1 + gain), high / (1 - gain)
@@ -252,12 +263,12 @@ def demand(
         return known
     off = (ahead + (theta + tau) * steady + 2 * fixed) / (1 - loop)
     rate, jump, more = steady + pole * off, fixed + box.inertia * off, 1 + kappa * theta
-    # the deceleration's share of H, and of e_hat', seen wrong; and J/r of the prediction
+    # effect of wrong radius, train speed and inertia on the deceleration's part of H and e_hat', and on the prediction
     wrong = 2 * seen * ratio * fall + (arb(box.radius) + box.inertia) * off
     d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
 
     def left(level: arb) -> float:
-        """Least rate of S with the valve at its end; `level`: from there to H_hat, N*m, T+ on the other side of it."""
+        """Least rate of S with the valve at its limit; `level`: distance from the limit to H_hat, N*m, T+ beyond it."""
         ends = (gains.layer - ratio * kappa * box.error, ahead)
         return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
 
@@ -275,9 +286,9 @@ def demand(
 
 @dataclass(frozen=True)
 class Kept:
-    """A set |S| <= surface (N*m), |e_hat| <= error (m/s) that the law does not leave; |e| <= slip_error (m/s) in it.
+    """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which |e| <= slip_error (m/s).
 
-    Infinite where no such set was found. inside: the slip stays in the box, at its lowest speed too.
+    Infinite if no such set was found. inside: the slip stays in the box, also at its lowest speed.
     """
 
     surface: float = math.inf
@@ -286,15 +297,15 @@ class Kept:
     inside: bool = False
 
 
-_ROUNDS = 40  # of the iteration, which converges by a factor of 2 a round where there is room to spare
-_INFLATED = 1.01  # a set that the map takes into itself is looked for a little beyond the fixed point
+_ROUNDS = 40  # most iterations; with enough margin the error is halved in each
+_INFLATED = 1.01  # the set tested for invariance, over the fixed point
 
 
 def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
-    """A set within the layer that the law does not leave.
+    """Find an invariant set within the layer.
 
-    There S' takes |S| below d/(k + K/phi) and the tube's part. The iteration only finds the set; that the map takes it
-    into itself is checked on balls.
+    In the layer, |S| falls below d/(k + K/phi) plus the tube's part. An iteration finds the set; interval arithmetic
+    checks that the map takes it into itself.
     """
     ratio, theta = arb(gains.radius) / gains.wheel_inertia, arb(gains.dead_time)
     tau = arb(max(gains.observer_time, gains.deceleration_time))
@@ -331,7 +342,7 @@ def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox
 
 
 class Case(NamedTuple):
-    """The law, the vehicle, and the rails that its conditions are decided on."""
+    """The law, vehicle and rails of a verification."""
 
     gains: Predictive
     vehicle: Vehicle
@@ -346,16 +357,16 @@ HOLDS: Mapping[str, Callable[[Predictive, Demand], bool]] = {
     "authority": lambda gains, one: min(one.carried) >= gains.switching_gain,
     "reaching at once": lambda gains, one: one.at_once < gains.switching_gain,
 }
-"""Conditions over a box, by what the law needs."""
+"""Conditions over a box, as functions of the gains and the `Demand`."""
 
 STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Whether a condition of `HOLDS`, or `STAYS`, holds over a box on every rail; and the numbers.
+    """Decide a condition of `HOLDS`, or `STAYS`, over a box on every rail; (verdict, numbers).
 
-    False: with the values that the extremes attain it fails on some rail, H - H_hat and H_hat' being anything within
-    their bounds. None: neither was shown; where the small gain fails there is no bound to fail.
+    False: the condition fails on some rail for values that the extremes attain, with H - H_hat and H_hat' anywhere
+    within their bounds. None: not decided, for example because the small gain fails, so that there are no bounds.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -372,7 +383,7 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
 
 
 def released(case: Case) -> Condition:
-    """Whether a wheel that is released from the reference, under the torque that holds it, certainly does not lock."""
+    """Condition that a wheel released from the reference slip, under the holding torque, certainly does not lock."""
     speeds, rows = PredictiveBox().speed_kmh, []
     heavy = {"wheel_load": load_ratio(case.vehicle) * case.vehicle.wheel_load, "mass": case.vehicle.mass_loaded}
     for laden in (case.vehicle, case.vehicle.model_copy(update=heavy)):
@@ -388,7 +399,7 @@ def released(case: Case) -> Condition:
 
 
 def conditions(case: Case) -> tuple[Condition, ...]:
-    """The conditions for an exact vehicle, for one known as well as `ASKED`, and under the random force."""
+    """Conditions for an exactly known vehicle, for errors up to `ASKED`, and with the random force."""
     exact = PredictiveBox()
     boxes = {
         **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
@@ -409,11 +420,11 @@ def conditions(case: Case) -> tuple[Condition, ...]:
 # --- tolerances -------------------------------------------------------------------------------------------------------
 
 
-_STEPS = 7  # of a bisection: the largest tolerance to 1 % of the range it is looked for in
+_STEPS = 7  # of the bisection, which resolves 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """A quantity whose largest tolerance is looked for: field of `PredictiveBox`, up to what, and its unit."""
+    """A quantity whose largest tolerance is searched: field of `PredictiveBox`, upper end of the search, and unit."""
 
     field: str
     most: float
@@ -429,7 +440,7 @@ QUANTITIES = (
 
 
 def box_with(**changes: Any) -> PredictiveBox:
-    """`PredictiveBox()` with some fields changed; `lowest_speed`, km/h, is the lower end of its speeds."""
+    """Return `PredictiveBox()` with some fields changed; `lowest_speed`, km/h, is the lower end of its speeds."""
     exact = PredictiveBox()
     if "lowest_speed" in changes:
         changes["speed_kmh"] = (changes.pop("lowest_speed"), exact.speed_kmh[1])
@@ -437,17 +448,17 @@ def box_with(**changes: Any) -> PredictiveBox:
 
 
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
-    """The largest value of each of `QUANTITIES` with which what holds for an exact vehicle still does, by bisection.
+    """Largest value of each of `QUANTITIES` for which all conditions that hold for an exact vehicle still hold.
 
-    The others are those of `PredictiveBox()`. limited_by: the condition that fails beyond, empty where the whole range
-    was proved. Empty where nothing holds.
+    Found by bisection, the other quantities as in `PredictiveBox()`. `limited_by` is the condition that fails beyond,
+    empty if the whole range was proved. Empty if no condition holds.
     """
     exact = PredictiveBox()
-    held = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
+    holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
 
     def broken(name: str, value: float) -> str:
         box = box_with(**{name: value})
-        return next((one for one in held if not decided(one, case, box)[0]), "")
+        return next((one for one in holding if not decided(one, case, box)[0]), "")
 
     def bisected(name: str, good: float, bad: float) -> tuple[float, str]:
         limit = broken(name, bad)
@@ -460,15 +471,16 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
         return good, limit
 
     starts = {**vars(exact), "lowest_speed": exact.speed_kmh[0]}
-    return tuple(Tolerance(name, *bisected(name, starts[name], most), unit) for name, most, unit in QUANTITIES if held)
+    found = QUANTITIES if holding else ()
+    return tuple(Tolerance(name, *bisected(name, starts[name], most), unit) for name, most, unit in found)
 
 
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the law's conditions for a static adhesion law; the bristle model is taken by its static curve.
+    """Decide the law's conditions for a static adhesion law; the bristle model is replaced by its static curve.
 
-    K: N*m/s; left out, the gains' own. InputError for another law with a state, or without enclosure.
+    K: N*m/s; by default that of the gains. InputError for another law with a state, or without enclosure.
     """
     static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
     gains = Predictive.for_vehicle(vehicle, **({} if K is None else {"switching_gain": K}))

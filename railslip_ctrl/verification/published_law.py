@@ -1,7 +1,7 @@
-"""The published law's conditions: the Lyapunov argument decided with SymPy, reaching and theta by numbers over sets.
+"""Conditions of the published law: the Lyapunov argument by SymPy, reaching and theta by numbers over sets.
 
-Where s' and V' of the plant's numeric rates are compared with the derived expressions, at random states, the law is
-the one generated for the controller.
+At random states, s' and V' from the plant's numeric rates under the controller's generated law are compared with the
+derived expressions.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from .verdict import CORNERS, Condition, checked_at
 
 
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
-    """s' and V' of the plant's rates under (45) and (49) against the derived ones, at random states and parameters.
+    """Compare s' and V' of the plant's rates under (45) and (49) with the derived ones, at random points.
 
-    The largest differences, relative to the sum of the sizes of the terms, so that cancellation does not count as
-    error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice that at rest, |s| < 2 m/s; parameters: M, J, B, gains,
-    theta_hat and disturbances within a factor of 2 about the published ones, both signs where both make sense.
+    Returns the largest differences, relative to the sum of the terms' magnitudes, so that cancellation does not count
+    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its rest value, |s| < 2 m/s. Parameters: M, J, B,
+    gains, theta_hat and disturbances within a factor of 2 of the published ones, with both signs where possible.
     """
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
     ranges = {
@@ -58,7 +58,7 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
     known = {**draw, "Ta": Ta, "omega": omega, "Fr": vehicle.resistance.force(v), "r": r, "e": e, "v_rate": v_rate}
-    # the generated law, a column with its parameters at a time
+    # evaluate the generated law for each sample with its own parameters
     control = generated_law().control
     names = ("J", "Mn", "Bn", "lambda_d", "rho", "D", "K")
     drawn = zip(*(known[name].tolist() for name in (*names, "k")), strict=True)
@@ -93,11 +93,11 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
 _s, _D, _K, _k = (sliding_symbol(name) for name in ("s", "D", "K", "k"))
 _Mn, _Mp = sliding_symbol("Mn"), sliding_symbol("Mp")
 _STATE = (_s, *TILDE)
-_IDENTITY_TOLERANCE = 1e-10  # a hundred times the rounding of sums of ten terms over 1e5 points
+_IDENTITY_TOLERANCE = 1e-10  # a hundred times the largest rounding error of sums of ten terms over 1e5 points
 
 
 def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """All of them, for a vehicle and gains where numbers are given: from every machine check of the derivation on."""
+    """All conditions of the Lyapunov argument; vehicle and gains are used for the numbers."""
     made, errors, (k1_unit, k2_unit) = derive(), identity_errors(vehicle, seed=seed), gain_units()
     failed = [one.name for one in made.steps if not one.checked]
     identity = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
@@ -118,7 +118,7 @@ def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def positive_definite(made: Derivation) -> Condition:
-    """(46)."""
+    """Condition that V of (46) is positive definite."""
     hessian = sp.hessian(made.V, _STATE)
     constant = not any(entry.has(*_STATE) for entry in hessian)
     minors = [hessian[:n, :n].det() for n in (1, 2, 3)]
@@ -130,7 +130,7 @@ def positive_definite(made: Derivation) -> Condition:
 
 
 def cross_term_vanishes(made: Derivation) -> Condition:
-    """(47)-(49)."""
+    """Condition (47)-(49): with the adaptation, the cross term of V' vanishes."""
     rate = made.V_rate.subs(dict(zip(RATE, made.adaptation, strict=True)))
     left = sp.expand(rate)
     expected = -plant.r / plant.J * (_D * _s**2 + _K * sp.Abs(_s))
@@ -140,7 +140,7 @@ def cross_term_vanishes(made: Derivation) -> Condition:
 
 
 def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Condition:
-    """What (47) drops."""
+    """Condition V' <= 0 with the disturbances, which (47) drops."""
     # with the resistance alone at (J/r) d = K + x, V' at s = x/(2 D) is (r/J) x^2/(4 D) > 0
     x = sp.Symbol("x", positive=True)
     chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: (_Mn + _Mp) * plant.r / plant.J * (_K + x)}
@@ -154,7 +154,7 @@ def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Co
 
 
 def barbalat(made: Derivation) -> Condition:
-    """Hypotheses of Barbalat's lemma in the ideal case."""
+    """Condition that the hypotheses of Barbalat's lemma hold in the ideal case."""
     phi_squared = sum(one**2 for one in made.phi)
     error = sum(a * b for a, b in zip(TILDE, made.phi, strict=True))
     # Cauchy-Schwarz with its remainder: (theta_tilde' phi)^2 = 2 k V phi'phi - k s^2 phi'phi - (a square)
@@ -167,11 +167,11 @@ def barbalat(made: Derivation) -> Condition:
 
 
 def invariant_set(made: Derivation) -> Condition:
-    """The theorem the paper names."""
+    """Condition that the error system is autonomous, as the theorem cited by the paper requires."""
     outside = [one for one in (plant.Ta, plant.omega) if sp.diff(made.error_dynamics, one) != 0]
     speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0]
     motion = plant.motion().v_rate
-    # any motion will do, whatever its sign: v is a state that s' depends on and the error system does not hold
+    # v changes, and s' depends on it through omega, but v is not a state of the error system
     moves = sp.expand(motion) != 0 and sp.diff(speed, plant.v) != 0
     mass_step = made.theta[0].subs(_Mp, sp.Symbol("m1", positive=True)) - made.theta[0].subs(_Mp, 0)
     numbers = {"outside": outside, "omega": speed, "v_rate": motion, "mass_step": sp.factor(mass_step)}
@@ -179,7 +179,7 @@ def invariant_set(made: Derivation) -> Condition:
 
 
 def estimates_converge(made: Derivation) -> Condition:
-    """A rest of the error system with theta_tilde != 0, while phi keeps its direction."""
+    """Condition theta_hat -> theta; the counterexample is an equilibrium with theta_tilde != 0 at constant phi."""
     c = sp.Symbol("c", positive=True)
     rest = {TILDE[0]: c * made.phi[1], TILDE[1]: -c * made.phi[0], _s: 0}
     ideal = made.error_dynamics - made.disturbance_perturbed
@@ -192,18 +192,18 @@ def estimates_converge(made: Derivation) -> Condition:
     return Condition("theta_hat converges", not stays, "symbolic", {"level": level, "turns": turns}, claimed=True)
 
 
-# --- reaching, the boundary layer, theta as it is ---------------------------------------------------------------------
+# --- reaching, the boundary layer, changes of theta -------------------------------------------------------------------
 
 
-STEP_TIME = 25.0  #: s, when mass and rail change ([Park2008] p. 55)
-FRICTION_RATE = -0.01  #: N m s per s, of B = 0.25 - 0.01 t ([Park2008] p. 55); before the inertia scale
-DRIFT_NOISE = 0.1  #: standard deviation, m/s, of the slip noise the drift is shown with (0.36 km/h)
-DRIFT_TIME = 20.0  # s
-_LONGEST_STOP = 80.0  # s
+STEP_TIME = 25.0  #: time at which mass and rail change, s ([Park2008] p. 55)
+FRICTION_RATE = -0.01  #: rate of B = 0.25 - 0.01 t, N m s per s ([Park2008] p. 55); before the inertia scale
+DRIFT_NOISE = 0.1  #: standard deviation of the slip noise in the drift simulation, m/s (0.36 km/h)
+DRIFT_TIME = 20.0  # duration of the drift simulation, s
+_LONGEST_STOP = 80.0  # s; longer than any stop
 
 
 def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """All of them, for the published law with these gains."""
+    """All conditions on reaching, boundary layer and theta, for the published law with these gains."""
     return (
         reaching_bound(vehicle, gains),
         counterexample(vehicle, gains, seed),
@@ -215,7 +215,7 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """(40) for the published disturbances, exact over two boxes; 1 sigma unless another is named."""
+    """Condition (40) for the published disturbances, exact over two boxes; 1 sigma unless stated otherwise."""
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
     box, others_box = (reaching.operating_set(one, sigmas=1.0) for one in (vehicle, rescaled))
@@ -242,7 +242,7 @@ def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """The worst s s' < 0 of (42) over the box of (40)."""
+    """Condition (42): search the box of (40) for the largest s s'."""
     box = reaching.operating_set(vehicle, sigmas=3.0)
     known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
@@ -251,11 +251,11 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
 
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
-    """|s| and the sign of s s' along disturbed ideal stops."""
+    """Condition that s reaches 0 and stays within the layer, in simulated disturbed stops without actuator."""
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbed=True, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     finite, start = np.abs(run.s[np.isfinite(run.s)]), float(run.s[0, 0])
-    # whether s changes sign in every run, and the share of the time after it with |s| in the layer
+    # s must change sign in every run; then the share of the time after it with |s| in the layer
     crossed = np.cumsum(np.abs(np.diff(np.sign(run.s), axis=0, prepend=np.sign(run.s[:1]))) > 1, axis=0) > 0
     after = crossed & np.isfinite(run.s)
     touched = bool(np.all(np.any(after, axis=0)))
@@ -275,7 +275,7 @@ def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]
 
 
 def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """A boundary layer in the published law: the ultimate bound of |s|, within the layer or else beyond it."""
+    """Condition that with a boundary layer in the published law the ultimate bound of |s| is within the layer."""
     largest = reaching.least_gain(vehicle, reaching.reference_set(vehicle, sigmas=1.0), rho=gains.rho)
     inside = largest / (gains.D + gains.K / LAYER_WIDTH)
     bound = inside if inside <= LAYER_WIDTH else (largest - gains.K) / gains.D
@@ -284,11 +284,13 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
-    """What happens to V at 25 s of an undisturbed ideal stop.
+    """Steps of theta, V and s at 25 s of an undisturbed stop without actuator.
 
-    speed: then, m/s, None where the stop is over by `end`, s; theta_step: of theta1, 1/(kg m); jump: V's for
-    theta_tilde = 0 before it, friction_level: what theta2_tilde is worth after 25 s of B = 0.25 - 0.01 t with
-    theta2_hat fixed, m^2/s^2; surface_step: of s, as the reference becomes the wet rail's, m/s.
+    - speed: speed at 25 s, m/s; None if the stop ends before, at `end`, s.
+    - theta_step: step of theta1, 1/(kg m).
+    - jump: step of V if theta_tilde = 0 before, m^2/s^2.
+    - friction_level: V due to theta2_tilde after 25 s of B = 0.25 - 0.01 t with constant theta2_hat, m^2/s^2.
+    - surface_step: step of s as the reference changes to that of the wet rail, m/s.
     """
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
     end = float(run.time[np.isfinite(run.speed[:, 0])][-1])
@@ -303,7 +305,7 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """theta' = 0 of (47); where the stop is over before 25 s, as published too."""
+    """Condition theta' = 0 of (47); if the stop ends before 25 s, repeated with the as-published inertia scale."""
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:
@@ -319,15 +321,16 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
-    """Drift of theta_hat at 100 km/h held, dry, from theta_hat = theta, slip noise `DRIFT_NOISE`, over `DRIFT_TIME`.
+    """Drift of theta_hat at constant 100 km/h, dry, from theta_hat = theta, with slip noise `DRIFT_NOISE`.
 
-    Along the direction w = (k2 omega, -k1 Ta) that s does not move it in: rates of w' theta_hat, over the seeds (mean,
-    standard_error), predicted and noiseless; `per_second` is the mean as torque (J/r) |Ta theta1_hat'|, N m per s.
+    The drift is the rate of w' theta_hat over `DRIFT_TIME`, along the direction w = (k2 omega, -k1 Ta), in which s does
+    not move theta_hat: mean and standard_error over the seeds, predicted, and noiseless. `per_second` is the mean as a
+    torque (J/r) |Ta theta1_hat'|, N m per s.
     """
     speed = INITIAL_SPEED_KMH * KMH
-    held: dict[str, Any] = {"duration": DRIFT_TIME, "held_speed": speed}
-    quiet = simulate_ideal(vehicle, gains, **held)
-    run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **held)
+    settings: dict[str, Any] = {"duration": DRIFT_TIME, "constant_speed": speed}
+    quiet = simulate_ideal(vehicle, gains, **settings)
+    run = simulate_ideal(vehicle, gains, slip_noise=DRIFT_NOISE, seeds=seeds, **settings)
     r, sigma = vehicle.wheel.radius, float(quiet.sigma[0, 0])
     omega = (speed - sigma) / r
     h = 1e-4 * speed
@@ -338,8 +341,8 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     across = np.array([gains.k2 * omega, -gains.k1 * torque])
     rates = (run.theta_hat[-1] - run.theta_hat[0]) @ across / run.time[-1]
     noiseless = float((quiet.theta_hat[-1, 0] - quiet.theta_hat[0, 0]) @ across / quiet.time[-1])
-    # s has -n, Ta slope * n, omega -n/r, so E[s (omega Ta - Ta omega)] = -n^2 (omega slope + Ta/r); the wheel's own
-    # chatter is in s and omega alike, and too quick for the adhesion to follow
+    # the noise n changes s by -n, Ta by slope * n, omega by -n/r: E[s (omega Ta - Ta omega)] = -n^2 (omega slope +
+    # Ta/r); chatter of the wheel is in s and omega alike, and too fast for the adhesion to follow
     chatter = max(0.0, float(np.var(run.s)) - DRIFT_NOISE**2)
     noise = DRIFT_NOISE**2 * (omega * slope + torque / r)
     predicted = -gains.k1 * gains.k2 * (noise + chatter * torque / r)
@@ -352,12 +355,12 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     return {"predicted": predicted, "mean": mean, "standard_error": error, **rest}
 
 
-_DRIFT_RUNS = 32
-_EXPLAINED = 0.05  # of the drift, that the prediction, of second order in the noise, may miss
+_DRIFT_RUNS = 32  # seeds of the drift simulation
+_EXPLAINED = 0.05  # largest relative error of the predicted drift, which is of second order in the noise
 
 
 def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Noise and theta_hat."""
+    """Condition that measurement noise does not make theta_hat drift."""
     seeds = tuple(range(seed, seed + _DRIFT_RUNS))
     found = measured_drift(vehicle, replace(gains, layer=0.0), seeds)
     mean, error = found["mean"], found["standard_error"]

@@ -1,4 +1,4 @@
-"""The adhesion law, rails and reference slips that a verification is for."""
+"""Adhesion law, rails and reference slips of a verification."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
 @dataclass(frozen=True)
 class RailAdhesion:
-    """An adhesion law, the rails it is taken on, and the reference slip.
+    """An adhesion law, the rails to verify on, and the reference slip.
 
-    `law`: a published law by name, whose parameters follow rail, wheel load, initial speed (30 to 140 km/h) and, in the
-    stiffness of a dynamic law, the inertia scale, as a change of units demands; or a law with parameters of its own,
-    taken as they are, on wet rail by `AdhesionLaw.wet`. `slip`: reference slip ratio on every rail, 0 to 1; left out,
-    the law's own. InputError for a value outside its range, no rail, or dry rail asked of parameters for wet rail.
+    - law: name of a published law, whose parameters depend on rail, wheel load and initial speed (30 to 140 km/h); the
+      stiffness of a dynamic law is multiplied by the inertia scale, like a change of units. Or a law with given
+      parameters, which are not changed; `AdhesionLaw.wet` gives those on wet rail.
+    - slip: reference slip ratio on every rail, 0 to 1; by default the law's.
+
+    InputError for a value outside its range, no rail, or dry rail with parameters for wet rail.
     """
 
     law: AdhesionLaw | str = "bristle"
@@ -37,10 +39,10 @@ class RailAdhesion:
             object.__setattr__(self, "law", law_class(self.law).name)
         else:
             for rail in self.rails:
-                self.law.on(rail)  # refuses dry rail for a wet rail's parameters
+                self.law.on(rail)  # raises InputError for dry rail with a wet rail's parameters
 
     def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
-        """The law on a rail under a vehicle's wheel."""
+        """Adhesion law on a rail under a vehicle's wheel."""
         if isinstance(self.law, AdhesionLaw):
             return self.law.on(rail)
         law = published_law(self.law, rail, self.initial_speed_kmh, vehicle.wheel_load)
@@ -50,7 +52,7 @@ class RailAdhesion:
         return law
 
     def reference(self, rail: Rail, vehicle: Vehicle) -> float:
-        """Slip ratio held on a rail; InputError where there is none."""
+        """Reference slip ratio on a rail; InputError if there is none."""
         slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
         if slip is None:
             remedy = "`slip` X" if isinstance(self.law, str) else "[reference_slip] in its file, or `slip` X"
@@ -58,25 +60,25 @@ class RailAdhesion:
         return slip
 
     def point(self, rail: Rail, vehicle: Vehicle) -> OperatingPoint:
-        """The reference slip on a rail at 100 km/h."""
+        """Operating point at the reference slip on a rail, at 100 km/h."""
         slip, speed = self.reference(rail, vehicle), INITIAL_SPEED_KMH * KMH
         return operating_point(self.on(rail, vehicle), vehicle, speed, slip, rail=rail)
 
     @property
     def name(self) -> str:
-        """The law's name."""
+        """Name of the adhesion law."""
         return self.law if isinstance(self.law, str) else self.law.name
 
     @property
     def text(self) -> str:
-        """The law in words."""
+        """Description of the law for messages."""
         if isinstance(self.law, AdhesionLaw):
             return f"{self.name} law as given"
         return f"{self.name} model" if self.name == "bristle" else f"published {self.name} law"
 
     @property
     def rails_text(self) -> str:
-        """The rails in words: "dry and wet"."""
+        """Description of the rails, as "dry and wet"."""
         return " and ".join(self.rails)
 
 

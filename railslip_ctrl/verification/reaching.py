@@ -1,18 +1,19 @@
-"""The reaching condition (40) as a bound on K, and the set it is asked over; in torque at the wheel, (J/r) d.
+"""The reaching condition (40) as a bound on K over a box, in torque at the wheel, (J/r) d.
 
-Td is a fraction q of the acting torque, which is the law's own: Tb = Ueq + D s + K sgn s, K in it. With |q| <= c < 1
+Td is a fraction q of the acting torque, which contains K: Tb = Ueq + D s + K sgn s. With |q| <= c < 1
 
     (J/r) s' sgn s = sgn s [(J/r) d(Tr, Fr) - q Ueq] - (1 + q)(D |s| + K),
 
-so that (40) asks K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|: D |s| helps in full, and c/(1 - c) of |Ueq|, in it
-(J/r) rho e, is added. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are part of d.
-The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
-That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j alone, and monotone in q, hence
-largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
-in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
+so (40) requires K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|. D |s| reduces the bound fully; c/(1 - c) of |Ueq|, which
+contains (J/r) rho e, increases it. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are
+part of d. The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
 
-`search` looks for a counterexample independently of that: the torque is the law's, s' the plant's with theta_tilde' phi
-in it, which the bound leaves to the adaptation.
+The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j, and monotone in q. So it is
+largest at a corner of a box of these, and exact over the box. The adhesion torque is an independent state, as in the
+bristle model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
+
+`search` looks for a counterexample independently: with the law's torque, and s' of the plant, which includes
+theta_tilde' phi. The bound leaves this term to the adaptation.
 """
 
 from __future__ import annotations
@@ -43,32 +44,37 @@ from railslip_ctrl.sliding.proof import sliding_symbol
 ADHESION_NOISE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random adhesion force over the wheel load
 
 TORQUE_FRACTION = 0.05
-"""Td = 0.05 Tb exp(-4t) sin(10 pi t): its bound as a fraction of the acting brake torque ([Park2008] p. 55)."""
+"""Bound of Td = 0.05 Tb exp(-4t) sin(10 pi t) as a fraction of the acting brake torque ([Park2008] p. 55)."""
 
-TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: its decay, 1/s, and frequency, rad/s
+TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: decay, 1/s, and frequency, rad/s, of Td
 
 
 def torque_share(time: Floats) -> Floats:
-    """Td over the acting brake torque at times, s, of any shape."""
+    """Ratio of Td to the acting brake torque at times, s, of any shape."""
     return np.asarray(TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time))
 
 
-LOWEST_SPEED_KMH = 5.0  #: the published stop ends here ([Park2008] p. 56)
-_VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
+LOWEST_SPEED_KMH = 5.0  #: speed at which the published stop ends ([Park2008] p. 56)
+_VANISHING_SLIP = 1e-9  # slip of the largest rest adhesion: the curve falls from slip 0+, and is 0 at 0
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is asked; ranges are (lowest, highest).
+    """The box over which (40) is decided; ranges are (lowest, highest).
 
-    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction < 1; brake_gain: error of the brake's gain, a
-    share either way < 1; inertia_error: the law's J over the wheel's, less 1; torque_limits: of the command, N*m;
-    resistance: Fr, N; adhesion_torque: Ta, N*m; speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip)
-    v/r; mass: true mass, kg, without the inertia scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s;
-    torque_error, rate_error: Ta_hat/Ta - 1 and v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the
-    largest mass, linear in between.
+    - random_torque: bound of |Tr|, N*m.
+    - torque_fraction: c < 1 in |Td| <= c |Tb|.
+    - resistance, adhesion_torque: Fr, N, and Ta, N*m.
+    - speed, slip: m/s and ratio; e = (lambda_d - slip) v, omega = (1 - slip) v/r.
+    - mass: true mass, kg, without the inertia scale.
+    - theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s.
+    - torque_error, rate_error: Ta_hat/Ta - 1 and v'_hat/v' - 1.
+    - inertia_error: J of the law over that of the wheel, less 1.
+    - brake_gain: error of the brake's gain, a share either way < 1.
+    - torque_limits: limits of the command, N*m.
+    - heavier: factor on Ta and Tr at the largest mass, linear in between.
     """
 
     random_torque: float
@@ -89,16 +95,16 @@ class ReachingSet:
 
     @property
     def share(self) -> Range:
-        """What acts over what the law commands, (1 + Td/Tb) times the brake's gain, less 1."""
+        """Range of acting over commanded torque, less 1: (1 + Td/Tb) times the brake's gain, less 1."""
         c, g = self.torque_fraction, self.brake_gain
         return (1.0 - c) * (1.0 - g) - 1.0, (1.0 + c) * (1.0 + g) - 1.0
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
-    """The mildest point of the published run: 100 km/h, dry, at the reference slip, adhesion at rest, so e = 0.
+    """Easiest point of the published run: 100 km/h, dry, at the reference slip (e = 0), adhesion at rest.
 
-    The random force at `sigmas` standard deviations; `with_torque=False` leaves Td out, as it has decayed by exp(-4)
-    after one second.
+    The random force is bounded at `sigmas` standard deviations. `with_torque=False` neglects Td, which has decayed by
+    exp(-4) after one second.
     """
     slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
     torque = rest_adhesion_torque(vehicle, speed, slip)
@@ -114,10 +120,10 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 
 
 def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
-    """The published run on dry rail: 100 to 5 km/h, from free rolling to twice the reference slip, empty to loaded.
+    """Box of the published run on dry rail: 100 to 5 km/h, slip from 0 to twice the reference, empty to loaded.
 
-    The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
-    the random force follow the wheel load, see `load_ratio`. The estimates are right.
+    The adhesion torque ranges from 0 (z = 0, as at the start) to its largest value at rest, independently of the slip.
+    It and the random force follow the wheel load (`load_ratio`). The estimates are exact.
     """
     return replace(
         reference_set(vehicle, sigmas=sigmas),
@@ -130,39 +136,39 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
 
 
 def load_ratio(vehicle: Vehicle) -> float:
-    """Wheel load loaded over empty; that of the masses where the vehicle gives one wheel load for both."""
+    """Ratio of loaded to empty wheel load; that of the masses if the vehicle has one wheel load for both."""
     if vehicle.wheel_load_loaded != vehicle.wheel_load:
         return vehicle.wheel_load_loaded / vehicle.wheel_load
     return vehicle.mass_loaded / vehicle.mass
 
 
 def reference_slip(rail: Rail = Rail.DRY) -> float:
-    """The bristle column's on a rail."""
+    """Reference slip of the bristle column on a rail."""
     slip = published_law("bristle", rail).reference_slip(rail)
     assert slip is not None, "the bristle model has a published reference"
     return slip
 
 
 def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant, tuple[float, ...]]:
-    """Functions and parameters of the plant with the published bristle model."""
+    """Numeric functions and parameters of the plant with the published bristle model."""
     law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
     return numeric_plant(type(law)), plant_parameters(law, vehicle)
 
 
 def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
-    """Ta, N*m, of the bristle model at rest at a speed, m/s, and a slip ratio."""
+    """Adhesion torque Ta, N*m, of the bristle model at rest, at a speed, m/s, and a slip ratio."""
     functions, p = bristle_plant(vehicle, rail)
     z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
 def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
-    """The largest Ta at rest, N*m: at vanishing slip and 100 km/h."""
+    """Largest Ta at rest, N*m: at vanishing slip and 100 km/h."""
     return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
 def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
-    """The vehicle with another viscous friction, N m s."""
+    """Return the vehicle with another viscous friction, N m s."""
     wheel = vehicle.wheel.model_copy(update={"viscous_friction": friction})
     return vehicle.model_copy(update={"wheel": wheel})
 
@@ -172,7 +178,7 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """A derived expression, SI, as a function for arrays, of symbols of the plant or of the law by name."""
+    """Make an array function of a derived expression, SI; `arguments` are symbol names of the plant or the law."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -183,7 +189,7 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta, (44) corrected, of a vehicle against the nominal one, 1/(kg m) and m/s."""
+    """True theta, (44) corrected, of a vehicle relative to the nominal one, 1/(kg m) and m/s."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
@@ -191,7 +197,7 @@ def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
 
 
 def law_parameters(**values: float) -> Any:
-    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
+    """Parameters of the generated law from `values`; without layer and limits unless given."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
@@ -210,20 +216,20 @@ _ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 
 _INERTIA_ERROR = sp.Symbol("j", real=True)  # J of the law over the wheel's, less 1
 
 BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS, _INERTIA_ERROR)
-"""What the bound is affine in, one at a time."""
+"""Variables in each of which the bound is affine."""
 
 _PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
-    """s' under (45) less theta_tilde' phi_hat, phi_hat = (Ta_hat, omega), m/s^2; share times the law's torque acts.
+    """Rate s' under (45) without theta_tilde' phi_hat, m/s^2; phi_hat = (Ta_hat, omega), acting torque share * Tb.
 
-    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
+    The adaptation cancels that term in V'; without adaptation theta_hat = theta, and it is 0.
     """
     estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
     seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
     hats = dict(zip((sliding_symbol("Ta_hat"), sliding_symbol("v_rate_hat")), estimates, strict=True))
-    # share - 1 first: the torque that Td is a fraction of has the estimates in it
+    # Td is a fraction of the law's torque, which contains the estimates
     commanded = sp.expand(made.adaptive_law_control.subs(seen))
     acting = share * commanded.subs(plant.J, plant.J * (1 + _INERTIA_ERROR)) - commanded
     disturbed = made.error_dynamics.subs(plant.Td, acting)
@@ -236,10 +242,10 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> Callable[..., Any]:
-    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb, as a function of
-    `BOX_VARIABLES` and `_PARAMETERS`.
+    """Make the function for the K, N*m, at which s' = 0 at s = 0+ or 0- under (45), with Td = q Tb.
 
-    ArithmeticError where it is not affine in each of them, as with another plant.
+    The adaptation's part is left out. Arguments are `BOX_VARIABLES` and `_PARAMETERS`. ArithmeticError if K is not
+    affine in each of the variables, as after a change of the plant.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
     approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
@@ -250,13 +256,13 @@ def required_gain() -> Callable[..., Any]:
     rest = sp.expand(rest.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
     # both linear in q: K = -rest/slope is monotone in it
     if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
-        raise ArithmeticError("the bound on K is not affine in what it is asked over; the plant has been changed")
+        raise ArithmeticError("the bound on K is not affine in the variables of its box; the plant has been changed")
     made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], -rest / slope, "numpy", cse=True)
     return made
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
-    """K_min, N*m: (40) holds down to s = 0 over the box for every K above it, and below it fails at a corner; >= 0.
+    """Least gain K_min, N*m, >= 0: for K above it (40) holds down to s = 0 over the box; below it fails at a corner.
 
     The law's nominal parameters are the vehicle's.
     """
@@ -264,7 +270,7 @@ def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW
 
 
 def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
-    """What (40) asks of K, N*m, at every corner, in an order that does not depend on the numbers."""
+    """K required by (40), N*m, at every corner, in a fixed order."""
     random = (-box.random_torque, box.random_torque)
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
     errors, sides = (box.torque_error, box.rate_error, box.inertia_error), ((-1.0, 1.0), box.share)
@@ -280,12 +286,12 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
-    """|s|, m/s, from which on D |s| makes up for a K (N*m) below `least_gain`; 0 where K suffices; D > 0."""
+    """Least |s|, m/s, at which D |s| compensates for a K (N*m) below `least_gain`; 0 if K suffices; D > 0."""
     return max(0.0, least_gain(vehicle, box) - K) / D
 
 
 def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
-    """Seconds until s = 0 from s = start (m/s) without disturbances: ln(1 + D |start|/K)/D0; inf for K = 0."""
+    """Time until s = 0 from s = start (m/s) without disturbances, s: ln(1 + D |start|/K)/D0; inf for K = 0."""
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
@@ -294,9 +300,9 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
 def tolerated_error(
     vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
 ) -> float:
-    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
+    """Largest error `name`, a share either way, for which K (N*m) satisfies (40) over the box.
 
-    The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
+    The other error is that of the box. 0 if K does not suffice. Exact, as the bound is affine in the error.
     """
     none: dict[str, Any] = {name: (0.0, 0.0)}
     all_of_it: dict[str, Any] = {name: (-1.0, 1.0)}
@@ -307,19 +313,19 @@ def tolerated_error(
     return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
 
 
-# --- a counterexample, searched ---------------------------------------------------------------------------------------
+# --- search for a counterexample --------------------------------------------------------------------------------------
 
 
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")
-"""Coordinates: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1,
-J of the law over the wheel's less 1, and sgn s by its sign."""
+"""Coordinates of the search, with units: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s,
+Ta_hat/Ta - 1, v'_hat/v' - 1, J of the law over the wheel's less 1, and a number with the sign of s."""
 
-_RANDOM_POINTS, _STARTS = 20_000, 2
+_RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which the optimiser starts
 
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """The largest s s'/|s| found, m/s^2 (negative: the condition holds there), where, and after how many points."""
+    """Largest s s'/|s| found (`excess`, m/s^2; negative if the condition holds), its point, and the evaluations."""
 
     excess: float
     point: tuple[float, ...]
@@ -329,10 +335,10 @@ class WorstPoint:
 def approach(
     points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, *, limits: Range = (-math.inf, math.inf)
 ) -> Floats:
-    """s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, the command within limits, N*m.
+    """Value of s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, commands within limits, N*m.
 
-    s' is that of the plant's rates on dry rail under (45). s is free of e: any s belongs to some integral of it. The
-    law's other nominal parameters are the vehicle's.
+    s' comes from the plant's rates on dry rail under (45). s is independent of e, as its integral may have any value.
+    The law's other nominal parameters are the vehicle's.
     """
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
@@ -352,10 +358,10 @@ def approach(
 
 
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
-    """Largest s s'/|s| at s -> 0 over the corners of the box and random points in it, then uphill (L-BFGS-B).
+    """Search the largest s s'/|s| at s -> 0: corners of the box, random points, then L-BFGS-B from the best ones.
 
-    The resistance is the vehicle's own at the speed; the command is held within the box's limits. `known_mass`:
-    theta_hat1 is theta1 at each point, in place of the box's.
+    The resistance is the vehicle's at the speed; the command is limited by the box. `known_mass`: theta_hat1 = theta1
+    at each point, instead of the box's range.
     """
     from scipy.optimize import minimize
 
@@ -383,7 +389,7 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, kn
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (12, n); Ta and Tr grow with the mass."""
+    """Convert shares (0 to 1) of the box's sides to points of `SEARCHED`, both (12, n); Ta, Tr grow with the mass."""
     random = (-box.random_torque, box.random_torque)
     known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)
     sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, box.share, *known, (-1.0, 1.0))

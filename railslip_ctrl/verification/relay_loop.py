@@ -1,24 +1,24 @@
-"""The loop around s: what the relay of the published sliding-mode law sees once the brake actuator stands between.
+"""The loop around s: linear path seen by the relay of the published sliding-mode law with the brake actuator.
 
-The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho int e, e = lambda_d v - sigma, and
+The law is [Park2008] (33)-(36), (41), (45), with gains in SI: s = e + rho int e, e = lambda_d v - sigma, and
 
     Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn s.
 
-Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
-Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
-feed-forward is Q_m sigma with F from the model, driven by the measured slip velocity, so that its linear part is, with
-G = (s + rho)/s and s_surface = -G sigma,
+The loop is linear, for deviations from an operating point at frozen speed. From (3), (4): sigma (1/P) = q with 1/P =
+(J/r) s + Q. Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is the effect of adhesion and friction, with F(s) from sigma to the
+adhesion force. The law's feed-forward is Q_m sigma, with F of the model and the measured slip velocity. So its linear
+part is, with G = (s + rho)/s and s_surface = -G sigma,
 
     Tb_cmd = -C sigma + relay,    C = (J/r) rho + D G - Q_m,    q = Ga Tb_cmd,
 
     W = -s_surface/relay = G Ga/(1/P + Ga C) = G Ga/[(J/r) s + Q - Ga Q_m + Ga ((J/r) rho + D G)].
 
 With an ideal actuator and Q_m = Q the adhesion cancels: W = (r/J)/(s + (r/J) D), [Park2008] (37). With the actuator
-Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's unstable pole is back.
+Q (1 - Ga) remains in the loop: the feed-forward is delayed, so it does not cancel the wheel's unstable pole.
 
-A relay gain N acts as D does. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds
-(J/r) w int s dt to the torque, w = k (Ta^2 + 12.96 omega^2) in SI: with an ideal actuator s'' + (r/J) D s' + w s = 0,
-an oscillator that only D damps; with the actuator the integral path costs phase the loop does not have.
+A relay gain N acts like D. Adaptation theta_hat' = k s phi ([Park2008] (49)) with a constant phi adds (J/r) w int s dt
+to the torque, w = k (Ta^2 + 12.96 omega^2) in SI. With an ideal actuator s'' + (r/J) D s' + w s = 0, an oscillator
+damped by D only. With the actuator the integral path adds more phase lag than the loop tolerates.
 """
 
 from __future__ import annotations
@@ -40,17 +40,21 @@ from railslip_ctrl.model.vehicle import Actuator
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 
 OMEGA_UNIT_FACTOR = PUBLISHED_LAW.k2 / PUBLISHED_LAW.k1
-"""3.6^2: with one printed k theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
+"""Factor 3.6^2 of omega^2: with the one printed k, theta2' = 12.96 k s omega in SI.
 
-SLOWEST = 1e-4  # 1/s: rate of the relay's gain, or square of the adaptation's, that is tried first: hours of a stop
-_RATIO, _STEPS = 1.2, 76  # steps in which a gain is raised until the loop is lost: up to a factor of 1e6
-_TOLERANCE = 1e-9  # relative, of a bisection: far above the rounding of the root count
+In km/h both s and omega are 3.6 times larger.
+"""
+
+SLOWEST = 1e-4  # first rate tried, 1/s (for the adaptation, its square): far slower than any stop
+_RATIO, _STEPS = 1.2, 76  # factor between the gains tried, and their number: up to 1e6 times the first
+_TOLERANCE = 1e-9  # relative tolerance of the bisection, far above the rounding of the root count
 
 
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
-    """End of the first range of gains from `start` (> 0) on in which `stable` holds, bisected to 1e-9.
+    """Upper end of the first range of gains above `start` (> 0) in which `stable` holds, by bisection to 1e-9.
 
-    0 where it holds nowhere, inf where it holds up to 1e6 start. Tried in steps of 20 %: narrower ranges may be missed.
+    0 if it holds nowhere, inf if it holds up to 1e6 start. Gains are tried in steps of 20 %, so narrower ranges may be
+    missed.
     """
     gains = [start * _RATIO**n for n in range(_STEPS)]
     first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
@@ -68,9 +72,9 @@ def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """The linear loop around the relay of the law, the speed frozen; InputError for a plant with it as a state.
+    """Linear loop around the law's relay at frozen speed; InputError for a plant with the speed as a state.
 
-    rho and D close the linear part; K and the adaptation (k1; k2 is 12.96 times it) are used where a method says so.
+    rho and D are part of the loop; K and the adaptation (k1; k2 is 12.96 times it) are used only by some methods.
     """
 
     plant: LinearPlant
@@ -82,18 +86,18 @@ class SurfaceLoop:
             raise InputError("plant: the speed is a state; linearise with the speed frozen (speed_state=False)")
 
     def with_gains(self, **changes: Any) -> SurfaceLoop:
-        """The loop with some of its gains changed."""
+        """Return the loop with some of its gains changed."""
         return replace(self, gains=replace(self.gains, **changes))
 
     @property
     def load(self) -> float:
-        """Torque the law leaves out, N*m: (J/r) Fr/M, since [Park2008] (36) has no travelling resistance."""
+        """Torque that the law neglects, N*m: (J/r) Fr/M, as [Park2008] (36) has no travelling resistance."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
         return float(vehicle.resistance.force(v) / vehicle.effective_mass / self.plant.gain)
 
     @property
     def regressor_power(self) -> float:
-        """Ta^2 + 12.96 omega^2 at the operating point: k times it is the gain of the adaptation, 1/s^2."""
+        """Regressor power Ta^2 + 12.96 omega^2 at the operating point; times k it is the adaptation's gain, 1/s^2."""
         point = self.plant.point
         radius = point.vehicle.wheel.radius
         omega = (point.speed - point.sigma) / radius
@@ -101,15 +105,15 @@ class SurfaceLoop:
 
     @cached_property
     def _wheel(self) -> tuple[Floats, Floats]:
-        """Numerator without its gain, and denominator, of torque to sigma; monic."""
+        """Monic numerator and denominator of the transfer function from torque to sigma."""
         numerator, denominator = self.plant.transfer_function()
         return np.atleast_1d(numerator / self.plant.gain), denominator
 
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
-        """C(s) from -sigma to the commanded torque, N*m/(m/s).
+        """Controller C(s) from -sigma to the commanded torque, N*m/(m/s).
 
-        `relay_gain` (N*m/(m/s)) stands for the relay (describing function, or K/layer); `adaptation` is k as printed,
-        whose linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
+        `relay_gain` (N*m/(m/s)) replaces the relay (describing function, or K/layer). `adaptation` is k as printed; its
+        linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
         """
         zeros, poles = self._wheel
         inertia, rho = 1.0 / self.plant.gain, self.gains.rho  # J/r
@@ -120,32 +124,32 @@ class SurfaceLoop:
         numerator = np.polymul([1.0, 0.0, 0.0], direct)
         numerator = np.polyadd(numerator, np.polymul(np.polymul(on_s, surface), zeros))
         denominator = np.polymul([1.0, 0.0, 0.0], zeros)
-        # an integrator whose output nothing uses (no adaptation) is not part of the loop
+        # without adaptation, an integrator has no output and cancels
         while numerator.size > 1 and numerator[-1] == 0.0 and denominator[-1] == 0.0:
             numerator, denominator = numerator[:-1], denominator[:-1]
         return Rational.from_polynomials(numerator, denominator)
 
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
-        """The loop opened at the commanded torque, dead time exact; `relay_gain`, `adaptation` as of `controller`."""
+        """Loop opened at the commanded torque, with exact dead time; `relay_gain`, `adaptation` as of `controller`."""
         lag = Rational.from_polynomials(np.array([1.0]), np.trim_zeros(np.array([self.actuator.lag, 1.0]), "f"))
         acted_on = lag * Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
         controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
         return DeadTimeLoop(controller * acted_on, self.actuator.dead_time)
 
     def unstable_poles(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> float:
-        """Poles of the closed loop right of the axis, exactly counted; arguments as of `controller`."""
+        """Exact number of unstable closed-loop poles; `relay_gain`, `adaptation` as of `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).unstable_closed_loop_poles
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
-        """Whether the linear loop is stable, by the exact root count; arguments as of `controller`."""
+        """True if the linear loop is stable, by the exact root count; arguments as of `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     def sliding_existence(self) -> dict[str, Any]:
-        """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why.
+        """Existence of an ideal sliding mode on s = 0 by the relay's path W ([Utkin1992]), with the reason.
 
-        relative_degree: poles minus zeros of W without its dead time, as 1/P + Ga C grows as (J/r) s and G tends to 1;
-        high_frequency_gain: lim s^relative_degree W(s), (m/s) s^-relative_degree/(N*m), > 0. It exists with relative
-        degree 1 and no dead time: only then does a switch turn s' round at once.
+        It `exists` for relative degree 1 and no dead time: only then does a switch reverse s' at once. relative_degree:
+        poles minus zeros of W without its dead time, as 1/P + Ga C grows like (J/r) s and G tends to 1.
+        high_frequency_gain: lim s^relative_degree W(s), (m/s) s^-relative_degree/(N*m), > 0.
         """
         lag, dead_time = self.actuator.lag, self.actuator.dead_time
         degree, gain = (2, self.plant.gain / lag) if lag > 0 else (1, self.plant.gain)
@@ -154,8 +158,8 @@ class SurfaceLoop:
 
     @cached_property
     def largest_relay_gain(self) -> float:
-        """Largest gain that may stand for the relay, N*m/(m/s); inf where none destabilises, 0 where none stabilises.
+        """Largest stable relay gain, N*m/(m/s); inf if no gain destabilises the loop, 0 if none stabilises it.
 
-        A boundary layer wider than K over it no longer oscillates.
+        A boundary layer wider than K over this gain does not oscillate.
         """
         return stable_up_to(lambda gain: self.is_stable(relay_gain=gain), SLOWEST / self.plant.gain)

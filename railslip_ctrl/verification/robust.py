@@ -1,10 +1,10 @@
-"""Variants of the law whose promises survive disturbances, derived: layer, dead zone, projection, leak, matrix gain.
+"""Robust variants of the law, derived and verified: boundary layer, dead zone, projection, leak, matrix gain.
 
-All start from the derived error dynamics and from V with a gain for each component. With Td = q Tb, Tb acting, they
-are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, phi = (Ta_hat, omega) as the law has it, with an
-effective disturbance d in which the errors of Ta_hat and v'_hat are, and neither s, D nor K (`effective_disturbance`).
-d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of (40). Nothing here is about the actuator: the
-torque acts at once. The conditions are what is proved, for numbers that meet its hypotheses, and what runs show.
+All use the derived error dynamics, and V with a gain for each component. With Td = q Tb for the acting Tb, the dynamics
+are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and phi = (Ta_hat, omega) of the law. The
+effective disturbance d includes the errors of Ta_hat and v'_hat, but not s, D or K (`effective_disturbance`). d_max
+bounds |d|, m/s^2; (J/r) d_max is K_min of (40). The actuator is not included: the torque acts at once. The conditions
+are the proofs, with a check of their hypotheses, and simulated runs.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ LAYER = sp.Symbol("Phi", positive=True)
 LEAK = sp.Symbol("ell", positive=True)
 d, d_max = sp.Symbol("d", real=True), sp.Symbol("d_max", nonnegative=True)
 SHARE = sp.Symbol("h", positive=True)  # 1 + Td/Tb
-# slacks of the proofs: how far s is outside a bound, d below d_max, the gain above what (40) asks
+# slacks of the proofs: excess of s over a bound; of d_max over d; of the gain over that of (40)
 _outside = sp.Symbol("x", positive=True)
 _below, _spare = sp.Symbol("y", nonnegative=True), sp.Symbol("m", nonnegative=True)
 
 D0, K0 = plant.r / plant.J * D, plant.r / plant.J * K
 
-SIGMAS = 3.0  #: the random adhesion force is bounded at this many standard deviations in the designs here
-ESTIMATE_ERROR = 0.1  #: share by which Ta_hat and v'_hat may be wrong in the designs here, each
-BRAKE_GAIN = 0.15  #: share by which the pads' friction may differ, either way
-INERTIA_ERROR = 0.05  #: share by which the law's J may be wrong
+SIGMAS = 3.0  #: bound of the random adhesion force in the designs, standard deviations
+ESTIMATE_ERROR = 0.1  #: relative error of Ta_hat and of v'_hat in the designs
+BRAKE_GAIN = 0.15  #: relative error of the brake's gain (friction of the pads), either way
+INERTIA_ERROR = 0.05  #: relative error of the law's J
 GAIN_MARGIN = 1.1  #: K over the least gain of (40)
-LAYER_WIDTH = 0.2  # m/s, 0.7 % of slip at 100 km/h
-_BOX_MARGIN = 0.1  # of its width, at either side
-LOWEST_FRICTION = -0.25  # N m s: the printed 0.25 - 0.01 t after 50 s, the longest published stop
+LAYER_WIDTH = 0.2  # half width of the boundary layer, m/s: 0.7 % of slip at 100 km/h
+_BOX_MARGIN = 0.1  # of the box's width, added at either side
+LOWEST_FRICTION = -0.25  # B at the end of the longest published stop, N m s: the printed 0.25 - 0.01 t at 50 s
 
 
 @cache
 def effective_disturbance() -> sp.Expr:
-    """d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, where Td = (h - 1) Tb of the law itself.
+    """Derive d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, with Td = (h - 1) Tb.
 
-    ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
+    ArithmeticError if d contains s, D or K, as its bound would then depend on the gains.
     """
     effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
@@ -67,29 +67,29 @@ def effective_disturbance() -> sp.Expr:
 
 
 def _error_rate(made: Derivation) -> sp.Expr:
-    """s' in theta_tilde, h and the symbol d in place of `effective_disturbance`."""
-    effective_disturbance()  # raises where s' has not this form
+    """Rate s' in theta_tilde, h and the symbol d for `effective_disturbance`."""
+    effective_disturbance()  # raises ArithmeticError if s' does not have this form
     ideal = made.error_dynamics - made.disturbance_perturbed
     known = ideal.subs(dict.fromkeys(TILDE, 0))
     return sp.expand(ideal - known + SHARE * (known + d))
 
 
 def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
-    """V' for the matrix gain along a given s', theta_hat' free; theta is constant."""
+    """V' with the matrix gain along a given s', for any theta_hat'; theta is constant."""
     rate = sp.diff(made.V_matrix, s) * error_rate
     return rate - sum(sp.diff(made.V_matrix, a) * b for a, b in zip(TILDE, RATE, strict=True))
 
 
 @cache
 def boundary_layer_proved() -> bool:
-    """sat(s/Phi) for sgn s with theta known: |s| ends below d_max/(D0 + K0/Phi) where d_max <= K0 + D0 Phi.
+    """Prove for sat(s/Phi) and known theta: finally |s| <= d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi.
 
-    s'/h < 0 above the layer, and <= -(D0 + K0/Phi) x within it at x above the bound, h = 1 + Td/Tb > 0.
+    Above the layer s'/h < 0; within it, at x above the bound, s'/h <= -(D0 + K0/Phi) x; h = 1 + Td/Tb > 0.
     """
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
-    # above the bound (its mirror below follows, s' being odd in (s, d)) s falls at least at the rate h x (D0 + K0/Phi)
+    # above the bound s falls at least at the rate h x (D0 + K0/Phi); below it by symmetry, as s' is odd in (s, d)
     beyond = inside.subs(d, d_max - _below).subs(s, bound + _outside)
     above = known.subs(sp.sign(s), 1).subs(s, LAYER + _outside).subs(d, d_max - _below)
     entered = sp.expand(above.subs(d_max, K0 + D0 * LAYER - _spare))
@@ -101,13 +101,14 @@ def boundary_layer_proved() -> bool:
 
 @cache
 def dead_zone_proved() -> bool:
-    """Boundary layer with theta_hat' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi): V' <= -h D0 s_D^2, so |s| -> [0, Phi].
+    """Prove for the dead zone: V' <= -h D0 s_D^2, so |s| -> [0, Phi].
 
-    V has s_D in place of s. Inside the layer s_D = 0, nothing moves theta_hat and V' = 0.
+    theta_hat_i' = k_i s_D phi_i with s_D = s - Phi sat(s/Phi), which replaces s in V. Inside the layer s_D = 0,
+    theta_hat is constant and V' = 0.
     """
     made = derive()
     above = _error_rate(made).subs(sp.sign(s), 1)
-    # s > Phi, with s_D = x; below -Phi is its mirror
+    # s > Phi, with s_D = x; s < -Phi follows by symmetry
     value = (made.V_matrix.subs(s, s - LAYER)).diff(s) * above
     value -= sum(sp.diff(made.V_matrix, a) * b for a, b in zip(TILDE, RATE, strict=True))
     adaptation = sp.solve([sp.diff(value, a) for a in TILDE], RATE, dict=True)[0]
@@ -120,7 +121,7 @@ def dead_zone_proved() -> bool:
 
 @cache
 def projection_proved() -> bool:
-    """theta_hat held in a box that contains theta: the cross term of V' is 0 inside and <= 0 on a face."""
+    """Prove for projection to a box that contains theta: the cross term of V' is 0 inside and <= 0 on a face."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
     cross = sp.expand(rate - rate.subs(dict.fromkeys(TILDE, 0)))
@@ -130,7 +131,7 @@ def projection_proved() -> bool:
     for i, (tilde, phi) in enumerate(zip(TILDE, made.phi, strict=True)):
         other = {TILDE[1 - i]: 0}
         signs.append(sp.expand(cross.subs(free)) == 0)
-        # upper face: theta_tilde = -w, and s phi_i = g > 0 wants to leave; lower face: both signs change
+        # upper face: theta_tilde = -w, and s phi_i = g > 0 points outward; lower face: both signs change
         for side in (1, -1):
             at_face = cross.subs(other).subs({RATE[0]: 0, RATE[1]: 0}).subs(tilde, -side * distance)
             signs.append(bool((-at_face).subs(s, side * push / phi).is_nonnegative))
@@ -139,9 +140,10 @@ def projection_proved() -> bool:
 
 @cache
 def leak_proved() -> bool:
-    """theta_hat_i' = k_i s phi_i - ell theta_hat_i, K0 >= d_max: V' <= -c V + ell V_theta, c = min(2 h D0, ell).
+    """Prove for the leak, if K0 >= d_max: V' <= -c V + ell V_theta with c = min(2 h D0, ell).
 
-    V_theta = sum theta_i^2/(2 k_i), so V ends below ell V_theta/c for the smallest h.
+    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i), so finally V <= ell V_theta/c for
+    the smallest h.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))
@@ -151,7 +153,7 @@ def leak_proved() -> bool:
     of_theta = sum(theta**2 / (2 * gain) for theta, gain in zip(THETA, GAINS, strict=True))
     of_error = sum(tilde**2 / (2 * gain) for tilde, gain in zip(TILDE, GAINS, strict=True))
     bound = -2 * SHARE * D0 * s**2 / 2 - LEAK * of_error + LEAK * of_theta
-    # what is left is |s| (K0 - d sgn s) and ell theta_hat^2/(2 k): squares and a term that (40) makes positive
+    # the slack is |s| (K0 - d sgn s), positive by (40), and the squares ell theta_hat^2/(2 k)
     slack = sp.expand(bound - rate)
     squares = sum(LEAK * (theta - tilde) ** 2 / (2 * g) for theta, tilde, g in zip(THETA, TILDE, GAINS, strict=True))
     rest = SHARE * (K0 * s * sp.sign(s) - s * d)
@@ -160,7 +162,7 @@ def leak_proved() -> bool:
 
 @cache
 def matrix_gain() -> tuple[bool, sp.Expr]:
-    """Of theta_hat_i' = k_i s phi_i: whether V' is -(r/J)(D s^2 + K |s|) for any two positive gains, and V'."""
+    """Prove for theta_hat_i' = k_i s phi_i: V' = -(r/J)(D s^2 + K |s|) for any positive gains; (verdict, V')."""
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made).subs({d: 0, SHARE: 1}))
     final = sp.expand(rate.subs(dict(zip(RATE, made.adaptation_matrix, strict=True))))
@@ -169,7 +171,7 @@ def matrix_gain() -> tuple[bool, sp.Expr]:
 
 
 def gain_units() -> tuple[str, str]:
-    """Units of the gains of theta1 and theta2, from s' = theta' phi and theta_hat_i' = k_i s phi_i alone."""
+    """Units of the gains of theta1 and theta2, from s' = theta' phi and theta_hat_i' = k_i s phi_i."""
     kg, metre, second = units = sp.symbols("kg m s", positive=True)
     found = []
     for phi in (kg * metre**2 / second**2, 1 / second):  # Ta, omega
@@ -183,8 +185,11 @@ def gain_units() -> tuple[str, str]:
 
 
 def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
-    """The published run with the random force at `SIGMAS` deviations, theta_hat in `parameter_box`, and errors of the
-    estimates, the brake's gain and J; the torque is not limited."""
+    """Box of the published run for the design, with errors of estimates, brake gain and J.
+
+    The random force is bounded at `SIGMAS` standard deviations, theta_hat is in `parameter_box`, and the torque is not
+    limited.
+    """
     first, second = parameter_box(vehicle)
     wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
     box = reaching.operating_set(vehicle, sigmas=SIGMAS)
@@ -194,42 +199,42 @@ def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
 
 
 def effective_torque(vehicle: Vehicle) -> float:
-    """(J/r) d_max over `robust_set`, N*m: the least K of (40)."""
+    """Effective disturbance (J/r) d_max over `robust_set`, N*m: the least K of (40)."""
     return reaching.least_gain(vehicle, robust_set(vehicle))
 
 
 def design_gain(vehicle: Vehicle) -> float:
-    """K, N*m: `GAIN_MARGIN` over (40)'s for `robust_set`."""
+    """Gain K, N*m: `GAIN_MARGIN` times the least K of (40) over `robust_set`."""
     return GAIN_MARGIN * effective_torque(vehicle)
 
 
 def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Boundary layer, dead zone in the adaptation, projection, matrix gain; K of `design_gain` unless given."""
+    """Gains with boundary layer, dead zone, projection and matrix gain; K by default from `design_gain`."""
     K = design_gain(vehicle) if K is None else K
     return replace(PUBLISHED_LAW, K=K, D=D, layer=LAYER_WIDTH, dead_zone=True, box=parameter_box(vehicle))
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Relay with the leak ell = 2 h D0 at the smallest h: the largest that costs nothing in the bound.
+    """Gains with relay and leak ell = 2 h D0 at the smallest h, the largest leak that does not slow the bound's decay.
 
-    K: N*m; left out, `GAIN_MARGIN` over what (40) asks in the set that the leak makes invariant.
+    K: N*m; by default `GAIN_MARGIN` times the least K of (40) over the set that the leak makes invariant.
     """
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
 
 
 def slowest_rate(vehicle: Vehicle, D: float) -> float:
-    """2 h D0, 1/s, at the smallest h, see `least_share`."""
+    """Slowest decay rate 2 h D0, 1/s, at the smallest h (`least_share`)."""
     return 2.0 * least_share() * vehicle.wheel.radius / vehicle.effective_inertia * D
 
 
 def least_share() -> float:
-    """h, acting over commanded torque, at the smallest: pads and Td at their worst."""
+    """Smallest h, acting over commanded torque, with brake gain and Td at their worst."""
     return (1.0 - reaching.TORQUE_FRACTION) * (1.0 - BRAKE_GAIN)
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """theta over empty to loaded mass and B from its nominal value to that of the longest stop, widened by a tenth."""
+    """Box of theta for empty to loaded mass and B from nominal to the end of the longest stop, widened by a tenth."""
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -238,7 +243,7 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 
 
 def farthest_theta(vehicle: Vehicle) -> Floats:
-    """theta at the loaded mass and with B at the end of the longest stop, against the vehicle's own."""
+    """Value of theta at the loaded mass and with B at the end of the longest stop, relative to the vehicle."""
     far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     return reaching.true_theta(far, vehicle)
 
@@ -247,17 +252,17 @@ def farthest_theta(vehicle: Vehicle) -> Floats:
 
 
 _DURATION = 60.0  # s; longer than any stop of these designs
-_RISE_TOLERANCE = 1e-3  #: largest rise of V in a run, relative to V(0), put down to the steps of 2 ms
+_RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0), due to the steps of 2 ms
 _BOUND_TOLERANCE = 0.01
-"""A sampled relay overshoots a bound by one step of K0: this fraction of it is put down to that."""
+"""Accepted relative overshoot of a bound: a sampled relay overshoots by one step of K0."""
 
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
-    """All of them; K of the design unless given (N m), D in N m/(m/s)."""
+    """All conditions of the robust variants; K (N m) by default that of the design, D in N m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
     seeds, size = tuple(range(seed, seed + RUNS)), gains.layer
-    # met: whether the layer carries (J/r) d_max = largest, N*m; bound: the ultimate one of |s| inside it, m/s
+    # met: the layer is wide enough for (J/r) d_max = largest, N*m; bound: ultimate bound of |s| in it, m/s
     layer: dict[str, Any] = {
         "met": largest <= gains.K + D * size,
         "bound": largest / (D + gains.K / size),
@@ -281,19 +286,19 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
         _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", layer),
         Condition("projection", projection_proved() and contained, "symbolic", {"box": box, "theta": theta}),
         _dead_zone_runs(vehicle, gains, largest, seeds),
-        # over the set of theta_hat that the bound makes invariant itself
+        # over the set of theta_hat that the bound makes invariant
         _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound["gain"] < leaking.K, "symbolic", leak),
         _leak_runs(vehicle, leaking, bound, seeds),
     )
 
 
 def _down_to_5_kmh(name: str, holds: bool, how: str, numbers: dict[str, Any], **more: Any) -> Condition:
-    """A condition over the published run, to its end where it holds."""
+    """Make a condition over the published run; if it holds, it does so down to 5 km/h."""
     return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
-    """(40) over the box of the design, and the errors of the estimates that K bears."""
+    """Condition (40) over the design's box, with the largest errors of the estimates that K tolerates."""
     box = robust_set(vehicle)
     exact = replace(box, torque_error=(0.0, 0.0), rate_error=(0.0, 0.0))
     tolerated = {
@@ -305,7 +310,7 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """The plant's own s s' at this K, without limits of the torque or with 0 to the brake's largest."""
+    """Condition s s' < 0 of the plant at this K, by search; torque unlimited, or from 0 to the full brake torque."""
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -316,7 +321,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """(40) where Ta_hat is that of the other rail."""
+    """Condition (40) if Ta_hat is that of the other rail."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry
@@ -334,7 +339,7 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any], seeds: tuple[int, ...]) -> Condition:
-    """Disturbed ideal stops against the bound of the layer, theta known."""
+    """Condition that |s| keeps the layer's bound in simulated disturbed stops, with known theta."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
     kept, numbers = _in_the_layer(run, gains, layer["bound"], layer["largest"])
@@ -344,16 +349,17 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any]
 
 
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
-    """(J/r)|d| of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, at most, along a run with the published Td."""
+    """Largest (J/r)|d|, N*m, of s' = theta_tilde' phi + h (d - D0 s - K0 sat) along a run with the published Td."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
     q = reaching.torque_share(run.time)[:, None]
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
 
 
 def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) -> tuple[bool, dict[str, Any]]:
-    """Whether |s| enters the bound, m/s, and stays, the disturbance, N*m, being within the largest.
+    """Check that |s| falls below the bound, m/s, and stays there, and that the disturbance is at most `largest`, N*m.
 
-    reached: latest first time inside, s (inf where a run never is); highest: |s| after each run's own; disturbed: N*m.
+    reached: latest time, s, of the runs' first entries (inf if a run never enters); highest: largest |s| after them;
+    disturbed: largest disturbance, N*m.
     """
     size, disturbed = np.abs(run.s), largest_disturbance(run, gains)
     first, reached, highest = np.argmax(size <= bound, axis=0), math.inf, gains.layer
@@ -365,12 +371,12 @@ def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) 
 
 
 def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> IdealRun:
-    """Disturbed ideal stops of a loaded vehicle that is taken for empty."""
+    """Simulate disturbed stops of a loaded vehicle, while the law assumes the empty one."""
     return simulate_ideal(vehicle.loaded(), gains, nominal=vehicle, duration=_DURATION, disturbed=True, seeds=seeds)
 
 
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """The whole design: V, which has s_D for s, never rises, |s| stays in the layer, theta_hat in its box."""
+    """Condition on the whole design in runs: V (in s_D) never rises, |s| stays in the layer, theta_hat in its box."""
     run = _unknown_load_run(vehicle, gains, seeds)
     V = run.V - 0.5 * run.s**2 + 0.5 * np.maximum(np.abs(run.s) - gains.layer, 0.0) ** 2
     rise = float(np.nanmax(V - np.fmin.accumulate(V, axis=0))) / float(V[0, 0])
@@ -388,12 +394,14 @@ def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tu
 
 
 def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
-    """V(t) <= V(0) exp(-rate t) + level (1 - exp(-rate t)); rate: 1/s; level, start = V(0): m^2/s^2; surface: |s| at
-    that level, m/s.
+    """Bound of the leak: V(t) <= V(0) exp(-rate t) + level (1 - exp(-rate t)).
 
-    For the largest theta: of the loaded vehicle, with the viscous friction of the longest stop. gain: what (40) asks of
-    K, N*m, over the theta_hat that V <= max(V(0), level) allows, from free rolling at 100 km/h with theta_hat = 0: with
-    a larger K that set is invariant.
+    - rate: 1/s.
+    - level, start: m^2/s^2; start = V(0), from free rolling at 100 km/h with theta_hat = 0.
+    - surface: |s| at that level, m/s.
+    - gain: least K of (40), N*m, over the theta_hat with V <= max(V(0), level); with a larger K that set is invariant.
+
+    theta is the largest: that of the loaded vehicle with the viscous friction at the end of the longest stop.
     """
     theta = farthest_theta(vehicle)
     k = (gains.k1, gains.k2)

@@ -1,4 +1,4 @@
-"""What `verify` returns: conditions, each with its verdict, how it was reached, and the numbers it was decided by."""
+"""Records returned by `verify`: conditions with their verdict, the method, and the numbers behind it."""
 
 from __future__ import annotations
 
@@ -13,26 +13,30 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 
 RULE = "relative degree"
-"""How, of sliding that a delay or a relative degree above 1 from the relay to s rules out."""
+"""Method of a condition on sliding: a delay, or a relative degree above 1 from the relay to s, excludes it."""
 
 CORNERS = "checked at the corners"
-"""How, of a bound affine in each quantity alone (proved with SymPy), evaluated in floats at the corners of a box."""
+"""Method: a bound that is affine in each quantity (proved with SymPy), evaluated in floats at a box's corners."""
 
 
 def checked_at(points: int) -> str:
-    """How, of a condition that was evaluated in floats at points."""
+    """Method of a condition that was evaluated in floats at this number of points."""
     return f"checked at {points} points"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition by its name, unique in a verification; its words are in `report.verification`.
+    """A condition with its verdict; its name is unique in a verification. `report.verification` writes its text.
 
-    holds, how: None where it was not decided. how: "symbolic", proved with SymPy or in closed form; "proved over
-    the box", by interval arithmetic; "counterexample", a point of it; `RULE`; `CORNERS`; `checked_at`; "simulated",
-    read off runs. numbers: what decided it. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from 100
-    km/h down to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may have
-    wrong, by name, and by which share either way; inf without bound.
+    - holds: verdict; None if not decided.
+    - how: method; None if not decided. "symbolic": proved with SymPy or in closed form; "proved over the box": by
+      interval arithmetic; "counterexample": violated at a point of the box; `RULE`; `CORNERS`; `checked_at`;
+      "simulated": from runs.
+    - numbers: numbers behind the verdict.
+    - claimed: whether [Park2008] claims the condition or relies on it.
+    - down_to_kmh: the condition holds from 100 km/h down to this speed; None if it does not hold, or does not depend on
+      speed.
+    - tolerated: largest errors of the law's quantities, by name, as shares either way; inf if there is no bound.
     """
 
     name: str
@@ -46,7 +50,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The largest value of one quantity, the others as in the box, up to which every condition named still holds."""
+    """Largest value of one quantity for which all conditions still hold, with the other quantities as in the box."""
 
     name: str
     value: float
@@ -56,12 +60,14 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Verification:
-    """The conditions of a law, in order, and what they were decided for.
+    """Verification of a law: its conditions in order, and the settings.
 
-    `law` is "paper" (with the robust variants' conditions), "robust" or "predictive"; K (N*m; N*m/s for the
-    predictive law) and D (N*m/(m/s); None for it) are that law's; `seed` is where random numbers start. box,
-    tolerances: of a law that is decided over a box. findings: what an engineer may conclude from behind the actuator
-    (`report.verification.conclusion_text`); None without it, and for the predictive law, whose conditions are its own.
+    - law: "paper" (with the robust variants' conditions), "robust" or "predictive".
+    - K, D: gains of the law, N*m (N*m/s for the predictive law) and N*m/(m/s) (None for it).
+    - seed: first seed of random numbers.
+    - box, tolerances: of a law that is decided over a box.
+    - findings: numbers for the conclusion with the actuator (`report.verification.conclusion_text`); None without
+      actuator, and for the predictive law.
     """
 
     law: str
@@ -76,27 +82,27 @@ class Verification:
 
     @property
     def all_hold(self) -> bool:
-        """True where every condition holds; one that was not decided does not."""
+        """True if every condition holds; an undecided condition does not count as holding."""
         return all(one.holds for one in self.conditions)
 
     @property
     def failing(self) -> tuple[Condition, ...]:
-        """The conditions that were found not to hold."""
+        """Conditions that do not hold."""
         return tuple(one for one in self.conditions if one.holds is False)
 
     @property
     def undecided(self) -> tuple[Condition, ...]:
-        """The conditions that were not decided."""
+        """Conditions that were not decided."""
         return tuple(one for one in self.conditions if one.holds is None)
 
     def __getitem__(self, name: str) -> Condition:
-        """The condition of a name; KeyError for another."""
+        """Condition of this name; KeyError for an unknown name."""
         return {one.name: one for one in self.conditions}[name]
 
 
 @dataclass(frozen=True)
 class NoLock:
-    """Largest certified acting torque, N*m, by speed (km/h) and slip; shape (speeds, slips). 0: none is certified."""
+    """Largest certified acting torque, N*m, by speed (km/h) and slip, (speeds, slips); 0 if none is certified."""
 
     speeds_kmh: Floats
     slips: Floats
@@ -105,10 +111,10 @@ class NoLock:
 
 @dataclass(frozen=True)
 class ReleasedRun:
-    """Samples of a run, each asked whether the wheel certainly does not lock if the brake is released then.
+    """Samples of a run, with the result whether the wheel certainly does not lock if the brake is released then.
 
-    speed (m/s), slip, torque: the largest acting torque of the dead time from then on, N*m, as that is under way;
-    inside: whether it is certain; all of shape (n,).
+    All of shape (n,): speed (m/s), slip, torque (largest acting torque over the following dead time, N*m), and inside,
+    the result.
     """
 
     speed: Floats
@@ -118,11 +124,11 @@ class ReleasedRun:
 
     @property
     def share(self) -> float:
-        """Share of the samples that are inside."""
+        """Share of the samples that certainly do not lock."""
         return float(np.mean(self.inside))
 
     @property
     def outside_kmh(self) -> tuple[float, float] | None:
-        """Lowest and highest speed of the samples outside; None if there are none."""
+        """Lowest and highest speed, km/h, of the samples that may lock; None if there are none."""
         speeds = self.speed[~self.inside] / KMH
         return (float(speeds.min()), float(speeds.max())) if speeds.size else None
