@@ -1,14 +1,16 @@
-"""Shape a PI for wet rail, and ask what it does on dry rail.
+"""Shape a PI for wet rail, and check it on dry rail.
 
-On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop easier to hold.
-But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry, and the other way round.
+On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop is easier to
+stabilise. But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry rail, and vice versa.
 
-    python designs/pi_wet.py
+    python designs/pi_wet.py [FOLDER for the picture]
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import railslip_ctrl as rs
 
@@ -50,7 +52,7 @@ def run() -> WetDesign:
 
 
 def main() -> None:
-    """Print the margin reports and the comparison."""
+    """Print the margin reports and the comparison; with a folder, draw the Nyquist diagrams."""
     design = run()
     print(design.wet, design.same_on_dry, sep="\n\n")
     gains = design.common.controller.gains
@@ -58,6 +60,11 @@ def main() -> None:
         f"One PI for both rails: kp {gains.kp:.4g} N*m/(m/s), ki {gains.ki:.3g} N*m/m, "
         f"worst Ms {design.common.worst_ms:.4g}."
     )
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
+        groups = (rs.assessment.controller_group("PI shaped for wet rail", (design.wet, design.same_on_dry)),)
+        rs.plots.save_figure(rs.plots.nyquist_figure(groups), folder / "pi_wet_nyquist.png")
 
 
 if __name__ == "__main__":
