@@ -1,8 +1,8 @@
-"""Shape a PI for dry rail, step by step.
+"""How much margin can a PI leave on dry rail, and with which gains?
 
 At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s, behind an actuator
-with 0.6 s of lag and 0.15 s of dead time. How much margin can a PI leave, and with which gains? The crossover goes
-where the loop has most phase. The integral corner lies far below, so that it costs little phase.
+with 0.6 s of lag and 0.15 s of dead time. The crossover goes where the loop has most phase. The integral corner lies
+far below, so that it costs little phase.
 
     python designs/pi_dry.py [FOLDER for the picture]
 """
@@ -30,7 +30,7 @@ class DryDesign:
 
 
 def run() -> DryDesign:
-    """The design, line by line."""
+    """Design the PI step by step."""
     # 1. The plant at the reference slip, speed frozen, and the actuator's lag behind it.
     law = rs.published_law("bristle", rs.Rail.DRY)
     point = rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rs.Rail.DRY), rail=rs.Rail.DRY)

@@ -1,4 +1,4 @@
-"""Shape a PI for wet rail, and check it on dry rail.
+"""Is a PI that is shaped for wet rail good on dry rail?
 
 On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop is easier to
 stabilise. But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry rail, and vice versa.
@@ -20,7 +20,7 @@ CORNER = 1 / 25  # integral corner over crossover, as in pi_dry.py
 
 @dataclass(frozen=True)
 class WetDesign:
-    """The PI shaped on wet rail, on both rails, and the one PI of least worst Ms over both."""
+    """The PI shaped for wet rail, assessed on both rails, and the PI with the least worst Ms on both."""
 
     wet: rs.Assessment
     same_on_dry: rs.Assessment
@@ -28,13 +28,13 @@ class WetDesign:
 
 
 def plant_on(rail: rs.Rail) -> rs.LinearPlant:
-    """The plant at the published reference slip of a rail."""
+    """Return the plant at the published reference slip of a rail."""
     law = rs.published_law("bristle", rail)
     return rs.linearize(rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rail), rail=rail))
 
 
 def run() -> WetDesign:
-    """The design, line by line."""
+    """Design the PI step by step."""
     actuator = rs.PARK2008.actuator
     wet, dry = plant_on(rs.Rail.WET), plant_on(rs.Rail.DRY)
     # 1. The crossover where the wet loop has most phase, and the integral corner below it.
