@@ -149,6 +149,12 @@ def test_what_pages_type_of_the_designs_is_what_the_package_has(file):
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
 
 
+def test_the_gallery_knows_the_arguments_of_every_script(tmp_path):
+    gallery = documentation("gallery")
+    for script in gallery.scripts(tmp_path):
+        assert set(script.arguments()) <= {*gallery.NUMBERS.values(), str(script.folder)}, script.path
+
+
 def test_a_failing_command_stops_the_build(tmp_path):
     with pytest.raises(RuntimeError, match="--rail"):
         pages.run(["railslip", "margins", "--rail", "icy"], tmp_path, "")
