@@ -1,7 +1,7 @@
 """Which equations and numbers of [Park2008] follow from the paper's own statement, which do not, and by how much?
 
-Every equation and number that is in doubt is entered as printed and compared with what is derived or computed, for
-both references; the equations that do follow are in the table too.
+Every doubtful equation and number is entered as printed and compared with the derived or computed one, for both
+references. Equations that follow are in the table too.
 
     python analysis/errata.py
 """

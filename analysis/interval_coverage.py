@@ -1,8 +1,8 @@
-"""Do the 99 % intervals of an identification hold the truth? Counted over seeded logs of the virtual rig.
+"""How often do the 99 % intervals of an identification contain the true value?
 
-Beam and dynamic bristle at the four speeds of [Park2008] Table 1, six tests to a log. At 30 km/h the adhesion hardly
-falls up to half slip: intervals of beta and gamma then often have no upper end, and must not be too short for that.
-SPREAD is the standard deviation, relative, of the adhesion from test to test, 0 if not said.
+Counted over seeded logs of the virtual rig: beam and dynamic bristle at the four speeds of [Park2008] Table 1, six
+tests in a log. At 30 km/h the adhesion hardly falls up to half slip, so that intervals of beta and gamma often have no
+upper end. SPREAD is the relative standard deviation of the adhesion from test to test, by default 0.
 
     python analysis/interval_coverage.py [SEEDS [SPREAD]]
 """

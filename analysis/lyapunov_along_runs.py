@@ -1,8 +1,8 @@
 """How long do the Lyapunov conditions of the sliding-mode law hold along a real stop, with the actuator and without?
 
 [Park2008] (40), (42), (46), Table 4's bristle column in the paper's own scenario, as published and in SI; the law
-without adaptation (k = 0, as in Table 5) and with the printed k. Without the actuator and without noise the proof is
-borne out; the actuator takes the sliding away, the noise breaks (40), and behind the actuator the printed adaptation
+without adaptation (k = 0, as in Table 5) and with the printed k. Without the actuator and without noise the
+conditions hold. The actuator prevents sliding, the noise violates (40), and behind the actuator the printed adaptation
 makes the stop more than three times as long.
 
     python analysis/lyapunov_along_runs.py [FOLDER for the pictures]

@@ -1,10 +1,10 @@
 """Which of the stability claims of the adaptive sliding-mode law hold, in SI and as published?
 
 [Park2008] (40)-(49) with Table 4's gains, bristle column: the conditions without the actuator in both readings of the
-units (`railslip verify` adds those with it), and V along an ideal stop (no actuator) of a loaded vehicle taken for
-empty, without and with the published disturbances. V' <= 0 is a theorem of the first and not of the second. Where s has
-come to 0, V rests on a plateau: theta_hat need not converge. The published run's own mass step at 25 s, where the stop
-lasts that long, changes theta, and V jumps: up where theta_hat was right, up or down where it was not.
+units (`railslip verify` adds those with it), and V along an ideal stop (no actuator) of a loaded vehicle that the law
+assumes empty, without and with the published disturbances. V' <= 0 is proved only without disturbances. When s has
+reached 0, V stays on a plateau: theta_hat need not converge. If the stop lasts beyond 25 s, the published mass step
+changes theta and V jumps: up if theta_hat was correct, otherwise up or down.
 
     python analysis/lyapunov_asmc.py [FOLDER for the picture]
 """

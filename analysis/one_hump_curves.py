@@ -1,7 +1,8 @@
-"""How often does the 95 % interval of the peak hold the truth, and how often is a delay reported that is not there?
+"""How often does the 95 % interval of the peak contain the true peak, and how often is a false delay reported?
 
-Counted over logs of the virtual rig with random vehicles on random one-hump curves. No formula of `identify` is such a
-curve, so that the intervals have to count the misfit. Each log has three tests from 100 km/h, with and without noise.
+Counted over logs of the virtual rig with random vehicles on random one-hump curves. No formula of `identify` fits such
+a curve exactly, so that the intervals have to include the misfit. Each log has three tests from 100 km/h, with and
+without noise.
 
     python analysis/one_hump_curves.py [CURVES [FIRST_SEED]]
 """

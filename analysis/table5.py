@@ -1,7 +1,7 @@
-"""Do the sixteen numbers of the paper's main result come out, and under which reading?
+"""Do the sixteen numbers of the paper's main result come out, and under which unit assumptions?
 
-[Park2008] Table 5, four controllers from 100 to 5 km/h: means over many noise seeds beside the printed numbers, in the
-reading of `railslip_ctrl.paper.reading`, whose rules are printed in the paper, inferred from it or fitted.
+[Park2008] Table 5, four controllers from 100 to 5 km/h: means over many noise seeds beside the printed numbers. Each
+unit assumption of `railslip_ctrl.paper.reading` is printed in the paper, inferred from it or fitted.
 
     python analysis/table5.py [SEEDS]
 """

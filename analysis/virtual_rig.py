@@ -1,8 +1,8 @@
-"""[Park2008] Figs. 12 and 13, Table 3 and (30)-(32), redrawn from the virtual rig.
+"""How do beam and bristle model fit a known truth, and do the polynomials (30)-(32) come back?
 
-The rig's own records are not available. Here a simulated rig, with the paper's dynamic bristle model in the wheel's
-contact, runs the tests of Table 1, and beam and bristle are fitted to its logs. How do they compare where the truth is
-known, and do the polynomials (30)-(32) come back? The numbers are this project's, of simulated data, not the rig's.
+[Park2008] Figs. 12 and 13, Table 3 and (30)-(32), redrawn from simulated data, as the rig's records are not available.
+A simulated rig with the paper's dynamic bristle model runs the tests of Table 1, and both models are fitted to its
+logs.
 
     python analysis/virtual_rig.py [FOLDER for the pictures]
 """

@@ -1,9 +1,9 @@
-"""What is the published sliding-mode law made of: feed-forward, gain, switching?
+"""Which part of the published sliding-mode law controls the slip: feed-forward, gain or switching?
 
-[Park2008] Table 4 (ASMC, bristle column) in (45), with the gains as they must be read. The equivalent control has the
-adhesion torque as feed-forward and (J/r) rho as a proportional gain on e; D and K are what is left to be robust. K is
-set against the least K of the reaching condition (40) for the published disturbances, at the reference and over the
-whole run, in SI and in the as-published reading (M, J and B times 3.6).
+[Park2008] Table 4 (ASMC, bristle column) in (45), with the inferred units of the gains. The equivalent control has the
+adhesion torque as feed-forward and (J/r) rho as a proportional gain on e; D and K are the robust part. The script
+compares K with the least K of the reaching condition (40) for the published disturbances, at the reference and over
+the whole run, in SI and in the as-published reading (M, J and B times 3.6).
 
     python designs/asmc_published.py [FOLDER for the picture]
 """
@@ -46,7 +46,7 @@ class Reading:
 
 
 def read(inertia_scale: float) -> Reading:
-    """One reading."""
+    """Analyse one reading of the units."""
     vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = rs.law.PUBLISHED_LAW
     # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
@@ -73,12 +73,12 @@ def read(inertia_scale: float) -> Reading:
 
 
 def run() -> tuple[Reading, Reading]:
-    """SI and as published."""
+    """Analyse both readings: SI and as published."""
     return read(1.0), read(rs.AS_PUBLISHED_INERTIA_SCALE)
 
 
 def main() -> None:
-    """Print both readings; with a folder, draw K beside what (40) asks."""
+    """Print both readings; with a folder, draw K beside the least K of (40)."""
     readings = run()
     for reading in readings:
         print(f"Inertia scale {reading.inertia_scale:g}")
@@ -98,7 +98,7 @@ def main() -> None:
 
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
-    """K of Table 4 beside the least K of (40), and the gains that do the work instead."""
+    """Draw K of Table 4 beside the least K of (40), and the gains that act instead."""
 
     figure = plots.style.new_figure(
         3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and what does the work in its place"

@@ -1,11 +1,11 @@
-"""Published PI, best PI, known rules, PI-lead, Smith predictors and an observer, side by side.
+"""How do the published PI, the best PI, known rules, PI-lead, Smith predictors and an observer compare?
 
-Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design its true
-margins (of the plant, not of the model inside a predictor), what it costs in noise and torque rate, and what no
-controller can beat. Designs that do not hold are in the table too, with the reason below it.
+Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design the
+table has the true margins (of the plant, not of the model inside a predictor), the cost in noise and torque rate, and
+the limit of any controller. Unstable designs are in the table too, with the reason below it.
 
 The PI and the PI-lead are one gain set for both rails. The predictors, the observer and the rules are designed for each
-rail with its model, which flatters them: on the other rail their margins differ.
+rail with its model; on the other rail their margins are worse.
 
     python designs/compare_designs.py [FOLDER for the pictures]
 """
@@ -33,7 +33,7 @@ KMH = 1 / 3.6
 
 @dataclass(frozen=True)
 class Row:
-    """One design on one rail; `margins` and `effort` are None where it does not hold, with the reason."""
+    """One design on one rail; for an unstable design `margins` and `effort` are None, with the reason."""
 
     design: str
     rail: Rail
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table, the limits by rail; on dry rail the steps of the plain transfer functions, and every gang of four."""
+    """Table, limits by rail, and for dry rail the step responses and every gang of four."""
 
     rows: tuple[Row, ...]
     limits: dict[Rail, rs.limits.Limits]
@@ -58,7 +58,7 @@ class Comparison:
 
 
 def plants() -> dict[Rail, rs.Rational]:
-    """From commanded torque to slip velocity, without the dead time."""
+    """Return the system from commanded torque to slip velocity, without the dead time."""
     return {rail: rs.actuated_plant(rs.plant_at("bristle", PARK2008, rail, SPEED_KMH), ACTUATOR) for rail in Rail}
 
 
@@ -70,7 +70,7 @@ def best(both: list[rs.Rational], lead: float, lead_filter: float) -> PIControll
 
 
 def fixed_designs(both: list[rs.Rational]) -> dict[str, PIController]:
-    """The designs that are one transfer function for both rails."""
+    """Return the designs that are one transfer function for both rails."""
     return {
         "published PI (Table 4)": PIController(rs.TABLE4_PI["bristle"]),
         "best PI": best(both, 0.0, 0.0),
@@ -79,7 +79,7 @@ def fixed_designs(both: list[rs.Rational]) -> dict[str, PIController]:
 
 
 def predictors(plant: rs.Rational, lead: rs.Rational) -> dict[str, Callable[[], rs.compensators.Compensator]]:
-    """The compensators of the dead time, each designed when it is called."""
+    """Return the dead-time compensators; calling one designs it."""
     tau = ACTUATOR.dead_time
     return {
         "Smith predictor": lambda: rs.compensators.smith_predictor(plant, tau, lead),
@@ -106,7 +106,7 @@ def rows_for(rail: Rail, plant: rs.Rational, fixed: dict[str, PIController]) -> 
 
 
 def tried(name: str, rail: Rail, make: Callable[[], Row]) -> Row:
-    """A design's row, or the reason why there is none."""
+    """Return the row of a design, with the reason if it is unstable."""
     try:
         return make()
     except (rs.InputError, rs.RailslipError) as error:
@@ -125,7 +125,7 @@ def plain_row(name: str, rail: Rail, plant: rs.Rational, controller: rs.Rational
 
 
 def made_row(name: str, rail: Rail, plant: rs.Rational, design: rs.compensators.Compensator | tuning.RuleTuning) -> Row:
-    """A rule's controller, or a dead-time compensator with the margins of the loop it really closes."""
+    """Assess a rule or a dead-time compensator with the margins of its true loop."""
     if isinstance(design, tuning.RuleTuning):
         return plain_row(name, rail, plant, design.transfer_function())
     margins = design.margins()  # of an unstable one: UnstableLoopError with the reason
@@ -205,7 +205,7 @@ def line(row: Row) -> str:
 
 
 def draw(result: Comparison, folder: Path) -> None:
-    """Responses of the plain designs, and the gang of four of all that hold, dry rail."""
+    """Draw the responses of the plain designs and the gang of four of all stable ones, dry rail."""
 
     folder.mkdir(parents=True, exist_ok=True)
     title = "Bristle model, dry rail, 100 km/h, slip 0.132; dead time exact"

@@ -1,10 +1,9 @@
-"""Which controller stops the train best, and how far is it from what could be had?
+"""Which controller stops the train best, and how far is it from the bound?
 
 The published PI and sliding-mode law ([Park2008] Table 4), this project's PI with a lead on the brake's lag, its gain
-schedule, and a rule-based slide protection, over the same seeds of the paper's scenario as published (inertia scale
-3.6) and in SI. The bound is a clairvoyant's: the highest adhesion at every moment, through the same actuator. The
-sliding-mode law is also run with the dry curve kept after the rail has turned wet, as a controller that does not know
-the rail would.
+schedule, and a rule-based slide protection run with the same seeds of the paper's scenario, as published (inertia scale
+3.6) and in SI. The bound has the highest adhesion at every moment, through the same actuator. The sliding-mode law also
+runs with the dry curve after the rail has turned wet, as a controller that does not know the rail.
 
     python designs/compare_runs.py [FOLDER for the picture]
 """
@@ -46,7 +45,7 @@ class Comparison:
 
 
 def controllers(scenario: rs.Scenario) -> dict[str, Any]:
-    """What is compared, by name."""
+    """Return the compared controllers by name."""
     vehicle = scenario.vehicle
     return {
         "PI beam": catalogue.published_controller("pi", "beam"),
@@ -61,7 +60,7 @@ def controllers(scenario: rs.Scenario) -> dict[str, Any]:
 
 
 def worst_margins(scenario: rs.Scenario, chosen: Mapping[str, Any]) -> tuple[WorstMargins, ...]:
-    """Of every linear controller, over rails, loads, speeds and laws."""
+    """Return the worst margins of every linear controller, over rails, loads, speeds and laws."""
     rows = []
     for name, control in chosen.items():
         if not isinstance(control, rs.PI | rs.Scheduled):
@@ -108,7 +107,7 @@ def margins_text(rows: tuple[WorstMargins, ...]) -> str:
 
 
 def main() -> None:
-    """Print a table a reading; with a folder, draw the distances."""
+    """Print one table for each reading; with a folder, draw the distances."""
     comparison = run()
     for runs, margins in zip(comparison.runs, comparison.margins, strict=True):
         print(runs, margins_text(margins), sep="\n")

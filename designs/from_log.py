@@ -1,12 +1,12 @@
-"""From a brake-rig log to a braking train: observer, fit, operating points, robust design, margins, braking runs.
+"""Is a controller that is designed from a log good on the true adhesion law, which it never saw?
 
-The brake is filled at once to a torque that the dry rail surely takes; when the rail turns wet half of it is too much,
-and no command can keep the wheel from locking, as the brake is 0.75 s late: the design is judged by how soon it rolls
-again, and by the whole stop.
+The steps are observer, fit, operating points, robust design, margins and braking runs. The vehicle is a Siemens Desiro
+Classic (railtoolkit/rolling-stock-data, CC BY 4.0), and the virtual rig writes the log for its wheel. The design uses
+only the log, and has to hold for every law within the uncertainty of the fit.
 
-The vehicle is a Siemens Desiro Classic (railtoolkit/rolling-stock-data, CC BY 4.0), the log one that the virtual rig
-wrote for its wheel. The design sees the log alone: is a controller made from it, for every law within its uncertainty,
-good on the law that made the log, which it never saw?
+The brake starts at a torque that the dry rail takes. When the rail turns wet, half of it is too much. The brake reacts
+0.75 s late, so that no command can prevent a lock: the design is judged by how soon the wheel rolls again, and by the
+whole stop.
 
     python designs/from_log.py [FOLDER for the log, the fitted model and the pictures]
 """
@@ -44,7 +44,7 @@ SEEDS = (0, 1, 2)
 
 @dataclass(frozen=True)
 class FromLog:
-    """Every station of the way."""
+    """Results of every step, in order."""
 
     vehicle: rs.Vehicle
     found: rs.Identification
@@ -58,7 +58,7 @@ class FromLog:
 
 
 def rig_log(vehicle: rs.Vehicle, path: Path) -> Path:
-    """The log of the rig's tests with the vehicle's wheel."""
+    """Return the log of the rig's tests with the vehicle's wheel."""
     test = virtual_rig.RigTest(
         vehicle, TRUE_LAW, INITIAL_SPEED, rate=8000.0, random_force=RANDOM_SHARE * vehicle.wheel_load, torque_noise=50.0
     )
@@ -103,7 +103,7 @@ def operating_plants(
 
 
 def run(folder: Path | None = None) -> FromLog:
-    """The whole way; the log is written to `folder`, else to one that is thrown away."""
+    """Go from the log to the runs; the log is written to `folder` or to a temporary one."""
     vehicle = rs.load_vehicle(VEHICLE)
     # 1. The log, and what is found in it.
     with tempfile.TemporaryDirectory() as scratch:
@@ -146,7 +146,7 @@ def past_peak(law: adhesion.AdhesionLaw, vehicle: rs.Vehicle, held: rs.Reference
 
 
 def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip) -> float:
-    """What the dry rail surely takes, N*m."""
+    """Return a torque that the dry rail takes, N*m."""
     takes = [float(numeric.adhesion_coefficient(law, INITIAL_SPEED, held.dry, vehicle.wheel_load)) for law in laws]
     return INITIAL_SHARE * min(takes) * vehicle.wheel_load * vehicle.wheel.radius
 
@@ -154,7 +154,7 @@ def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: 
 def slowest_falling(
     laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip
 ) -> float:
-    """Past the peak the slip runs away, the faster the slower the train: the speed down to which the loop is stable."""
+    """Return the lowest speed at which the loop is stable beyond the peak, where the pole grows as the train slows."""
     actuator = vehicle.actuator
     for speed in np.arange(100.0, 0.0, -2.0):
         for law in laws:
@@ -165,7 +165,7 @@ def slowest_falling(
 
 
 def extremes(plants: tuple[rs.LinearPlant, ...]) -> list[rs.LinearPlant]:
-    """Of plants that differ by one pole alone, r/J over s - p, the ends of its range and some between."""
+    """Return the plants at the ends of the range of their pole p of r/J/(s - p), and some between."""
     by_pole = sorted(plants, key=lambda plant: float(plant.poles[0].real))
     return [by_pole[i] for i in np.unique(np.linspace(0, len(by_pole) - 1, 9).astype(int))]
 
@@ -198,7 +198,7 @@ def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSli
 
 
 def main() -> None:
-    """Print the stations; with a folder, keep the log, the model's file and pictures."""
+    """Print the steps; with a folder, keep the log, the law's file and pictures."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

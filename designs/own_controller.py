@@ -1,4 +1,4 @@
-"""A controller of your own, from its transfer function to 200 braking runs: a PID with filter and notch, on a coach.
+"""How does a PID with filter and notch on a coach do, from its transfer function to 200 braking runs?
 
 python designs/own_controller.py [FOLDER]
 """
@@ -16,7 +16,7 @@ NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch,
 
 
 def run(runs: int = 200) -> dict:
-    """Verdict over the coach's envelope, worst loop, a stop on wet rail, and many beside a tuned PI-lead."""
+    """Return verdict, worst loop, one stop on wet rail, and many stops beside a tuned PI-lead."""
     envelope = rs.load_envelope(Path(__file__).parent / "vehicles" / "coach.toml")
     start = {"torque_min": 0, "torque_max": 15e3, "tracking_time": 2, "initial_torque": 6e3}  # N*m, s
     mine = rs.linear_control(PID * NOTCH, reference=envelope.reference, name="pid", period=0.01, **start)
@@ -27,7 +27,7 @@ def run(runs: int = 200) -> dict:
 
 
 def main() -> None:
-    """Print it all; with a folder, draw it too."""
+    """Print the results; with a folder, draw them."""
     found = run()
     print(found["check"], found["check"].worst.words, found["stop"], found["many"].table(), sep="\n\n")
     for folder in map(Path, sys.argv[1:]):

@@ -1,15 +1,17 @@
-"""Shape a PI for dry rail, step by step.
+"""How much margin can a PI leave on dry rail, and with which gains?
 
 At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s, behind an actuator
-with 0.6 s of lag and 0.15 s of dead time. How much margin can a PI leave, and with which gains? The crossover goes
-where the loop has most phase, the integral corner so far below that it costs little of it.
+with 0.6 s of lag and 0.15 s of dead time. The crossover goes where the loop has most phase. The integral corner lies
+far below, so that it costs little phase.
 
-    python designs/pi_dry.py
+    python designs/pi_dry.py [FOLDER for the picture]
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import railslip_ctrl as rs
 
@@ -19,7 +21,7 @@ CORNER = 1 / 25  # the integral corner ki/kp over the crossover: 1/25 costs atan
 
 @dataclass(frozen=True)
 class DryDesign:
-    """What the steps below find, in their order."""
+    """Results of the steps of `run`, in their order."""
 
     proportional_range: tuple[float, float]  # kp that stabilises without ki, N*m/(m/s)
     crossover: float  # rad/s
@@ -28,7 +30,7 @@ class DryDesign:
 
 
 def run() -> DryDesign:
-    """The design, line by line."""
+    """Design the PI step by step."""
     # 1. The plant at the reference slip, speed frozen, and the actuator's lag behind it.
     law = rs.published_law("bristle", rs.Rail.DRY)
     point = rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rs.Rail.DRY), rail=rs.Rail.DRY)
@@ -57,12 +59,18 @@ def run() -> DryDesign:
 
 
 def main() -> None:
-    """Print the design and its margin reports."""
+    """Print the design and its margin reports; with a folder, draw the Nyquist diagrams."""
     design = run()
     low, high = design.proportional_range
     print(f"P control holds the loop for kp between {low:.4g} and {high:.4g} N*m/(m/s).")
     print(f"The loop has most phase at {design.crossover:.4g} rad/s: the crossover goes there.\n")
     print(design.shaped, design.rounded, sep="\n\n")
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
+        found = (("PI shaped for dry rail", design.shaped), ("round gains", design.rounded))
+        groups = tuple(rs.assessment.controller_group(title, (one,)) for title, one in found)
+        rs.plots.save_figure(rs.plots.nyquist_figure(groups), folder / "pi_dry_nyquist.png")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""A PI with a lead that cancels most of the actuator's lag: one gain set, Ms below 1.5 at twelve operating points.
+"""How much robustness does a lead on the brake's lag give, and what does it cost in noise?
 
-The pneumatic lag of 0.6 s is what makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) trades a tenfold gain at
-high frequency for it. The filter's time constant is the design knob: how much robustness does it buy, and what does it
-cost in noise at the torque?
+The pneumatic lag of 0.6 s makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) cancels most of it, for a tenfold
+gain at high frequency. One gain set then has Ms below 1.5 at twelve operating points. The filter's time constant trades
+robustness for noise of the torque.
 
     python designs/pi_lead.py [FOLDER for the pictures]
 """
@@ -24,7 +24,7 @@ FILTERS = (0.02, 0.06, 0.12, 0.2, 0.3)  # s
 
 @dataclass(frozen=True)
 class LeadDesign:
-    """The optimum at the published filter, over the filter, sampled, and swept."""
+    """Results: optimum, variation of the filter, sampled loop, sweeps."""
 
     design: tuning.PIDesign
     controller: PIController
@@ -36,7 +36,7 @@ class LeadDesign:
 
 
 def tune(lead_filter: float) -> tuning.PIDesign:
-    """The least worst Ms over the twelve points with a lead on the actuator's lag."""
+    """Return the least worst Ms over the twelve points, with a lead on the actuator's lag."""
     plants = [
         rs.actuated_plant(rs.plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed), ACTUATOR)
         for rail in Rail
@@ -48,7 +48,7 @@ def tune(lead_filter: float) -> tuning.PIDesign:
 
 
 def run() -> LeadDesign:
-    """Optimum, design knob, sampled implementation, sweeps."""
+    """Compute optimum, variation of the filter, sampled loop and sweeps."""
     by_filter = {lead_filter: tune(lead_filter) for lead_filter in FILTERS}
     design = by_filter[0.06]
     controller = PIController(PIGains(kp=design.kp, ki=design.ki), ACTUATOR.lag, 0.06)

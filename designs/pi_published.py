@@ -1,9 +1,8 @@
-"""Do the published PI gains hold the wheel?
+"""Do the published PI gains stabilise the loop?
 
-[Park2008] Table 4 prints its gains in "N-h" and "N"; they work only when read as N*m per km/h. This script takes
-them at that word, converts them to SI, and checks the loop at 100 km/h on dry and wet rail with the actuator of
-p. 55, its dead time exact: once in SI, and once in the as-published reading (M, J and B times 3.6), in which the
-paper's results come out.
+[Park2008] Table 4 prints its gains in "N-h" and "N"; they work only as N*m per km/h. This script converts them to SI
+and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact: once in SI, and
+once in the as-published reading (M, J and B times 3.6), in which the paper's results come out.
 
     python designs/pi_published.py [FOLDER for the pictures]
 """
@@ -30,18 +29,18 @@ class PublishedCheck:
 
 
 def check(rail: Rail, inertia_scale: float) -> rs.Assessment:
-    """The published loop on one rail, in one reading."""
+    """Assess the published loop on one rail, in one reading."""
     # 1. The vehicle in this reading, and the adhesion law on this rail.
     vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = rs.published_law("bristle", rail)
-    # 2. Where the loop is asked to work: the published reference slip, the torque that holds it there.
+    # 2. The operating point: the published reference slip and its holding torque.
     point = rs.operating_point(law, vehicle, SPEED, law.reference_slip(rail), rail=rail)
     # 3. The plant there, the loop around it, its margins.
     return rs.assess(rs.linearize(point), CONTROLLER, vehicle.actuator)
 
 
 def run() -> PublishedCheck:
-    """Both rails, both readings."""
+    """Assess both rails in both readings."""
     return PublishedCheck(
         si={rail: check(rail, 1.0) for rail in Rail},
         as_published={rail: check(rail, rs.AS_PUBLISHED_INERTIA_SCALE) for rail in Rail},

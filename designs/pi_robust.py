@@ -1,8 +1,8 @@
-"""The best single PI for twelve operating points, and what it cannot do.
+"""Which single PI has the least worst Ms at twelve operating points, and what can it not do?
 
-Dry and wet rail, 20, 60 and 100 km/h, 3517 and 5276 kg, bristle model, v0 = 100 km/h, the published actuator. Which PI
-with ki >= 5 N*m/m has the least worst Ms? How far is it from what the plant allows, and does it survive the actuator's
-tolerance and the adhesion peak?
+Dry and wet rail, 20, 60 and 100 km/h, 3517 and 5276 kg, bristle model, v0 = 100 km/h, the published actuator,
+ki >= 5 N*m/m. The script compares the PI with the limits of the plant, and checks it with the actuator's tolerance and
+beyond the adhesion peak.
 
     python designs/pi_robust.py [FOLDER for the pictures]
 """
@@ -23,7 +23,7 @@ DEAD_TIME = ENVELOPE.vehicle.actuator.dead_time  # s
 
 @dataclass(frozen=True)
 class RobustPI:
-    """The design, its region, and the verdict over the envelope, on the bristle model and on two laws."""
+    """The design, its stabilising region, and the verdict on the bristle model and on two laws."""
 
     design: Any  # of `tune_pi`
     least_without_integral: float
@@ -33,7 +33,7 @@ class RobustPI:
 
 
 def run() -> RobustPI:
-    """Stabilising set, optimum, worst case."""
+    """Compute the stabilising set, the optimum and the worst case."""
     points = ENVELOPE.points(nominal=True)
     plants = [rs.actuated_plant(plant, ENVELOPE.vehicle.actuator) for plant in points.plants]
     # 1. Every PI that stabilises all twelve: the intersection of the exact sets.
@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def draw(result: RobustPI, folder: Path) -> None:
-    """The stabilising region with contours and the chosen point."""
+    """Draw the stabilising region with contours and the chosen point."""
     folder.mkdir(parents=True, exist_ok=True)
     chosen = {f"least worst Ms ({result.design.worst.ms:.3g})": (result.design.kp, result.design.ki)}
     result.region.plot(chosen).savefig(folder / "pi_robust_region.png")

@@ -1,7 +1,8 @@
 """Does one gain set suffice, or do the gains have to follow speed and rail?
 
-A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8, written out as a schedule, and compared
-with the single gain set of least worst Ms over the same range. And below which speed can the loop not be held at all?
+A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8, written as a schedule, and compared with
+the single gain set of least worst Ms over the same range. The script also finds the lowest speed at which any gains
+stabilise the loop.
 
     python designs/pi_scheduled.py [FOLDER for the schedule and the picture]
 """
@@ -24,7 +25,7 @@ ENVELOPE = rs.Envelope(speeds=SPEEDS_KMH, slip=(0.75, 0.9, 1.0, 1.1), laws="bris
 
 @dataclass(frozen=True)
 class ScheduledDesign:
-    """The schedule, how the single gain set does on the same range, and the lowest speeds."""
+    """The schedule, the single gain set on the same range, and the lowest speeds."""
 
     schedule: rs.schedule.GainSchedule
     single: rs.Judgement
@@ -35,7 +36,7 @@ class ScheduledDesign:
 
 
 def run() -> ScheduledDesign:
-    """Tune, check, and look for the lowest speed on the curve, whose slope in time grows as 1/v."""
+    """Tune, check, and find the lowest speed on the curve law, whose pole grows as 1/v."""
     schedule = rs.schedule.schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
     single = rs.judge(ENVELOPE, SINGLE)
     actuator = rs.PARK2008.actuator

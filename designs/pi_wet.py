@@ -1,14 +1,16 @@
-"""Shape a PI for wet rail, and ask what it does on dry rail.
+"""Is a PI that is shaped for wet rail good on dry rail?
 
-On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop easier to hold.
-But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry, and the other way round.
+On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop is easier to
+stabilise. But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry rail, and vice versa.
 
-    python designs/pi_wet.py
+    python designs/pi_wet.py [FOLDER for the picture]
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import railslip_ctrl as rs
 
@@ -18,7 +20,7 @@ CORNER = 1 / 25  # integral corner over crossover, as in pi_dry.py
 
 @dataclass(frozen=True)
 class WetDesign:
-    """The PI shaped on wet rail, on both rails, and the one PI of least worst Ms over both."""
+    """The PI shaped for wet rail, assessed on both rails, and the PI with the least worst Ms on both."""
 
     wet: rs.Assessment
     same_on_dry: rs.Assessment
@@ -26,13 +28,13 @@ class WetDesign:
 
 
 def plant_on(rail: rs.Rail) -> rs.LinearPlant:
-    """The plant at the published reference slip of a rail."""
+    """Return the plant at the published reference slip of a rail."""
     law = rs.published_law("bristle", rail)
     return rs.linearize(rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rail), rail=rail))
 
 
 def run() -> WetDesign:
-    """The design, line by line."""
+    """Design the PI step by step."""
     actuator = rs.PARK2008.actuator
     wet, dry = plant_on(rs.Rail.WET), plant_on(rs.Rail.DRY)
     # 1. The crossover where the wet loop has most phase, and the integral corner below it.
@@ -50,7 +52,7 @@ def run() -> WetDesign:
 
 
 def main() -> None:
-    """Print the margin reports and the comparison."""
+    """Print the margin reports and the comparison; with a folder, draw the Nyquist diagrams."""
     design = run()
     print(design.wet, design.same_on_dry, sep="\n\n")
     gains = design.common.controller.gains
@@ -58,6 +60,11 @@ def main() -> None:
         f"One PI for both rails: kp {gains.kp:.4g} N*m/(m/s), ki {gains.ki:.3g} N*m/m, "
         f"worst Ms {design.common.worst_ms:.4g}."
     )
+    if len(sys.argv) > 1:
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
+        groups = (rs.assessment.controller_group("PI shaped for wet rail", (design.wet, design.same_on_dry)),)
+        rs.plots.save_figure(rs.plots.nyquist_figure(groups), folder / "pi_wet_nyquist.png")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""A sliding-mode law that slides behind its brake: from the vehicle to gains, to proof, to stops.
+"""Does the predictive sliding-mode law slide behind the brake, and what is proved of it?
 
-The published vehicle, SI, holds its reference slips, on dry rail past the peak. The gains follow by rule, the loop of
-the boundary layer is exact, and the conditions are decided over a box of slips about the reference and speeds from
-60 km/h, without noise. The theory page "Sliding-mode laws" derives the law.
+The published vehicle, SI, holds its reference slips, on dry rail beyond the peak. The gains follow from rules, the loop
+of the boundary layer is exact, and the conditions are decided over a box of slips near the reference and speeds from 60
+km/h, without noise. The theory page "Sliding-mode laws" derives the law.
 
-On dry rail noise makes the wheel lock at the end of the stop. At such speeds nothing is proved, and no release is
-certain.
+On dry rail noise locks the wheel at the end of the stop, at speeds that the proof and the certified release do not
+cover.
 
     python designs/predictive_sliding.py [FOLDER for the pictures]
 """
@@ -31,7 +31,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop from 100 to 5 km/h, without noise and with it; certified torques, and the noisy run among them."""
+    """A stop from 100 to 5 km/h without and with noise, the certified torques, and the noisy run."""
 
     rail: str
     runs: tuple[rs.Run, rs.Run]
@@ -41,7 +41,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class Design:
-    """The law with its gains, the verdict on its layer, its conditions over the box, its stops."""
+    """The law with its gains, the verdict on its layer, the conditions over the box, and its stops."""
 
     control: rs.Predictive
     judgement: rs.Judgement
@@ -50,7 +50,7 @@ class Design:
 
 
 def run() -> Design:
-    """From the vehicle to the stops."""
+    """Go from the vehicle to the stops."""
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), phi 0.75 theta K, observer 0.34 theta.
     control = rs.Predictive.for_vehicle(VEHICLE)
     # 2. The exact loop within the layer, at every operating point, with the tolerances of the brake.
@@ -62,7 +62,7 @@ def run() -> Design:
 
 
 def braked(control: rs.Predictive, rail: str) -> Stop:
-    """One stop, twice."""
+    """Simulate one stop without and with noise."""
     scenario = rs.stop(VEHICLE, rail, adhesion=LAW)
     quiet = scenario.with_changes(disturbances=rs.Disturbances())
     runs = (rs.simulate(quiet, control, seed=None), rs.simulate(scenario, control, seed=SEED))
@@ -72,14 +72,14 @@ def braked(control: rs.Predictive, rail: str) -> Stop:
 
 
 def surface(seen: rs.Run, control: rs.Predictive) -> np.ndarray:
-    """S over a run, N*m, from the controller's own state; NaN from where the reference fades."""
+    """Return S over a run, N*m, from the controller's state; NaN after the reference begins to fade."""
     x, held = seen.controller_signals, seen.signals.speed >= control.fade_speed
     error = np.where(held, seen.signals.reference, np.nan) * x["speed_ahead"] - x["sigma_ahead"]
     return x["holding_torque"] + control.wheel_inertia / control.radius * control.kappa * error - x["torque_ahead"]
 
 
 def main() -> None:
-    """Print the way from the vehicle to the stops; with a folder, draw the surface and the certified region."""
+    """Print the design and its stops; with a folder, draw the surface and the certified region."""
     design = run()
     print(f"Gains by rule: {design.control.described()}\n{design.judgement}\n")
     for one in design.proof.conditions:
@@ -98,7 +98,7 @@ def main() -> None:
 
 
 def draw(design: Design, folder: Path) -> None:
-    """S, and the slip with its reference, over time; the certified region with the runs in it."""
+    """Draw S and the slip over time, and the certified region with its runs."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = plots.style.new_figure(4.4, "Predictive sliding-mode law on its reference slip")
     axes, layer = plots.style.panels(figure, 2, 2, sharex="col", sharey="row"), design.control.layer / 1e3

@@ -29,13 +29,13 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
 suppress_warnings = [
-    "myst.header",  # an included piece may begin below the first level
-    "ref.python",  # a word in backticks may be the name of a field of several records: it is then not linked
+    "myst.header",  # an included file may begin below the first heading level
+    "ref.python",  # a name in backticks that several records have is not linked
 ]
 
 autodoc_default_options = {
     "members": True,
-    "exclude-members": "model_config",  # pydantic's own, the same for every record
+    "exclude-members": "model_config",  # of pydantic, equal for every record
     "show-inheritance": True,
     "member-order": "bysource",
 }
@@ -44,31 +44,31 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = True
 napoleon_google_docstring = False
-napoleon_use_ivar = True  # attributes are a list below the class; as entries of their own they would be there twice
+napoleon_use_ivar = True  # attributes as a list below the class; as entries they would appear twice
 napoleon_use_rtype = False
-default_role = "py:obj"  # `name` in a docstring is linked where there is such a thing, see extensions/docstrings.py
+default_role = "py:obj"  # links `name` in a docstring if the object exists, see extensions/docstrings.py
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True
-# What is documented elsewhere: a build without network has no inventories of other projects to look into.
+# Objects of other projects: a build without network has no inventories of them.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
-    (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba|flint|datetime)\..*"),
+    (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba|flint|datetime|ast)\..*"),
     (r"py:.*", r"(abc|collections\.abc|concurrent|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
     (r"py:class", r"(NDArray|ArrayLike|Figure|Axes|Path|Any|RenderableType|ValidationError|BaseModel|Self|Literal)"),
     (
         r"py:class",
         r"(Markup|FrequencyResponseData|layout\.\w+|None\.\w+)",
-    ),  # imported for type checkers alone, or by another name
+    ),  # imported only for type checkers, or under another name
     (r"py:class", r"railslip_ctrl\..*\._\w+"),  # private bases of public classes
     (r"py:class", r"railslip_ctrl\.design\.tuning\.TunedCases"),
-    # names that modules give to types of their own
+    # type aliases of modules
     (
         r"py:class",
         r"(.*\.)?(Floats|Integers|Complexes|Bools|Booleans|Columns"
         r"|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)",
     ),
-    (r"py:class", r".*\[.*"),  # a type in words that Sphinx splits at its commas
+    (r"py:class", r".*\[.*"),  # a type in words, which Sphinx splits at its commas
 ]
 
 html_math_renderer = "mathml"

@@ -1,9 +1,8 @@
 """Equations (1)-(49) of [Park2008], each from where the package states or derives it, in the order of the paper.
 
-What the package uses stands first; where the print differs, the erratum (`railslip_ctrl.paper.errata`) stands beside
-it. Only what the package does not need as a formula is stated here: the names (1), (26), (29), (34), (38), and the
-beam's (7) and (8), which the package has inside `adhesion.beam.integrated_force`. `tests/test_docs.py` integrates what
-is stated here and compares.
+The package's form comes first; where the print differs, the erratum (`railslip_ctrl.paper.errata`) follows. This module
+states only formulas that the package does not need: the names (1), (26), (29), (34), (38), and the beam's (7) and (8),
+which are inside `adhesion.beam.integrated_force`. `tests/test_docs.py` integrates these and compares.
 """
 
 from __future__ import annotations
@@ -48,8 +47,8 @@ _ADHESION_LATEX = {
 class Equation:
     """One numbered equation as the package has it.
 
-    `lines` are LaTeX, one formula each; `home` names the object of the package that states or derives it, or is empty
-    where it is only a name for something; `note` says what a reader of the paper would trip over.
+    `lines` are LaTeX, one formula each; `home` is the object of the package that states or derives it, or empty; `note`
+    warns a reader of the paper.
     """
 
     number: int
@@ -59,21 +58,21 @@ class Equation:
     note: str = ""
 
     def errata(self, rows: Sequence[Erratum]) -> list[Erratum]:
-        """The rows of the errata that name this equation."""
+        """Return the rows of the errata that name this equation."""
         return [row for row in rows if self.number in numbers_in(row.where)]
 
     def prints(self, row: Erratum) -> bool:
-        """Whether what the row has as printed is this equation; else it is about several, or about more than print."""
+        """True if the printed formula of the row is this equation alone."""
         alone = re.fullmatch(rf"\({self.number}\)(, .*)?", row.where) is not None
         return alone or _PRINTED_IN.get(row.where) == self.number
 
 
 _PRINTED_IN = {"(22)-(24)": 24, "(38)-(39) with (41)": 39, "(47)-(48)": 48}
-"""Which equation the printed formula of a row is, where the row names several."""
+"""Equation of the printed formula, for rows that name several equations."""
 
 
 def numbers_in(where: str) -> set[int]:
-    """The equation numbers that a place in the paper names: "(22)-(24)" is 22, 23 and 24."""
+    """Return the equation numbers in a place of the paper: "(22)-(24)" is 22, 23 and 24."""
     found = set()
     for first, last in re.findall(r"\((\d+)\)(?:-\((\d+)\))?", where):
         found |= set(range(int(first), int(last or first) + 1))
@@ -81,7 +80,7 @@ def numbers_in(where: str) -> set[int]:
 
 
 def tex(expression: sp.Basic) -> str:
-    """LaTeX in the source's letters."""
+    """Return LaTeX in the source's letters."""
     own = {sp.Symbol(name, **kind): text for name, text in _ADHESION_LATEX.items() for kind in ({}, {"positive": True})}
     sliding = {sliding_symbol(name): entry.latex for name, entry in SLIDING_NOTATION.items()}
     text = sp.latex(expression, symbol_names={**latex_names(), **own, **sliding})
@@ -97,7 +96,7 @@ def _eq(equation: sp.Eq) -> str:
 
 
 def plant_equations() -> list[Equation]:
-    """(1)-(4)."""
+    """Return (1) to (4): plant."""
     mu = sp.Function("mu")(plant.slip)
     home = "railslip_ctrl.model.plant"
     return [
@@ -125,7 +124,7 @@ def plant_equations() -> list[Equation]:
 
 @dataclass(frozen=True)
 class BeamParts:
-    """(5)-(9) in SymPy, `mu_d` and `sticking` (lh) stated here."""
+    """Equations (5) to (9) in SymPy; `mu_d` and `sticking` (lh) are stated here."""
 
     pressure: sp.Expr
     per_length: tuple[sp.Expr, sp.Expr]
@@ -135,7 +134,7 @@ class BeamParts:
 
 
 def beam_parts() -> BeamParts:
-    """The pieces of the beam model; (6) with the branches that (9) and full sliding ask for."""
+    """Return the parts of the beam model; (6) has the branches that (9) and full sliding require."""
     mu_max, a, Kx = Beam.symbols()
     length, slip, x, N = printed.length, printed.slip, printed.xc, printed.wheel_load
     sticking = length * (1 - Kx * slip / (3 * mu_max * N))
@@ -146,7 +145,7 @@ def beam_parts() -> BeamParts:
 
 
 def beam_force_in_u() -> sp.Expr:
-    """The integrated (10) with u = Kx lambda/(3 mu_max N), sigma > 0."""
+    """Return the integrated (10) with u = Kx lambda/(3 mu_max N), sigma > 0."""
     mu_max, _a, Kx = Beam.symbols()
     u, N = sp.Symbol("u", positive=True), symbol("N")
     force = sp.expand(integrated_force().subs(plant.v, Kx * plant.sigma / (3 * mu_max * N * u)))
@@ -154,7 +153,7 @@ def beam_force_in_u() -> sp.Expr:
 
 
 def beam_equations() -> list[Equation]:
-    """(5)-(10)."""
+    """Return (5) to (10): beam model."""
     parts = beam_parts()
     home = "railslip_ctrl.model.adhesion.beam"
     locking, sliding = parts.per_length
@@ -175,14 +174,14 @@ def beam_equations() -> list[Equation]:
             "adhesion force",
             (_is("F_a", beam_force_in_u()), _is("u", share)),
             f"{home}.Beam",
-            r"For $u \le 1$. Beyond it the whole footprint slides, of which the paper says nothing: "
+            r"For $u \le 1$. Beyond it the whole footprint slides; the paper does not treat this case: "
             rf"$F_a = {tex(Beam.statement().force.args[1][0])}$.",
         ),
     ]
 
 
 def dynamic_equations() -> list[Equation]:
-    """(11)-(18): Dahl, LuGre and the LuGre tyre model."""
+    """Return (11) to (18): Dahl, LuGre and the LuGre tyre model."""
     rows = []
     for first, name in ((11, "dahl"), (13, "lugre"), (16, "tyre_lugre")):
         law = law_class(name)
@@ -205,7 +204,7 @@ def dynamic_equations() -> list[Equation]:
 
 
 def _in_the_rate(statement: object) -> sp.Expr:
-    """The force with z' as one symbol."""
+    """Return the force with z' as one symbol."""
     return statement.force.subs(statement.state_rate, sp.Symbol(r"\dot{z}"))  # type: ignore[attr-defined]
 
 
@@ -214,7 +213,7 @@ def _positive() -> sp.Symbol:
 
 
 def bristle_equations() -> list[Equation]:
-    """(19)-(24)."""
+    """Return (19) to (24): bristle model."""
     law = law_class("bristle")
     statement = law.statement()
     alpha, beta, gamma = law.symbols()
@@ -247,7 +246,7 @@ def bristle_equations() -> list[Equation]:
 
 
 def observer_equations() -> list[Equation]:
-    """(25)-(29)."""
+    """Return (25) to (29): observer."""
     home, torque = "railslip_ctrl.paper.errata", adhesion_torque()
     hat, rate = sliding_symbol("Ta_hat"), printed.laplace * plant.omega
     return [
@@ -259,7 +258,7 @@ def observer_equations() -> list[Equation]:
             "observer without a derivative",
             (_is(r"\hat T_a", printed.observer_without_derivative),),
             "railslip_ctrl.paper.printed",
-            "As printed; equal to (27) as printed, so that its error is the same.",
+            "As printed. It equals (27) as printed and has the same error.",
         ),
         Equation(
             29,
@@ -271,7 +270,7 @@ def observer_equations() -> list[Equation]:
 
 
 def coefficient_equations() -> list[Equation]:
-    """(30)-(32), read back from the function that evaluates them."""
+    """Return (30) to (32), read back from the function that evaluates them."""
     speeds = np.array([30.0, 85.0, 140.0])
     values = np.array([published_coefficients(v, PARK2008.wheel_load) for v in speeds]).T
     units = (("alpha", r"\mathrm{N/m}", 1.0), ("beta", r"\mathrm{(km/h)/N}", KMH), ("gamma", r"\mathrm{km/h}", KMH))
@@ -287,13 +286,13 @@ def coefficient_equations() -> list[Equation]:
 
 
 def _number(value: float) -> str:
-    """A number in the paper's four digits."""
+    """Return a number with four digits, as in the paper."""
     mantissa, exponent = f"{value:+.3e}".split("e")
     return rf"{mantissa} \times 10^{{{int(exponent)}}}"
 
 
 def surface_equations(d: Derivation) -> list[Equation]:
-    """(33)-(37)."""
+    """Return (33) to (37): surface and equivalent control."""
     home = "railslip_ctrl.sliding.derivation.Derivation"
     Ueq, Ur = sliding_symbol("Ueq"), sliding_symbol("Ur")
     return [
@@ -301,12 +300,12 @@ def surface_equations(d: Derivation) -> list[Equation]:
         Equation(34, "brake torque", (_is("T_b", sp.Add(Ueq, Ur, evaluate=False)),), home),
         Equation(35, "rate of the sliding variable", (_is(r"\dot s", d.s_rate),), home),
         Equation(36, "equivalent control", (_is("U_{eq}", d.equivalent_control),), home),
-        Equation(37, "what is left", (_is(r"\dot s", d.reaching),), home),
+        Equation(37, "rate without the equivalent control", (_is(r"\dot s", d.reaching),), home),
     ]
 
 
 def reaching_equations(d: Derivation) -> list[Equation]:
-    """(38)-(43)."""
+    """Return (38) to (43): reaching the surface."""
     home = "railslip_ctrl.sliding.derivation.Derivation"
     rate, no_damping = sp.factor(d.closed_rate.subs(UNCERTAIN)), {sliding_symbol("D"): 0}
     asked = _is(r"\dot s", printed.asked_rate.subs(no_damping))
@@ -317,12 +316,12 @@ def reaching_equations(d: Derivation) -> list[Equation]:
             "reaching law, sign only",
             (_is(r"\dot s", rate.subs(no_damping)),),
             home,
-            f"What (41) gives with $D = 0$ and without disturbances; the print asks for ${asked}$.",
+            f"Follows from (41) with $D = 0$ and without disturbances; the print has ${asked}$.",
         ),
-        Equation(39, "reaching law", (_is(r"\dot s", rate),), home, "What (41) gives without disturbances."),
+        Equation(39, "reaching law", (_is(r"\dot s", rate),), home, "Follows from (41) without disturbances."),
         Equation(
             40,
-            "what the gains must exceed",
+            "lower bound of the gains",
             (
                 rf"D_0 \left|s\right| + K_0 > \left|{disturbance}\right| + \eta",
                 r"D_0 = \frac{r}{J} D, \quad K_0 = \frac{r}{J} K",
@@ -336,7 +335,7 @@ def reaching_equations(d: Derivation) -> list[Equation]:
 
 
 def adaptive_equations(d: Derivation) -> list[Equation]:
-    """(44)-(49)."""
+    """Return (44) to (49): adaptation."""
     home = "railslip_ctrl.sliding.derivation.Derivation"
     theta = [_is(rf"\theta_{i}", one) for i, one in enumerate(d.theta, 1)]
     rates = [_is(rf"\dot{{\hat\theta}}_{i}", one) for i, one in enumerate(d.adaptation_matrix, 1)]
@@ -351,7 +350,7 @@ def adaptive_equations(d: Derivation) -> list[Equation]:
 
 
 def groups(d: Derivation) -> dict[str, list[Equation]]:
-    """All equations, by the piece of a page that shows them."""
+    """Return all equations by the part of a page that shows them."""
     return {
         "plant": plant_equations(),
         "beam": beam_equations(),

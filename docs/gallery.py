@@ -1,6 +1,6 @@
-"""The gallery: every script of designs/ and analysis/ run, with its pictures, its printing, its text.
+"""The gallery: runs every script of designs/ and analysis/ and shows its pictures, output and text.
 
-A script's result is kept until the package or the script changes. Two run at a time on two cores.
+A result is kept until the package or the script changes.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ FOLDERS = ("designs", "analysis")
 THUMBNAIL = (480, 360)
 """Pixels into which a picture is fitted for the first page of the gallery."""
 
-NUMBERS = {"RUNS": "200", "SEEDS": "16", "FIRST": "0", "SPREAD": "0"}
-"""Given to scripts that take one: few runs and seeds, so that the site is built in minutes, and no spread."""
+NUMBERS = {"RUNS": "200", "SEEDS": "16", "CURVES": "8", "FIRST": "0", "SPREAD": "0"}
+"""Arguments of the scripts here: few runs and seeds, so that the site is built in minutes, and no spread."""
 
 _PRINTED = "printed.txt"
 _DONE = "done"
@@ -32,69 +32,69 @@ _DONE = "done"
 
 @dataclass(frozen=True)
 class Script:
-    """A script and the folder of the gallery that holds what it made."""
+    """A script and the gallery folder with its results."""
 
     path: Path
     folder: Path
 
     @property
     def name(self) -> str:
-        """designs/pi_dry is "pi_dry"."""
+        """Name without folder and suffix: "pi_dry" of designs/pi_dry.py."""
         return self.path.stem
 
     @property
     def docstring(self) -> list[str]:
-        """Its lines, the first the question it answers."""
+        """Lines of the docstring; the first is the question."""
         text = ast.get_docstring(ast.parse(self.path.read_text("utf-8")))
-        assert text is not None, "every script says what it is for"
+        assert text is not None, "every script has a docstring"
         return text.splitlines()
 
     @property
     def usage(self) -> str:
-        """The line of its docstring that shows how it is called."""
+        """Line of the docstring that shows the call."""
         called = f"python {self.path.relative_to(ROOT)}"
         return next(line.strip() for line in self.docstring if line.strip().startswith(called))
 
     def arguments(self) -> list[str]:
-        """What it is given here for each argument that its usage names, in order."""
+        """Arguments for this gallery, in the order of the usage line."""
         given = {**NUMBERS, "FOLDER": str(self.folder)}
         return [given[name] for name in re.findall(r"\[([A-Z]+)", self.usage)]
 
     @property
     def digest(self) -> str:
-        """Changes with the package and the script."""
+        """Hash of the package and the script."""
         return hashlib.sha256(self.path.read_bytes() + package_digest().encode()).hexdigest()
 
     @property
     def fresh(self) -> bool:
-        """Whether what the folder holds is this script's and this package's."""
+        """True if the results come from this script and this package."""
         done = self.folder / _DONE
         return done.is_file() and done.read_text() == self.digest
 
     @property
     def pictures(self) -> list[Path]:
-        """The pictures it drew, in the order of their names."""
+        """Pictures of the script, sorted by name."""
         return sorted(self.folder.glob("*.png"))
 
     @property
     def thumbnail(self) -> Path:
-        """Its first picture, small."""
+        """Path of the small first picture."""
         return self.folder / "thumbnail" / "first.png"
 
     @property
     def printed(self) -> str:
-        """What it printed; nothing if it has not run."""
+        """Printed output, empty if the script has not run."""
         path = self.folder / _PRINTED
         return path.read_text("utf-8") if path.is_file() else ""
 
 
 def scripts(folder: Path) -> list[Script]:
-    """The scripts in the order of their names, designs first."""
+    """Return the scripts sorted by name, designs first."""
     return [Script(path, folder / path.stem) for name in FOLDERS for path in sorted((ROOT / name).glob("*.py"))]
 
 
 def write_gallery(folder: Path, *, run: bool) -> None:
-    """Run what has changed, and write a page for each script and one with all of them."""
+    """Run the changed scripts, and write a page for each script and the overview."""
     found = scripts(folder)
     for script in found:
         script.folder.mkdir(parents=True, exist_ok=True)
@@ -110,7 +110,7 @@ def write_gallery(folder: Path, *, run: bool) -> None:
 
 
 def _run(script: Script) -> None:
-    """Run one script into its folder; its failure is the build's."""
+    """Run one script into its folder; RuntimeError if it fails."""
     shutil.rmtree(script.folder)
     script.folder.mkdir()
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "110", "NO_COLOR": "1"}
@@ -130,7 +130,7 @@ def _run(script: Script) -> None:
 
 
 def _draw_thumbnail(script: Script) -> None:
-    """Make the small picture where there is one to make it of."""
+    """Draw the small picture of a script that has pictures."""
     from PIL import Image
 
     if not script.pictures or script.thumbnail.is_file():
@@ -152,15 +152,15 @@ def _page(script: Script) -> Iterator[str]:
         alt = f"{picture.stem.replace('_', ' ')}, drawn by {where}"
         yield from (f"![{alt}]({script.name}/{picture.name})", "")
     if script.printed:
-        yield from ("## What it prints", "", "```text", script.printed.rstrip(), "```", "")
+        yield from ("## Output", "", "```text", script.printed.rstrip(), "```", "")
     source = "/".join([".."] * 3 + [str(where)])
     yield from (f"## {where}", "", f"```{{literalinclude}} {source}", ":language: python", "```", "")
 
 
 def _index(found: list[Script]) -> Iterator[str]:
     yield from ("# Gallery", "")
-    yield "The scripts of the repository, each run when this page was built: the question, the pictures, what it"
-    yield from ("prints, and its text to read line by line.", "")
+    yield "For readers who learn from worked designs. Each script of the repository answers one question; it ran when"
+    yield from ("this page was built. Its page has the pictures, the output and the code.", "")
     for folder, title in zip(FOLDERS, ("Designs", "Questions"), strict=True):
         yield from (f"## {title}", "", "::::{container} gallery", "")
         for script in found:

@@ -1,7 +1,7 @@
-"""Write what the documentation computes into docs/_generated: equations, tables, the API's pages, the gallery.
+"""Write the computed parts of the documentation into docs/_generated: equations, tables, API pages, gallery.
 
-Nothing of it is committed: a number or formula in a page is either here, in the output of a command that the page
-runs, or in a doctest.
+They are not committed. Every number or formula of a page is one of these, output of a command that the page runs, or in
+a doctest.
 
     python docs/generate.py [--without-gallery]
 """
@@ -35,11 +35,11 @@ from pages import GENERATED
 _HOW = {"symbolic": "comparing the expressions", "computed": "computing the numbers", "argument": "argument"}
 
 HIDDEN = ("_generated", "__main__", "cli")
-"""Modules without a page: committed generated code, and the command line, whose help is its reference."""
+"""Modules without a page: generated code, and the command line, whose reference is its help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write everything; the gallery takes the longest and may be left as it is."""
+    """Write all parts; `--without-gallery` keeps the present gallery, which takes longest."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--without-gallery", action="store_true")
     given = parser.parse_args(arguments)
@@ -73,7 +73,7 @@ def _write(name: str, text: str) -> None:
 
 
 def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> str:
-    """Each equation with its source, where it is in the package, and what the print has instead."""
+    """Return each equation with its source, its place in the package, and its erratum."""
     parts = []
     for equation in equations:
         parts += [f"(eq-{equation.number})=", "", f"### ({equation.number}) {equation.title}", ""]
@@ -86,7 +86,7 @@ def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> st
 
 
 def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) -> str:
-    """What the errata say of an equation; of several together in words, as the formula of one is not the others'."""
+    """Return the erratum of an equation; without its formula if the erratum is about several equations."""
     where = _prose(row.where)
     link = f"[errata, {where}](#erratum-{rows.index(row) + 1})"
     if row.agrees:
@@ -98,22 +98,22 @@ def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) 
 
 
 def errata_text(rows: Sequence[Erratum]) -> str:
-    """Every row of the errata, those that agree as well, with an anchor each."""
+    """Return every row of the errata with an anchor, including those that agree."""
     wrong = sum(not row.agrees for row in rows)
-    parts = [f"Of {len(rows)} equations, tables and claims looked at, {wrong} do not agree with what follows.", ""]
+    parts = [f"{wrong} of the {len(rows)} equations, tables and claims below do not follow from the source.", ""]
     for number, row in enumerate(rows, 1):
         word = "agrees" if row.agrees else "does not agree"
         parts += [f"(erratum-{number})=", "", f"### {_prose(row.where)}: {word}", ""]
         if row.agrees:
             parts += [f"$$\n{row.derived_latex}\n$$\n"]
         else:
-            parts += [f"Printed:\n\n$$\n{row.printed_latex}\n$$\n", f"What follows:\n\n$$\n{row.derived_latex}\n$$\n"]
+            parts += [f"Printed:\n\n$$\n{row.printed_latex}\n$$\n", f"Derived:\n\n$$\n{row.derived_latex}\n$$\n"]
         parts += [f"By {_HOW[row.how]}: {_prose(row.sign_and_size)}. {_prose(row.explanation)}", ""]
     return "\n".join(parts)
 
 
 def steps_text(derivation: Derivation | PredictiveDerivation) -> str:
-    """The steps of the derivation with their checks."""
+    """Return the steps of the derivation with their checks."""
     parts = []
     for number, step in enumerate(derivation.steps, 1):
         mark = "checked" if step.checked else "CHECK FAILS"
@@ -127,23 +127,23 @@ def steps_text(derivation: Derivation | PredictiveDerivation) -> str:
 
 
 def _prose(text: str) -> str:
-    """Plain text for Markdown: its signs escaped."""
+    """Return plain text with the signs of Markdown escaped."""
     return re.sub(r"([*_|<>`\[\]$])", r"\\\1", text)
 
 
 def nomenclature_text() -> str:
-    """Symbols of the plant, of the published and of the predictive sliding-mode law."""
+    """Return the symbols of the plant, the published and the predictive sliding-mode law."""
     return "\n".join(
         [
-            "## Plant",
+            "### Plant",
             "",
             *_symbols(NOTATION.values()),
             "",
-            "## Published sliding-mode law",
+            "### Published sliding-mode law",
             "",
             *_symbols(SLIDING_NOTATION.values()),
             "",
-            "## Predictive sliding-mode law",
+            "### Predictive sliding-mode law",
             "",
             *_symbols(PREDICTIVE_NOTATION.values()),
             "",
@@ -161,11 +161,11 @@ def _unit(unit: str) -> str:
 
 
 def laws_text() -> str:
-    """The adhesion laws with their parameters."""
+    """Return the adhesion laws with their parameters."""
     parts = []
     for name, law in law_classes().items():
         parts += [
-            f"### `{name}`: {law.title}",
+            f"## `{name}`: {law.title}",
             "",
             _prose(law.source) + ".",
             "",
@@ -182,11 +182,11 @@ def laws_text() -> str:
 
 
 def controllers_text() -> str:
-    """The controller kinds with their parameters."""
+    """Return the controller kinds with their parameters."""
     parts = []
     for name, kind in controller_kinds().items():
         parts += [
-            f"### `{name}`: {kind.title}",
+            f"## `{name}`: {kind.title}",
             "",
             _prose(kind.source) + ".",
             "",
@@ -202,7 +202,7 @@ def controllers_text() -> str:
 
 
 def sources_text() -> str:
-    """The references by key, with an anchor each."""
+    """Return the references by key, each with an anchor."""
     parts = []
     for key, text in sorted(SOURCES.items()):
         linked = re.sub(r"doi:(\S+)", r"doi:[\1](https://doi.org/\1)", text)
@@ -214,7 +214,7 @@ def sources_text() -> str:
 
 
 def commands_text() -> str:
-    """The help of every command, as the terminal shows it."""
+    """Return the help of every command, as the terminal shows it."""
     import click
 
     from railslip_ctrl.cli.program import railslip
@@ -233,7 +233,7 @@ def commands_text() -> str:
 
 
 def packages() -> dict[str, list[str]]:
-    """The modules by the package (or module at the top) that they are in, in the order of their names."""
+    """Return the modules by their package or top-level module, in the order of their names."""
     found: dict[str, list[str]] = {"railslip_ctrl": ["railslip_ctrl"]}
     for info in pkgutil.walk_packages(railslip_ctrl.__path__, "railslip_ctrl."):
         parts = info.name.split(".")
@@ -243,7 +243,7 @@ def packages() -> dict[str, list[str]]:
 
 
 def write_api() -> None:
-    """One page a package, each module with its docstrings."""
+    """Write one page for each package, with the docstrings of its modules."""
     for package, modules in packages().items():
         lines = [package, "=" * len(package), ""]
         for module in modules:
@@ -258,7 +258,7 @@ def write_api() -> None:
 
 
 def _offered(module: ModuleType) -> list[str]:
-    """For a package: what it offers under its own name, linked to where each is defined and documented."""
+    """Return the lines of a package that link its exported names to their definitions."""
     if not hasattr(module, "__path__"):
         return []
     lines = ["   :no-members:", ""]

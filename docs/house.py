@@ -1,4 +1,4 @@
-"""How large is the package, and what stands on what? Counts of the house, and a picture of its rooms.
+"""How large is the package, and which room imports which? Prints counts and draws the rooms.
 
 python docs/house.py [PICTURE.svg]
 """
@@ -16,11 +16,11 @@ import grimp
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "railslip_ctrl"
 SAME = 6
-"""Lines in a row, blank ones and imports left out, that count as written twice."""
+"""Number of equal lines in a row, without blank lines and imports, that count as written twice."""
 
 
 def rooms() -> dict[str, tuple[set[str], int, int]]:
-    """Every room with the rooms that it imports, its files and its lines, from the top of the house to the ground."""
+    """Return each room with its imported rooms, files and lines, from the top floor down."""
     graph = grimp.build_graph("railslip_ctrl")
     below: dict[str, set[str]] = defaultdict(set)
     for module in graph.modules:
@@ -36,24 +36,24 @@ def rooms() -> dict[str, tuple[set[str], int, int]]:
 
 
 def floor(room: str, below: dict[str, set[str]]) -> int:
-    """One more than the highest of the rooms that it imports; the ground is 1."""
+    """Return one more than the highest floor among the imported rooms; the ground floor is 1."""
     return 1 + max((floor(one, below) for one in below[room]), default=0)
 
 
 def sources(folder: Path) -> dict[Path, str]:
-    """Text of every module in a folder that is not generated."""
+    """Return the text of every module in a folder, without generated ones."""
     return {path: path.read_text("utf-8") for path in sorted(folder.rglob("*.py")) if "_generated" not in path.parts}
 
 
 def names_used_twice() -> list[str]:
-    """Class names that more than one module of the package defines."""
+    """Return the class names that more than one module defines."""
     trees = [ast.parse(text) for text in sources(PACKAGE).values()]
     counted = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
     return sorted(name for name, count in counted.items() if count > 1)
 
 
 def written_twice() -> int:
-    """Pairs of places in the package that share `SAME` lines or more."""
+    """Return the number of pairs of places that share `SAME` lines or more."""
     places: dict[tuple[str, ...], list[tuple[Path, int]]] = defaultdict(list)
     for path, text in sources(PACKAGE).items():
         stripped = (line.strip() for line in text.splitlines())
@@ -66,7 +66,7 @@ def written_twice() -> int:
 
 
 def counts() -> str:
-    """The counts as a table in text, then the rooms, a line each."""
+    """Return the counts as a text table, then one line for each room."""
     house = rooms()
     below = defaultdict(set, {name: room[0] for name, room in house.items()})
     package, tests = sources(PACKAGE), sources(ROOT / "tests")
@@ -87,7 +87,7 @@ def counts() -> str:
 
 
 def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
-    """Who imports whom, but for what follows: an import of a room that is also reached through another."""
+    """Return the imports between rooms, without those that follow from others."""
     reached: dict[str, set[str]] = {}
     for room in sorted(below, key=lambda room: floor(room, below)):
         reached[room] = set().union(below[room], *(reached[one] for one in below[room]))
@@ -95,7 +95,7 @@ def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
 
 
 def picture(path: Path) -> None:
-    """Draw the rooms by floor, with arrows to what each imports."""
+    """Draw the rooms by floor, with arrows to the rooms that each imports."""
     import matplotlib.pyplot as plt
 
     house = rooms()
@@ -105,7 +105,7 @@ def picture(path: Path) -> None:
     boxes = {}
     for name, (_, files, lines) in house.items():
         beside = sorted(one for one in house if height[one] == height[name])
-        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # by an arrow, which needs the left half
+        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # an arrow passes on the left half
         x = 0.75 if passed else (beside.index(name) + 0.5) / len(beside)
         doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
         text = fill(doc.splitlines()[0].replace("`", ""), 62)

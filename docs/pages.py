@@ -1,10 +1,10 @@
-"""What a page of the documentation runs: files it writes, commands it calls, in the order in which it shows them.
+"""Files and commands of a documentation page, in their order on the page.
 
-    ```{file} tram.toml          the text is written to tram.toml and shown
-    :from: designs/tram.toml     or that of a file of the repository, shown with a link to download it
-    :hidden:                     the link alone
-    ```{railslip}                each line is a command; it is run and shown with its output
-    >>>                          Python, run by the tests as a doctest
+    ```{file} tram.toml          write the text to tram.toml and show it
+    :from: designs/tram.toml     use a file of the repository, shown with a link to download it
+    :hidden:                     show the link alone
+    ```{railslip}                run each line as a command and show its output
+    >>>                          Python, which the tests run as a doctest
 
 Files and commands share a folder, one for each page.
 """
@@ -34,9 +34,9 @@ _PROGRAMS = ("railslip", "python")
 
 @dataclass(frozen=True)
 class Block:
-    """A file (with its name) or commands (name empty), and the text.
+    """A file with its name, or commands with an empty name.
 
-    `tested` names the test file that runs commands which take too long to be run for every page as well.
+    `tested` is the test file that runs the command, if it takes too long to be run with the page.
     """
 
     name: str
@@ -45,18 +45,18 @@ class Block:
 
     @property
     def commands(self) -> list[list[str]]:
-        """The words of each command: `railslip ...`, or `python FILE` for a script that the page has written."""
+        """Words of each command: `railslip ...`, or `python FILE` for a script of the page."""
         lines = self.text.replace("\\\n", " ").splitlines()
         return [shlex.split(line, comments=True) for line in lines if line.split(" ")[0] in _PROGRAMS]
 
 
 def sources() -> list[Path]:
-    """The pages written by hand, in order."""
+    """Return the pages written by hand, sorted."""
     return sorted(path for path in DOCS.rglob("*.md") if not {"_generated", "_build"} & set(path.parts))
 
 
 def blocks(text: str) -> list[Block]:
-    """The files and commands of a page, in order."""
+    """Return the files and commands of a page, in order."""
     return [
         _block(name, _OPTION.sub("", body), dict(_OPTION.findall(body))) for _kind, name, body in _FENCE.findall(text)
     ]
@@ -68,20 +68,20 @@ def _block(name: str, body: str, options: dict[str, str]) -> Block:
 
 
 def repository_text(path: str) -> str:
-    """A file of the repository."""
+    """Return the text of a file of the repository."""
     return (ROOT / path).read_text("utf-8")
 
 
 def prepare(folder: Path) -> Path:
-    """A folder in which a page's commands run; nothing is in it that the page does not write."""
+    """Return the folder in which a page's commands run; it has only files that the page writes."""
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def renewed(folder: Path, text: str) -> Path:
-    """The folder of a page with this text, emptied if the page's files and commands, or the package, were others.
+    """Return the folder of a page, emptied if the page's files and commands, or the package, have changed.
 
-    A command may refuse what an earlier one left there, as a campaign refuses the folder of another.
+    A command may refuse files of an earlier one, as a campaign refuses the folder of another.
     """
     made_from = hashlib.sha256(repr((blocks(text), package_digest())).encode()).hexdigest()
     mark = prepare(folder) / ".made-from"
@@ -93,7 +93,7 @@ def renewed(folder: Path, text: str) -> Path:
 
 @cache
 def package_digest() -> str:
-    """Changes with every source file that a command may run."""
+    """Return a hash of every source file that a command may run."""
     digest = hashlib.sha256()
     for folder in ("railslip_ctrl", "designs"):
         for path in sorted((ROOT / folder).rglob("*")):
@@ -103,7 +103,7 @@ def package_digest() -> str:
 
 
 def run(words: list[str], folder: Path, history: str) -> str:
-    """Standard output of a command in a folder; kept until the package or what went before it (`history`) changes."""
+    """Return the standard output of a command; kept until the package or its `history` on the page changes."""
     key = hashlib.sha256(json.dumps([words, history, package_digest()]).encode()).hexdigest()[:16]
     stored = folder / f".{key}.txt"
     if stored.is_file():
@@ -118,7 +118,7 @@ def run(words: list[str], folder: Path, history: str) -> str:
         text=True,
         check=False,
     )
-    answered = (0, 1) if words[0] == "railslip" else (0,)  # 1: what was asked does not hold, which is an answer
+    answered = (0, 1) if words[0] == "railslip" else (0,)  # 1: a negative answer
     if done.returncode not in answered:
         raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
     stored.write_text(done.stdout, encoding="utf-8")

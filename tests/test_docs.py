@@ -53,7 +53,7 @@ def named(path: Path) -> str:
     return str(path.relative_to(DOCS).with_suffix(""))
 
 
-LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce")
+LONG = ("tutorial", "howto/campaign", "howto/log", "howto/reproduce", "howto/scenario")
 
 
 @pytest.mark.parametrize("page", [
@@ -102,18 +102,18 @@ def assert_gains_of_the_tutorial_are_those_found(text: str, printed: str) -> Non
     assert control.initial_torque == pytest.approx(friction * car.wheel_load * car.wheel.radius, abs=50.0)
 
 
-C_PAGE = TEXTS[DOCS / "howto" / "embedded_c.md"]
+C_PAGES = "".join(TEXTS[DOCS / "howto" / f"{name}.md"] for name in ("embedded_c", "sliding_c"))
 
 
 @needs_compiler
-def test_the_programs_of_the_c_page_brake(file, tmp_path, monkeypatch, railslip):
+def test_the_programs_of_the_c_pages_brake(file, tmp_path, monkeypatch, railslip):
     """Compiled and run by the lines that the page shows, and compared with the Python."""
     monkeypatch.syspath_prepend(str(tmp_path))
-    for block in (one for one in pages.blocks(C_PAGE) if one.name):
+    for block in (one for one in pages.blocks(C_PAGES) if one.name):
         file(block.name, block.text)
     runpy.run_path("write_c.py")
     numbers = {}
-    for shown in re.findall(r"^```sh\n(.*?)^```$", C_PAGE, flags=re.M | re.S):
+    for shown in re.findall(r"^```sh\n(.*?)^```$", C_PAGES, flags=re.M | re.S):
         for words in map(shlex.split, shown.splitlines()):
             if words[0] == "railslip":
                 assert railslip(*words[1:])[0] == 0
@@ -137,16 +137,22 @@ def test_the_programs_of_the_c_page_brake(file, tmp_path, monkeypatch, railslip)
 
 
 def test_what_pages_type_of_the_designs_is_what_the_package_has(file):
-    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} law_main.c")[2].partition("};")[0]))
+    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGES.partition("{file} law_main.c")[2].partition("};")[0]))
     law, car = published_controller("asmc", "bristle"), PARK2008
     published = {"rho": law.rho, "D": law.D, "K": law.K, "lambda_d": law.reference.dry}
     published |= {"J": car.wheel.inertia, "r": car.wheel.radius, "Mn": car.mass, "Bn": car.wheel.viscous_friction}
     assert {name: float(shown[name]) for name in published} == pytest.approx(published, rel=1e-12)  # 1.53 times 3.6
-    (text,) = (one.text for one in pages.blocks(TEXTS[DOCS / "howto" / "campaign.md"]) if one.name == "gains.toml")
+    (text,) = (one.text for one in pages.blocks(TEXTS[DOCS / "howto" / "scenario.md"]) if one.name == "gains.toml")
     typed, design = load_controller(file("gains.toml", text)), recommended_pi_lead(car)
     for name in ("system", "torque_min", "torque_max"):
         assert getattr(typed, name) == getattr(design, name)
     assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
+
+
+def test_the_gallery_knows_the_arguments_of_every_script(tmp_path):
+    gallery = documentation("gallery")
+    for script in gallery.scripts(tmp_path):
+        assert set(script.arguments()) <= {*gallery.NUMBERS.values(), str(script.folder)}, script.path
 
 
 def test_a_failing_command_stops_the_build(tmp_path):

@@ -22,9 +22,9 @@ def test_a_design_script_needs_names_from_the_top_alone(path):
 PRINTED = {
     "designs/pi_published": (3, "unstable: 2 closed-loop poles", "0.05859 to 0.2288 times this loop gain",
         "0.02832 to 0.3106 times", "Phase margin 6.37644 deg", "Phase margin 8.23774 deg"),
-    "designs/pi_dry": (0, "kp between 127.4 and 573.1", "most phase at 0.7982 rad/s", "Phase margin 10.0144 deg",
+    "designs/pi_dry": (1, "kp between 127.4 and 573.1", "most phase at 0.7982 rad/s", "Phase margin 10.0144 deg",
         "Ms = max |S| 5.73152", "Ms = max |S| 5.57903", "stable but fragile"),
-    "designs/pi_wet": (0, "Ms = max |S| 2.18385", "unstable: 2 closed-loop poles", "both rails", "worst Ms 5.502."),
+    "designs/pi_wet": (1, "Ms = max |S| 2.18385", "unstable: 2 closed-loop poles", "both rails", "worst Ms 5.502."),
     "designs/pi_robust": (1, "kp in (127.4, 573.1)", "ki >= 5: 5.416 at kp = 21",
         "as ki vanishes 4.693: a PI alone is fragile", "100.0 % of the loops stable fragile: Ms 5.42 (Ms 5.55",
         "Ms 42.09", "89.3 % of the loops stable unstable"),

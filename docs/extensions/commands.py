@@ -1,4 +1,4 @@
-"""The directives `file` and `railslip` (see `pages`): what a page shows as output is what the command prints."""
+"""The directives `file` and `railslip` (see `pages`), which show files, commands and their output."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ _LINES = 40
 
 
 class _OnPage(SphinxDirective):
-    """What both share: the page's folder, and what has been put there so far."""
+    """Base of both directives: the page's folder and its history."""
 
     def folder(self) -> Path:
         text = Path(self.env.doc2path(self.env.docname)).read_text("utf-8")
         return renewed(GENERATED / "run" / self.env.docname, text)
 
     def history(self, more: str = "") -> str:
-        """A hash of everything run or written on the page so far, with `more` added to it."""
-        told = self.env.temp_data.get("railslip", "") + more
-        digest = hashlib.sha256(told.encode()).hexdigest()
+        """Return a hash of everything run or written on the page so far, and of `more`."""
+        text = self.env.temp_data.get("railslip", "") + more
+        digest = hashlib.sha256(text.encode()).hexdigest()
         self.env.temp_data["railslip"] = digest
         return digest
 
 
 class FileDirective(_OnPage):
-    """Write the text, or that of a file of the repository, to a file of the page's folder, and show it."""
+    """Write the text, or a file of the repository, to a file of the page's folder, and show it."""
 
     has_content = True
     required_arguments = 1
     option_spec: ClassVar[dict[str, Any]] = {"from": directives.unchanged, "hidden": directives.flag}
 
     def run(self) -> list[nodes.Node]:
-        """The text with its name above it, or a link to it alone."""
+        """Return the text with its name above it, or only a link."""
         name, source = self.arguments[0], self.options.get("from", "")
         text = repository_text(source) if source else "\n".join(self.content) + "\n"
         (self.folder() / name).write_text(text, encoding="utf-8")
@@ -55,7 +55,7 @@ class FileDirective(_OnPage):
 
 
 class RailslipDirective(_OnPage):
-    """Run commands, show them, their output (its first `lines` lines, or the last `tail`) and `pictures` they wrote."""
+    """Run commands and show them with their output (first `lines` lines, or last `tail`) and `pictures`."""
 
     has_content = True
     option_spec: ClassVar[dict[str, Any]] = {
@@ -68,7 +68,7 @@ class RailslipDirective(_OnPage):
     }
 
     def run(self) -> list[nodes.Node]:
-        """The nodes."""
+        """Return the nodes of commands, output and pictures."""
         text = "\n".join(self.content) + "\n"
         found: list[nodes.Node] = [nodes.literal_block(text, text, language="sh")]
         for words in Block("", text).commands:

@@ -1,7 +1,7 @@
-"""Docstrings of the package for Sphinx: plain prose and formulas, escaped where reStructuredText reads signs.
+"""Docstrings of the package for Sphinx: escape signs of reStructuredText and link names.
 
-The docstrings are written to be read in an editor: |x| is a size, N*m a unit, a `name` in backticks a name. Here the
-signs are escaped, and names are linked where there is such an object.
+The docstrings are written for an editor: |x| is an absolute value, N*m a unit, a `name` in backticks a name. Names are
+linked if the object exists.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")
 
 
 def escape(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Escape the signs outside code, before napoleon reads the sections."""
+    """Escape signs outside code, before napoleon reads the sections."""
     lines[:] = _escaped("\n".join(lines)).split("\n")
     if what in ("attribute", "data", "property"):
-        lines[:0] = ["..", ""]  # an empty comment: napoleon takes a first line with a colon for a type
+        lines[:0] = ["..", ""]  # an empty comment: napoleon reads a first line with a colon as a type
 
 
 def signature(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, given: str | None, returned: str | None
 ) -> tuple[str, str | None] | None:
-    """A record's arguments by name; their types are in the list of its fields, in words."""
+    """Return the arguments of a record by name; the list of its fields has their types."""
     if what != "class" or not (isinstance(obj, type) and issubclass(obj, Record)):
         return None
     names = [name if info.is_required() else f"{name}=..." for name, info in obj.model_fields.items()]
@@ -44,14 +44,14 @@ def _escaped(text: str) -> str:
     for i in range(0, len(parts), 2):
         parts[i] = _SIGNS.sub(lambda sign: "\\" + sign[0], parts[i])
         if i and re.match(r"[\w^]", parts[i]):
-            parts[i] = "\\ " + parts[i]  # what follows a name at once has to be told apart from it
+            parts[i] = "\\ " + parts[i]  # separates a name from the text that follows it
     return "".join(parts)
 
 
 def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:
-    """Link a name to the only object that ends in it; show a `name` or a word of a field's type that is none as it is.
+    """Link a name to the only object that ends in it, or show the name unlinked.
 
-    What a page or a signature names in full has to resolve: that is left to Sphinx, which complains.
+    Full names in pages and signatures have to resolve; Sphinx reports those that do not.
     """
     if node.get("refdomain") != "py":
         return None
@@ -77,14 +77,14 @@ def _link(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes
 
 
 def leave_out_tables(app: Sphinx, doctree: nodes.document) -> None:
-    """A constant without its value where that fills many lines, such as a table of symbols: its docstring says it."""
+    """Remove the value of a constant that fills many lines, such as a table of symbols."""
     for value in list(doctree.findall(desc_annotation)):
         if len(value.astext()) > LONGEST_VALUE:
             value.parent.remove(value)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect; 400 comes before napoleon's 500."""
+    """Connect the handlers; priority 400 comes before napoleon's 500."""
     app.connect("autodoc-process-docstring", escape, priority=400)
     app.connect("autodoc-process-signature", signature)
     app.connect("missing-reference", resolve)

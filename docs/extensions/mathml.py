@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers show without scripts, fonts or network."""
+"""Formulas as MathML, which browsers show without scripts, fonts or network access."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from sphinx.application import Sphinx
 
 
 def visit_inline(self: Any, node: nodes.math) -> None:
-    """Put an inline formula into the page."""
+    """Write an inline formula into the page."""
     self.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 
 def visit_display(self: Any, node: nodes.math_block) -> None:
-    """Put a formula on a line of its own."""
+    """Write a formula on its own line into the page."""
     self.body.append(f'<div class="math-block">{convert(node.astext(), display="block")}</div>')
     raise nodes.SkipNode
 
