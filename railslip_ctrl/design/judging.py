@@ -27,7 +27,7 @@ from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Actuator
 
-from .envelope import Case, Envelope, EnvelopePoints
+from .envelope import ERRORS, Case, Envelope, EnvelopePoints
 from .specification import is_robust
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
@@ -258,6 +258,7 @@ class Judgement:
             "load": list(self.points.loads),
             "slip / reference": list(self.points.slip_factors),
             "radius_m": [plant.point.vehicle.wheel.radius for plant in plants],
+            **{name: [error[i] for error in self.points.errors] for i, name in enumerate(ERRORS)},
         }
         of_actuators = {"dead_time_s": [a.dead_time for a in actuators], "lag_s": [a.lag for a in actuators]}
         labels = {name: np.array(values)[self.points.plant] for name, values in of_plants.items()}

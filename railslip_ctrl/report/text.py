@@ -14,7 +14,7 @@ from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.systems import LinearController, plain_number, system_words
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.design.assessment import Assessment, assess
-from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope import ERRORS, Envelope
 from railslip_ctrl.design.envelope_tuning import Design
 from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.tuning import TunedCases
@@ -377,7 +377,7 @@ def envelope_words(envelope: Envelope) -> str:
     car, said = envelope.vehicle, envelope.table()
     lists = [", ".join(said[name]) for name in ("rails", "laws", "loads")]
     speeds = f"{', '.join(f'{v:g}' for v in envelope.speeds)} km/h"
-    names = ("slip", "dead_time", "lag", "radius")
+    names = ["slip", "dead_time", "lag", "radius", *(name for name in ERRORS if said[name] != [1.0])]
     factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in said[name])}" for name in names)
     slips = [f"{value:g} {rail}" for rail, value in said.get("reference", {}).items() if rail in said["rails"]]
     return "; ".join(

@@ -20,6 +20,7 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
 LEAST_STEP = LEAST_PERIOD  #: s, of the integration
 LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
+STEEPEST = 0.15  #: gradient; no adhesion railway is steeper
 
 
 class Event(Record):
@@ -64,8 +65,14 @@ class Disturbances(Record):
 
 
 class Measurement(Record):
-    """What the controller sees of train speed and wheel speed: noise, the sensor's grid, a low-pass filter."""
+    """What the controller sees of train speed and wheel speed: scale, noise, the sensor's grid, a low-pass filter.
 
+    A wheel encoder is read at each sample: teeth passed over the time between the last ones, so that its speed is the
+    mean of that time, and late by half of it. Where no tooth passes, it is at most that of a tooth passing now.
+    """
+
+    speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
+    encoder_teeth: float = quantity("1", "teeth of the wheel's encoder; 0: its speed as it is", ge=0, default=0.0)
     speed_noise: float = quantity("m/s", "standard deviation of the train speed's noise, per sample", ge=0, default=0.0)
     wheel_noise: float = quantity(
         "rad/s", "standard deviation of the wheel speed's noise, per sample", ge=0, default=0.0
@@ -142,6 +149,9 @@ class Scenario(Record):
     measurement: Measurement = Field(Measurement(), description="what the controller sees of the speeds")
     limits: BrakeLimits = Field(BrakeLimits(), description="what the actuator cannot do")
     beliefs: Beliefs = Field(Beliefs(), description="what controllers believe of the vehicle wrongly")
+    gradient: float = quantity(
+        "1", "rise of the track over its length, downhill negative", ge=-STEEPEST, le=STEEPEST, default=0.0
+    )
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
