@@ -14,7 +14,7 @@ from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, named_law
-from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RANDOM_SHARE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
@@ -204,13 +204,16 @@ class Scenario(Record):
             return False
 
     def for_vehicle(self, vehicle: Vehicle) -> Self:
-        """The scenario with another vehicle; a published law follows its wheel load, an event's mass its loaded one."""
+        """The scenario with another vehicle; a published law and the random force follow its wheel load, an event's
+        mass its loaded one."""
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
             for event in self.events
         )
         law = named_law(self.adhesion.name, vehicle, self.initial_speed) if self.has_named_law else self.adhesion
-        return self.with_changes(vehicle=vehicle, events=events, adhesion=law)
+        share = vehicle.wheel_load / self.vehicle.wheel_load
+        noise = self.disturbances.model_copy(update={"random_force": share * self.disturbances.random_force})
+        return self.with_changes(vehicle=vehicle, events=events, adhesion=law, disturbances=noise)
 
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
@@ -255,7 +258,7 @@ def stop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     adhesion: str | AdhesionLaw = "curve",
 ) -> Scenario:
-    """A plain stop on one rail with the random forces of [Park2008], to 5 km/h.
+    """A plain stop on one rail with the random forces of [Park2008], in proportion to the wheel load, to 5 km/h.
 
     - vehicle: with the load that it has.
     - rail: "dry" or "wet", throughout.
@@ -264,7 +267,8 @@ def stop(
 
     In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
-    speed, noise = speed_kmh * KMH, PUBLISHED_DISTURBANCES
+    speed = speed_kmh * KMH
+    noise = PUBLISHED_DISTURBANCES.model_copy(update={"random_force": RANDOM_SHARE * vehicle.wheel_load})
     law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
     return Scenario(
         name="stop", vehicle=vehicle, adhesion=law, rail=Rail(rail), initial_speed=speed, disturbances=noise

@@ -25,6 +25,7 @@ INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at that load, N ([Park2008] p. 55)
+RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: the same over the wheel load, with which it grows
 
 
 class ReferenceSlip(Record):
