@@ -514,7 +514,7 @@ def test_errors_of_sensors_and_brake_are_tolerances():
     errors = {"torque_gain": (0.85, 1.15), "speed_scale": (0.98,), "believed_radius": (1.02,)}
     narrow = {"laws": ("curve",), "rails": ("dry",), "speeds": (60,), "loads": ("empty",), "slip": (1.0,)}
     narrow |= {"dead_time": (1.0,), "lag": (1.0,), "radius": (1.0,)}
-    found = judge(pi, Envelope(PARK2008, **narrow, **errors))
+    found = judge(Envelope(PARK2008, **narrow, **errors), pi)
     cases = [found.points.case(i) for i in range(len(found.points))]
     assert [case.errors for case in cases] == [(1.0, 1.0, 1.0), (0.85, 0.98, 1.02), (1.15, 0.98, 1.02)]
     assert cases[1].words == "curve, dry, empty, 60 km/h, torque gain -15 %, speed scale -2 %, believed radius +2 %"
@@ -525,6 +525,6 @@ def test_errors_of_sensors_and_brake_are_tolerances():
         point = operating_point(case.point.law, PARK2008, 60 / 3.6, case.point.slip)
         scaled = wheel_slip_loop(point, PIController(PIGains(kp=250.0, ki=60.0))).scaled(gain * 1.02)
         assert found.ms[cases.index(case)] == pytest.approx(scaled.margins().ms, rel=1e-9)
-    seeking = judge(Predictive.for_vehicle(PARK2008), Envelope(PARK2008, **narrow, torque_gain=(1.0, 1.15)))
+    seeking = judge(Envelope(PARK2008, **narrow, torque_gain=(1.0, 1.15)), Predictive.for_vehicle(PARK2008))
     assert seeking.ms[0] != seeking.ms[1]
     assert set(found.by_axis()["torque_gain"]) == {1.0, 0.85, 1.15}

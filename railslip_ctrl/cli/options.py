@@ -406,7 +406,13 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
             ),
             number_option("--torque-gain", "1", "Factor on the commanded torque, which acts.", _SCENARIO, gt=0),
             number_option("--speed-scale", "1", "Factor on the measured train speed.", _SCENARIO, gt=0),
-            number_option("--encoder-teeth", "1", "Teeth of the wheel's encoder, a number; 0: none.", _SCENARIO, ge=0),
+            number_option(
+                "--encoder-teeth",
+                "1",
+                "Teeth of the wheel's encoder, ratio of a turn to one; 0: none.",
+                _SCENARIO,
+                ge=0,
+            ),
             number_option("--believed-radius", "m", "Wheel radius that controllers believe, m.", _SCENARIO, gt=0),
         ]
         return [*of_run, *of_law, *of_speed, *of_vehicle]
