@@ -175,7 +175,7 @@ def test_slide_protection_dumps_holds_and_fills_by_slip_and_deceleration():
     deceleration where there is some slip, and fills where there is none."""
     cases = (
         *((500.0, 0.3, 0.0, 1, -1.0, 341.76), (150.0, 0.3, 0.0, 1, -1.0, 0.0), (500.0, 0.1, 0.0, 1, 0.0, 500.0)),
-        *((8990.0, 0.01, 0.0, 1, 1.0, 9000.0), (500.0, 0.0, 3.0, 30, 1.0, 796.7), (5e3, 0.0, 8.0, 4, 1.0, 5039.56)),
+        *((8995.0, 0.01, 0.0, 1, 1.0, 9000.0), (500.0, 0.0, 3.0, 30, 1.0, 796.7), (5e3, 0.0, 8.0, 4, 1.0, 5039.56)),
         (5e3, 0.1, 40.0, 2, -1.0, 4841.76),
     )
     for torque, slip, deceleration, samples, valve, expected in cases:
