@@ -439,7 +439,7 @@ def test_what_the_script_says(ran) -> None:
             assert row.braking_distance.value > runs.bound.braking_distance
             assert row.braking_time.value > runs.bound.braking_time
         assert {runs.row(name).lock_time.value for name in ("PI-lead", "PI-lead scheduled")} == {0}
-        assert runs.row("slide protection").lock_time.value < 0.1  # at the end, below 8 km/h
+        assert runs.row("slide protection").lock_time.value < 0.3  # at the end, below 8 km/h
     lead, scheduled = (one for one in comparison.margins[0] if one.name.startswith("PI-lead"))
     assert (lead.unstable_points, scheduled.unstable_points, lead.gain_increase > 2) == (0, 0, True)
     assert lead.ms < 2.01  # what it was tuned for, 2, and the rounding of its gains
