@@ -215,7 +215,8 @@ def test_designs_follow_another_vehicle():
     assert full_brake_torque(heavy) == pytest.approx(18_000.0)
     lighter = heavy.model_copy(update={"wheel_load": 40_000.0})  # by its load when loaded
     assert full_brake_torque(lighter) == pytest.approx(18_000.0)
-    assert SlideProtection.for_vehicle(heavy).fill_rate == pytest.approx(2 * SlideProtection().fill_rate)
+    rates = [SlideProtection.for_vehicle(car).fill_rate * (car.actuator.dead_time + 0.6) for car in (heavy, PARK2008)]
+    assert rates[0] == pytest.approx(2 * rates[1])  # by wheel load, over dead time and lag
     with pytest.raises(InfeasibleDesignError, match="give its gains"):
         catalogue.recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
 
