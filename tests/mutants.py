@@ -51,6 +51,7 @@ ROOMS = {
     "model/kernels": "numeric simulation_engine",
     "controllers/": "simulation_controllers scenarios",
     "controllers/files": "scenarios step_objects",
+    "controllers/predictive_sampled": "predictive_sampled",
     "controllers/sampled": "sampled simulation_controllers",
     "controllers/scheduled": "simulation_controllers tuning scenarios",
     "controllers/seeking": "seeking simulation_controllers",

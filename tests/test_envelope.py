@@ -11,6 +11,8 @@ from project import changed, refused
 
 from railslip_ctrl import Envelope, judge, load_controller, load_envelope, load_vehicle
 from railslip_ctrl.controllers.braking import linear_control
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.predictive import Predictive
 from railslip_ctrl.controllers.sampled import sampled_loop
 from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
@@ -503,3 +505,26 @@ def test_the_slips_held_are_those_of_every_law():
         envelope = Envelope(speeds=60, **axes)
         found = held_slips(envelope, envelope.points(nominal=True))
         assert (found and (found.dry, found.wet)) == held
+
+
+def test_errors_of_sensors_and_brake_are_tolerances():
+    """A torque gain scales the loop; a scale of the speed and a wrong radius move the slip that is held, and the loop
+    scales with the radius believed. A controller that finds its slip is not moved."""
+    pi = PI(kp=250.0, ki=60.0, reference=ReferenceSlip(dry=0.06, wet=0.06))
+    errors = {"torque_gain": (0.85, 1.15), "speed_scale": (0.98,), "believed_radius": (1.02,)}
+    narrow = {"laws": ("curve",), "rails": ("dry",), "speeds": (60,), "loads": ("empty",), "slip": (1.0,)}
+    narrow |= {"dead_time": (1.0,), "lag": (1.0,), "radius": (1.0,)}
+    found = judge(Envelope(PARK2008, **narrow, **errors), pi)
+    cases = [found.points.case(i) for i in range(len(found.points))]
+    assert [case.errors for case in cases] == [(1.0, 1.0, 1.0), (0.85, 0.98, 1.02), (1.15, 0.98, 1.02)]
+    assert cases[1].words == "curve, dry, empty, 60 km/h, torque gain -15 %, speed scale -2 %, believed radius +2 %"
+    assert cases[1].table()["speed_scale"] == 0.98
+    rolled = 0.94 * cases[1].point.speed * 0.98 / 1.02  # r omega of which the measured slip is 0.06
+    for case, gain in zip(cases[1:], (0.85, 1.15), strict=True):
+        assert case.point.slip == pytest.approx(1 - rolled / case.point.speed, rel=1e-12)
+        point = operating_point(case.point.law, PARK2008, 60 / 3.6, case.point.slip)
+        scaled = wheel_slip_loop(point, PIController(PIGains(kp=250.0, ki=60.0))).scaled(gain * 1.02)
+        assert found.ms[cases.index(case)] == pytest.approx(scaled.margins().ms, rel=1e-9)
+    seeking = judge(Envelope(PARK2008, **narrow, torque_gain=(1.0, 1.15)), Predictive.for_vehicle(PARK2008))
+    assert seeking.ms[0] != seeking.ms[1]
+    assert set(found.by_axis()["torque_gain"]) == {1.0, 0.85, 1.15}

@@ -207,7 +207,7 @@ def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(toml):
         "torque_max", "filter_time", "radius"}),
     (sim.Beliefs, {}, {"radius", "wheel_inertia", "wheel_load"}),
     (sim.Disturbances, {}, {"random_hold"}),
-    (sim.Measurement, {}, set()),
+    (sim.Measurement, {}, {"speed_scale"}),
     (sim.BrakeLimits, {"torque_min": -1.0, "torque_max": 1.0}, {"rate", "dump_lag", "torque_gain"}),
 ])  # fmt: skip
 def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, positive):

@@ -171,10 +171,12 @@ def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
 
 
 def test_slide_protection_dumps_holds_and_fills_by_slip_and_deceleration():
-    """By hand, 0.5 s at a deceleration of the wheel: 160 N*m a sample down, 20 N*m up, from 0 to 9 000 N*m."""
+    """By hand, at a deceleration of the wheel: 158.24 N*m a sample down, 9.89 N*m up, from 0 to 9 000 N*m; it dumps by
+    deceleration where there is some slip, and fills where there is none."""
     cases = (
-        *((500.0, 0.3, 0.0, 1, -1.0, 340.0), (150.0, 0.3, 0.0, 1, -1.0, 0.0), (500.0, 0.1, 0.0, 1, 0.0, 500.0)),
-        *((8990.0, 0.01, 0.0, 1, 1.0, 9000.0), (500.0, 0.0, 3.0, 30, 1.0, 1100.0), (5e3, 0.0, 8.0, 4, -1.0, 4900.0)),
+        *((500.0, 0.3, 0.0, 1, -1.0, 341.76), (150.0, 0.3, 0.0, 1, -1.0, 0.0), (500.0, 0.1, 0.0, 1, 0.0, 500.0)),
+        *((8995.0, 0.01, 0.0, 1, 1.0, 9000.0), (500.0, 0.0, 3.0, 30, 1.0, 796.7), (5e3, 0.0, 8.0, 4, 1.0, 5039.56)),
+        (5e3, 0.1, 40.0, 2, -1.0, 4841.76),
     )
     for torque, slip, deceleration, samples, valve, expected in cases:
         step, rim = Stepped(SlideProtection()), 20.0
@@ -213,7 +215,8 @@ def test_designs_follow_another_vehicle():
     assert full_brake_torque(heavy) == pytest.approx(18_000.0)
     lighter = heavy.model_copy(update={"wheel_load": 40_000.0})  # by its load when loaded
     assert full_brake_torque(lighter) == pytest.approx(18_000.0)
-    assert SlideProtection.for_vehicle(heavy).fill_rate == pytest.approx(2 * SlideProtection().fill_rate)
+    rates = [SlideProtection.for_vehicle(car).fill_rate * (car.actuator.dead_time + 0.6) for car in (heavy, PARK2008)]
+    assert rates[0] == pytest.approx(2 * rates[1])  # by wheel load, over dead time and lag
     with pytest.raises(InfeasibleDesignError, match="give its gains"):
         catalogue.recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
 

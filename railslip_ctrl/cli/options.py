@@ -37,7 +37,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation import Scenario
-from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario
+from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, STEEPEST, load_scenario
 
 from .output import progress
 from .settings import Option, json_option, option, path_option, preset, switch
@@ -113,6 +113,11 @@ class CaseOptions:
     slip: float | None = None
     scenario: str = BUILT_IN[0]
     step: float | None = None
+    gradient: float | None = None
+    torque_gain: float | None = None
+    speed_scale: float | None = None
+    encoder_teeth: float | None = None
+    believed_radius: float | None = None
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
@@ -240,6 +245,17 @@ class CaseOptions:
         changes: dict[str, Any] = {"initial_speed": start}
         if self.step is not None:
             changes["step"] = self.step
+        if self.gradient is not None:
+            changes["gradient"] = self.gradient
+        errors = (
+            ("limits", {"torque_gain": self.torque_gain}),
+            ("measurement", {"speed_scale": self.speed_scale, "encoder_teeth": self.encoder_teeth}),
+            ("beliefs", {"radius": self.believed_radius}),
+        )
+        for name, given in errors:
+            update = {key: value for key, value in given.items() if value is not None}
+            if update:
+                changes[name] = getattr(scenario, name).model_copy(update=update)
         if self.rails:
             (changes["rail"],) = self.chosen_rails()
         v0 = self.law_speed(start)
@@ -385,6 +401,19 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
         of_run = [
             preset("--scenario", f"{'|'.join(BUILT_IN)}|FILE.toml", scenario, BUILT_IN[0]),
             number_option("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
+            number_option(
+                "--gradient", "1", "Gradient, ratio of rise to length; downhill negative.", _SCENARIO, ge=-STEEPEST
+            ),
+            number_option("--torque-gain", "1", "Factor on the commanded torque, which acts.", _SCENARIO, gt=0),
+            number_option("--speed-scale", "1", "Factor on the measured train speed.", _SCENARIO, gt=0),
+            number_option(
+                "--encoder-teeth",
+                "1",
+                "Teeth of the wheel's encoder, ratio of a turn to one; 0: none.",
+                _SCENARIO,
+                ge=0,
+            ),
+            number_option("--believed-radius", "m", "Wheel radius that controllers believe, m.", _SCENARIO, gt=0),
         ]
         return [*of_run, *of_law, *of_speed, *of_vehicle]
     static = ", ".join(name for name, law in law_classes().items() if not law.has_state)

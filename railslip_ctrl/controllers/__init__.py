@@ -4,8 +4,8 @@ Imports `sliding`, `loop`, `model` and `core`. Begin with `base` (what a kind is
 
 - `base`: the class that a kind derives from; `translate` reads its step and prints it as kernel text
 - `pi`, `linear` (transfer function, state space; `sampled` has their difference equations), `scheduled`,
-  `slide_protection`, `sliding` (the published law), `predictive` (sliding mode ahead of the dead time), `seeking`,
-  `torque_profile`: the kinds
+  `slide_protection`, `sliding` (the published law), `predictive` (sliding mode ahead of the dead time; its loop as
+  it runs is in `predictive_sampled`), `seeking`, `torque_profile`: the kinds
 - `braking`: any linear system as one of them
 - `user_step`: a Python object or function of the user's with a step, called by `step_calls`
 - `systems`: linear controllers as systems, and the loop that a controller closes around the wheel

@@ -253,6 +253,16 @@ class Controller(Record):
         """
         return None
 
+    def sampled_ms(self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]) -> Any:
+        """Ms of the loop of each case as it runs, sampled, inf where that is unstable; None if its loop is that of a
+        linear system. `case` as of `stable_and_ms`."""
+        return None
+
+    def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
+        """The sampled loop that it closes at an operating point with an `actuator`; None for that of a linear
+        system."""
+        return None
+
     # --- what its step has from elsewhere ---
 
     def assuming(self, law: AdhesionLaw) -> Self:

@@ -23,6 +23,7 @@ from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller
 from .linear import TORQUE_LIMIT, adhesion_share
+from .predictive_sampled import SampledLaw, sampled_laws
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 QUICK_TIME = 0.05  # s
 
-_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: sampling then adds up to 5 % to Ms with the brake as believed
+_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: with fewer Ms is above 2 for light and heavy vehicles
 _SPARE = 3  # samples of the torque history beyond the dead time
 
 FADED = 0.7
@@ -191,8 +192,8 @@ class Predictive(Controller):
         is over.
 
         - vehicle: its wheel, wheel load and actuator count; its mass does not.
-        - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less, with which sampling
-          adds up to 5 % to Ms with the brake as believed, and more with tolerances. A longer one is refused.
+        - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less. A longer one is
+          refused.
 
         InputError: a brake without dead time, or a period beyond that.
         """
@@ -235,7 +236,8 @@ class Predictive(Controller):
         The speed is frozen. With g = k + K/phi, E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
         deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa/g +
         kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g
-        + kappa theta) Q E]. It runs sampled; this is the loop of a short period.
+        + kappa theta) Q E]. It runs sampled; this is the loop of a short period, and
+        `loop_as_run` that of its own.
 
         - point: of wheel and rail.
         - actuator: the brake, s; left out, as believed.
@@ -273,6 +275,18 @@ class Predictive(Controller):
             denominator = QuasiPolynomials(parts, (none, believed), removed=1)
             stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
         return stable, ms
+
+    def sampled_ms(
+        self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
+    ) -> Floats:
+        ms = np.full(case[0].size, np.inf)
+        for mine, loops in sampled_laws(self, points, brakes, case):
+            ms[mine] = loops.stable_and_ms[1]
+        return ms
+
+    def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> SampledLaw:
+        first = np.zeros(1, dtype=np.intp)
+        return SampledLaw(next(sampled_laws(self, [point], [actuator], (first, first)))[1])
 
 
 @lru_cache(64)  # the actuators of an envelope follow each other at a point

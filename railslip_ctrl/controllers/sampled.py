@@ -23,7 +23,7 @@ from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator
 
-from .base import PERIOD
+from .base import PERIOD, Controller
 from .systems import (
     LinearController,
     PIController,
@@ -344,9 +344,11 @@ def sampled_loop(
     )
 
 
-def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> SampledLoop | None:
+def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
     """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
     make a difference."""
+    if isinstance(controller, Controller) and (own := controller.loop_as_run(plant.point, actuator)) is not None:
+        return own
     sampled = getattr(controller, "as_run", None)
     if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
         return None

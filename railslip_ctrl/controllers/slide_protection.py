@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar, Self
 
 from pydantic import model_validator
@@ -10,21 +9,25 @@ from pydantic import model_validator
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.vehicle import Record, Vehicle
+from railslip_ctrl.model.adhesion.base import RANDOM_SHARE
+from railslip_ctrl.model.vehicle import GRAVITY, Record, Vehicle
 
 from .base import LEAST_PERIOD, Controller
-from .linear import adhesion_share, full_brake_torque
+from .linear import full_brake_torque
+
+_WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients
+_DUMPED = 0.8  # of N r, in dead time and lag: the best rail's torque, and the wheel's turn back to rolling
+_FILTER_TIME = 0.05  # s
 
 
 class SlideProtection(Controller):
-    """The valve dumps where the slip is above `dump_slip` or the wheel decelerates by more than `dump_deceleration`,
-    fills where the slip is below `fill_slip`, and holds in between; the torque asked for moves by `fill_rate` and
-    `dump_rate` between 0 and `torque_max`, which a driver's full brake asks for. `reference` only judges the slip, if
-    it is given.
+    """The valve dumps where the slip is above `dump_slip`, or above `fill_slip` while the wheel decelerates by more
+    than `dump_deceleration`; it fills where the slip is below `fill_slip`, and holds in between. The torque asked for
+    moves by `fill_rate` and `dump_rate` between 0 and `torque_max`, which a driver's full brake asks for. `reference`
+    only judges the slip, if it is given.
 
-    The defaults are a baseline: slips and deceleration of the size that wheel slide protection in service acts on
-    (slips of 5 to 30 %), the rates slow enough for the published brake's lag and dead time that the wheel does not lock
-    in either built-in scenario. InputError unless fill_slip < dump_slip.
+    The slips are of the size that wheel slide protection in service acts on (5 to 30 %); the other defaults are those
+    of the published vehicle by the rule of `for_vehicle`. InputError unless fill_slip < dump_slip.
     """
 
     kind: ClassVar[str] = "slide-protection"
@@ -37,13 +40,13 @@ class SlideProtection(Controller):
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=0.01)
     reference: ReferenceSlip | None = None
     radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    fill_slip: float = quantity("1", "slip to fill below", gt=0, lt=1, default=0.05)
+    fill_slip: float = quantity("1", "slip to fill below", gt=0, lt=1, default=0.07)
     dump_slip: float = quantity("1", "slip to dump above", gt=0, lt=1, default=0.15)
-    dump_deceleration: float = quantity("m/s^2", "wheel deceleration to dump above", gt=0, default=4.5)
-    fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=2000.0)
-    dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=16000.0)
+    dump_deceleration: float = quantity("m/s^2", "wheel deceleration to dump above", gt=0, default=4.75)
+    fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=989.0)
+    dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=15824.0)
     torque_max: float = quantity("N*m", "full brake", gt=0, default=9000.0)
-    filter_time: float = quantity("s", "filter of the deceleration", gt=0, default=0.02)
+    filter_time: float = quantity("s", "filter of the wheel's speed", gt=0, default=_FILTER_TIME)
 
     class State(Record):
         """Valve, filter and torque; it begins released, and takes the wheel's speed at the first sample."""
@@ -67,15 +70,14 @@ class SlideProtection(Controller):
         """The valve's position by slip and wheel deceleration, and the torque that it moves."""
         speed = measurement.train_speed
         rim = parameters.radius * measurement.wheel_speed
-        if not (math.isfinite(speed) and math.isfinite(rim)):
-            return state.torque_asked
         if state.started == 0.0:
             state.filtered_rim_speed, state.started = rim, 1.0
         blend = parameters.period / (parameters.period + parameters.filter_time)
         deceleration = (state.filtered_rim_speed - rim) / (parameters.period + parameters.filter_time)
         state.filtered_rim_speed += blend * (rim - state.filtered_rim_speed)
-        slip = (speed - rim) / speed if speed > 0.0 else 0.0
-        if slip > parameters.dump_slip or deceleration > parameters.dump_deceleration:
+        slip = (speed - state.filtered_rim_speed) / speed if speed > 0.0 else 0.0
+        slides = slip > parameters.fill_slip and deceleration > parameters.dump_deceleration
+        if slip > parameters.dump_slip or slides:
             state.valve = -1.0
         elif slip < parameters.fill_slip:
             state.valve = 1.0
@@ -95,11 +97,25 @@ class SlideProtection(Controller):
         )
 
     def limits_described(self) -> str:
-        return f"{super().limits_described()}, filter of deceleration {self.filter_time:g} s"
+        return f"{super().limits_described()}, filter of the wheel's speed {self.filter_time:g} s"
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Its rates and full brake in proportion to what the vehicle's adhesion can take; the slips as they are."""
-        share, fields = adhesion_share(vehicle, vehicle.wheel_load), cls.model_fields
-        rates = {name: share * fields[name].default for name in ("fill_rate", "dump_rate")}
-        return cls(**{**rates, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
+        """Thresholds and rates for a vehicle with dead time theta and lag T; the slips as they are.
+
+        In theta + T, by which it knows of a slide too late, the valve fills as much torque as a weak rail holds, and
+        dumps sixteen times that. It dumps where the wheel decelerates by more than the train does on the best rail, and
+        by a random force's more, [Park2008] p. 55: 0.0125 of the wheel load, N r^2/J times that at the rim. A swing of
+        the wheel about its rolling contact, some 5 Hz, is filtered away, as it is no slide.
+        """
+        wheel, actuator = vehicle.wheel, vehicle.actuator
+        time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default
+        most = vehicle.wheel_load * wheel.radius
+        shaken = RANDOM_SHARE * vehicle.wheel_load * wheel.radius**2 / wheel.inertia
+        rules = {
+            "fill_rate": _WEAK_RAIL * most / time,
+            "dump_rate": _DUMPED * most / time,
+            "dump_deceleration": round(_BEST_RAIL * GRAVITY + shaken, 2),
+            "torque_max": full_brake_torque(vehicle),
+        }
+        return cls(**{**rules, **given}).believing(vehicle)

@@ -72,7 +72,7 @@ class Assessment:
     margins: Margins | None
     pade: tuple[PadeRow, ...]
     verdict: Verdict
-    as_run: SampledLoop | None = None
+    as_run: Any = None
     sampled: Margins | None = None
 
     def __str__(self) -> str:

@@ -11,6 +11,9 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
     dead_time = [0.7, 1.0, 1.3]           # factors
     lag = [0.7, 1.0, 1.3]
     radius = [0.94, 1.0]                  # worn wheel
+    torque_gain = [1.0]                   # acting torque over the one commanded
+    speed_scale = [1.0]                   # measured train speed over the true one
+    believed_radius = [1.0]               # radius that the controller believes over the true one
     reference = { dry = 0.132, wet = 0.092 }    # left out: each law's own
     initial_speed = 100                   # km/h; v0 of the laws that are published over it
 """
@@ -47,6 +50,9 @@ Law = str | Path | InstanceOf[AdhesionLaw]
 HeldSlip = Callable[[AdhesionLaw, float, float], float]
 """The slip ratio held on a rail, from its law, the train's speed, m/s, and the wheel load, N."""
 
+ERRORS = ("torque_gain", "speed_scale", "believed_radius")
+_FACTORS = ("slip", "dead_time", "lag", "radius", *ERRORS)
+
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more would fill memory: the default has 2592
 _FASTEST = 1000.0  # km/h; no train, nor the domain of a law, goes there
@@ -57,7 +63,9 @@ class Envelope(Record):
     """The operating points that a design must hold, each list of values combined with every other.
 
     Operating points are at the reference slip, with the actuator and the wheel as given; around each, the factors of
-    `slip`, `dead_time`, `lag` and `radius` are combined with one another. "loaded" is the vehicle's loaded mass and
+    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined with one another. With such an
+    error a controller that holds a reference holds another slip than it measures, unless it finds its slip; a gradient
+    is a constant force, and changes no loop. "loaded" is the vehicle's loaded mass and
     wheel load, which published laws follow, and laws of files too (mu stays). A reference slip that is given is held
     on every law in place of the law's own. What is left out is that of the vehicle's file, if its table [envelope]
     says it, or the default.
@@ -75,6 +83,9 @@ class Envelope(Record):
     dead_time: tuple[float, ...] = quantity("1", "factors on the actuator's dead time", default=(0.7, 1.0, 1.3))
     lag: tuple[float, ...] = quantity("1", "factors on the actuator's lag", default=(0.7, 1.0, 1.3))
     radius: tuple[float, ...] = quantity("1", "factors on the wheel's radius, which is known", default=(0.94, 1.0))
+    torque_gain: tuple[float, ...] = quantity("1", "factors on the torque commanded, which acts", default=(1.0,))
+    speed_scale: tuple[float, ...] = quantity("1", "factors on the measured train speed", default=(1.0,))
+    believed_radius: tuple[float, ...] = quantity("1", "factors on the radius that is believed", default=(1.0,))
     reference: ReferenceSlip | None = Field(None, description="slip ratios held, in place of the laws' own")
     initial_speed: float = quantity("km/h", "v0, at which the brake is applied", gt=0, default=INITIAL_SPEED_KMH)
 
@@ -95,7 +106,7 @@ class Envelope(Record):
                 raise InputError(f"{shown(one)} is not a law; give a name, a file, or a record of an AdhesionLaw")
         return value
 
-    @field_validator("rails", "laws", "speeds", "loads", "slip", "dead_time", "lag", "radius", mode="before")
+    @field_validator("rails", "laws", "speeds", "loads", *_FACTORS, mode="before")
     @classmethod
     def _a_list(cls, value: object) -> object:
         """A tuple of what was given once each; one value stands for itself."""
@@ -115,7 +126,7 @@ class Envelope(Record):
     def _in_kmh(cls, value: object) -> object:
         return tuple(to_unit(x, "km/h", text_needs_unit=True) for x in value) if isinstance(value, tuple) else value
 
-    @field_validator("speeds", "slip", "radius", "dead_time", "lag")
+    @field_validator("speeds", *_FACTORS)
     @classmethod
     def _positive(cls, values: tuple[float, ...], info: Any) -> tuple[float, ...]:
         may_vanish = info.field_name in ("dead_time", "lag")
@@ -135,9 +146,9 @@ class Envelope(Record):
     @model_validator(mode="after")
     def _cases_are_not_too_many(self) -> Self:
         counts = {name: len(getattr(self, name)) for name in ("rails", "laws", "loads", "speeds")}
-        counts |= {name: len({1.0, *getattr(self, name)}) for name in ("slip", "dead_time", "lag", "radius")}
+        counts |= {name: len({1.0, *getattr(self, name)}) for name in _FACTORS}
         if (cases := math.prod(counts.values())) > _MOST_CASES:
-            told = " x ".join(f"{name} {count}" for name, count in counts.items())
+            told = " x ".join(f"{n} {count}" for n, count in counts.items() if count > 1 or n not in ERRORS)
             raise InputError(f"{told} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
         return self
 
@@ -162,7 +173,7 @@ class Envelope(Record):
         """What a TOML file, or JSON, says of it: everything but the vehicle."""
         named = [law.file or law.name if isinstance(law, AdhesionLaw) else str(law) for law in self.laws]
         reference = {} if self.reference is None else {"reference": self.reference.model_dump()}
-        numeric = {name: list(getattr(self, name)) for name in ("slip", "dead_time", "lag", "radius")}
+        numeric = {name: list(getattr(self, name)) for name in _FACTORS}
         return {
             "rails": [rail.value for rail in self.rails],
             "laws": named,
@@ -174,7 +185,7 @@ class Envelope(Record):
         }
 
     def points(self, *, nominal: bool = False, held: HeldSlip | None = None) -> EnvelopePoints:
-        """Its cases, in the order rails, laws, loads, speeds, radii, slips, dead times, lags.
+        """Its cases, in the order rails, laws, loads, speeds, radii, slips, errors, dead times, lags.
 
         `nominal` asks for the operating points alone, `held` for another slip than the reference. What has no linear
         plant (outside the law's domain, or a kink) is left out, with the reason. InputError where nothing is left, a
@@ -247,13 +258,15 @@ class Case:
     """One case of an envelope.
 
     `point` is the operating point of its vehicle, which has the case's load, wheel radius and actuator; `load` is
-    "empty" or "loaded", `slip_factor` the slip over the reference slip.
+    "empty" or "loaded", `slip_factor` the slip over the reference slip, `errors` are torque gain, scale of the train's
+    speed, and believed over true radius.
     """
 
     point: OperatingPoint
     load: str
     slip_factor: float
     nominal: Vehicle
+    errors: tuple[float, ...] = (1.0, 1.0, 1.0)
 
     @property
     def actuator(self) -> Actuator:
@@ -274,6 +287,7 @@ class Case:
             ("dead time", car.actuator.dead_time, self.nominal.actuator.dead_time),
             ("lag", car.actuator.lag, self.nominal.actuator.lag),
             ("radius", car.wheel.radius, self.nominal.wheel.radius),
+            *((name.replace("_", " "), error, 1.0) for name, error in zip(ERRORS, self.errors, strict=True)),
         )
         tolerances = [f"{name} {100 * (x / of - 1):+.3g} %" for name, x, of in changed if x != of]
         return ", ".join([point.adhesion, point.rail.value, self.load, f"{point.speed_kmh:.4g} km/h", *tolerances])
@@ -292,6 +306,7 @@ class Case:
             "dead_time_s": car.actuator.dead_time,
             "lag_s": car.actuator.lag,
             "radius_m": car.wheel.radius,
+            **dict(zip(ERRORS, self.errors, strict=True)),
         }
 
 
@@ -300,6 +315,7 @@ class EnvelopePoints:
     """The cases of an envelope: linear plants, each with every actuator that belongs to it.
 
     - plants, loads, slip_factors: of each linearised plant; its vehicle has the load and the radius of the case.
+    - errors: of each plant, as of a `Case`.
     - actuators: the first as given.
     - plant, actuator: (n,), of each case, the number of its plant and of its actuator.
     - operating: (n,), whether the case is an operating point, all factors 1.
@@ -311,6 +327,7 @@ class EnvelopePoints:
     plants: tuple[LinearPlant, ...]
     loads: tuple[str, ...]
     slip_factors: tuple[float, ...]
+    errors: tuple[tuple[float, ...], ...]
     actuators: tuple[Actuator, ...]
     plant: NDArray[np.intp]
     actuator: NDArray[np.intp]
@@ -349,7 +366,11 @@ class EnvelopePoints:
         point = self.plants[i].point
         car = point.vehicle.model_copy(update={"actuator": self.actuators[int(self.actuator[index])]})
         return Case(
-            OperatingPoint(**{**vars(point), "vehicle": car}), self.loads[i], self.slip_factors[i], self.vehicle
+            OperatingPoint(**{**vars(point), "vehicle": car}),
+            self.loads[i],
+            self.slip_factors[i],
+            self.vehicle,
+            self.errors[i],
         )
 
 
@@ -360,6 +381,7 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         (1.0,) if nominal else tuple(dict.fromkeys((1.0, *getattr(envelope, name))))
         for name in ("lag", "dead_time", "radius", "slip")
     )
+    errors = list(product(*((1.0,) if nominal else dict.fromkeys((1.0, *getattr(envelope, n))) for n in ERRORS)))
     factors = list(product(dead_times, lags))
     actuators = [Actuator(dead_time=a * car.actuator.dead_time, lag=b * car.actuator.lag) for a, b in factors]
     around = [
@@ -367,34 +389,41 @@ def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> Envelop
         for i, (a, b) in enumerate(factors)
         if a in envelope.dead_time and b in envelope.lag and actuators[i] not in actuators[:i]
     ]
-    members = list(product(_laws(envelope), envelope.speeds, radii, slips))
-    found: list[tuple[LinearPlant, str, float]] = []
+    members = list(product(_laws(envelope), envelope.speeds, radii, slips, errors))
+    found: list[tuple[LinearPlant, str, float, tuple[float, ...]]] = []
     cases: list[tuple[int, int, bool]] = []
     skipped = []
-    for (rail, law, load, loaded), speed, radius, slip in members:
+    for (rail, law, load, loaded), speed, radius, slip, wrong in members:
         try:
             own = _reference(envelope, law, rail) if held is None else held(law, speed * KMH, loaded.wheel_load)
-            plant = _plant(envelope, law, _worn(loaded, radius), speed, slip * own, rail)
+            gain, scale, belief = wrong
+            known = held is not None or scale == belief
+            true = slip * own if known else 1 - (1 - slip * own) * scale / belief
+            plant = _plant(envelope, law, _worn(loaded, radius), speed, true, rail, gain * belief)
         except (DomainError, KinkError) as error:
             skipped.append(f"{law.name}, {rail}, {load}, {speed:g} km/h, slip {slip:g} times the reference: {error}")
             continue
-        as_given = radius == slip == 1.0
-        tolerated = around if radius in envelope.radius and slip in envelope.slip else []
+        as_given = radius == slip == 1.0 and set(wrong) == {1.0}
+        listed = all(one in getattr(envelope, name) for name, one in zip(ERRORS, wrong, strict=True))
+        tolerated = around if listed and radius in envelope.radius and slip in envelope.slip else []
         mine = dict.fromkeys([*([0] if as_given else []), *([] if nominal else tolerated)])
         cases += [(len(found), i, as_given and i == 0) for i in mine]
-        found.append((plant, load, slip))
+        found.append((plant, load, slip, wrong))
     if not cases:
         raise InputError("envelope: no case is left; " + (skipped[0] if skipped else "give more values"))
-    plants, loads, slip_factors = zip(*found, strict=True)
+    plants, loads, slip_factors, of_errors = zip(*found, strict=True)
     plant_of, actuator_of, operating = (np.array(column) for column in zip(*cases, strict=True))
     return EnvelopePoints(
-        car, plants, loads, slip_factors, tuple(actuators), plant_of, actuator_of, operating, tuple(skipped)
+        car, plants, loads, slip_factors, of_errors, tuple(actuators), plant_of, actuator_of, operating, tuple(skipped)
     )
 
 
-def _plant(envelope: Envelope, law: AdhesionLaw, car: Vehicle, speed: float, slip: float, rail: Rail) -> LinearPlant:
+def _plant(
+    envelope: Envelope, law: AdhesionLaw, car: Vehicle, speed: float, slip: float, rail: Rail, gain: float
+) -> LinearPlant:
     v0 = envelope.initial_speed
-    return linearize(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
+    point = operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0)
+    return linearize(point if gain == 1.0 else replace(point, gain=gain))
 
 
 def _worn(car: Vehicle, factor: float) -> Vehicle:

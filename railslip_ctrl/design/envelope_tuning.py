@@ -79,7 +79,7 @@ def by_rule(
     control = kind.for_vehicle(envelope.vehicle, **asked)
     judgement = judge(envelope, control, nominal)
     used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
-    worst = float(judgement.ms[used].max(initial=0.0))
+    worst = float(judgement.run_ms[used].max(initial=0.0))
     reason = "" if worst <= ms_max else f"its gains go by rules, with which Ms is {worst:.4g}, not <= {ms_max:g}"
     return Design(control, judgement, reason)
 

@@ -27,11 +27,8 @@ from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Actuator
 
-from .envelope import Case, Envelope, EnvelopePoints
+from .envelope import ERRORS, Case, Envelope, EnvelopePoints
 from .specification import is_robust
-
-UNSAMPLED = "the loop is continuous; sampling is not judged: it adds up to 5 % to Ms, and more to Ms with tolerances"
-"""What is said of a seeking controller, whose sampled loop has two measurements; the number is a test's."""
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
 _ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
@@ -52,7 +49,7 @@ class WorstCase:
     loop: Any
     margins: Margins | None
     run_case: Case
-    as_run: SampledLoop | None = None
+    as_run: Any = None
     sampled: Margins | None = None
 
     @property
@@ -156,10 +153,16 @@ class Judgement:
     def sampled_ms(self) -> Floats:
         """Ms of the sampled loop where a continuous controller says how it is run, inf where that is unstable, (n,).
 
-        Of every operating point, and at every speed of the cases of largest Ms and least delay margin, which a hold
-        spoils first; NaN elsewhere.
+        Of a kind with a loop of its own all cases. Of another every operating point, and at every speed the cases of
+        largest Ms and least delay margin, which a hold spoils first; NaN elsewhere.
         """
         found = np.full(len(self.points), np.nan)
+        if isinstance(self.controller, Controller):
+            points = [plant.point for plant in self.points.plants]
+            case = self.points.plant, self.points.actuator
+            own = self.controller.sampled_ms(points, self.points.actuators, case)
+            if own is not None:
+                return np.asarray(own)
         if getattr(self.controller, "as_run", None) is None:
             return found
         asked = self.points.operating.copy()
@@ -255,6 +258,7 @@ class Judgement:
             "load": list(self.points.loads),
             "slip / reference": list(self.points.slip_factors),
             "radius_m": [plant.point.vehicle.wheel.radius for plant in plants],
+            **{name: [error[i] for error in self.points.errors] for i, name in enumerate(ERRORS)},
         }
         of_actuators = {"dead_time_s": [a.dead_time for a in actuators], "lag_s": [a.lag for a in actuators]}
         labels = {name: np.array(values)[self.points.plant] for name, values in of_plants.items()}
@@ -305,7 +309,6 @@ class Judgement:
         return (
             f"judged at the slip that it comes to, {min(found):.3g} to {max(found):.3g} by rail and speed, and at the "
             f"envelope's factors of it; {100 * past / len(points):.0f} % of these slips are past the peak of adhesion",
-            UNSAMPLED,
         )
 
     def table(self) -> dict[str, Any]:

@@ -52,6 +52,7 @@ class OperatingPoint:
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
+    - gain: acting torque over the commanded torque, and measured over true slip velocity; 1 without errors.
     - residual: larger of |lambda'| and |z'| in the equations of motion, as a share of the terms that cancel in them.
     """
 
@@ -65,6 +66,7 @@ class OperatingPoint:
     brake_torque: float
     residual: float
     initial_speed_kmh: float | None = None
+    gain: float = 1.0
 
     @property
     def adhesion(self) -> str:
@@ -298,7 +300,7 @@ def _linear_plant(point: OperatingPoint, full: Floats, *, speed_state: bool) -> 
     indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
-    A, B = full[np.ix_(indices, indices)], full[np.ix_(indices, [3])]
+    A, B = full[np.ix_(indices, indices)], point.gain * full[np.ix_(indices, [3])]
     return LinearPlant(point, A, B, outputs[:, indices], np.zeros((3, 1)), tuple(STATES[index] for index in indices))
 
 

@@ -26,7 +26,7 @@ from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.records import dataclass
 
 from .adhesion import AdhesionLaw
-from .vehicle import Vehicle
+from .vehicle import GRAVITY, Vehicle
 
 PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"
@@ -38,10 +38,14 @@ WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance"
 NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of a law and `lag_rate`
 
 
-def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
-    """Flat tuple `p` of parameters: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI."""
+def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) -> tuple[float, ...]:
+    """Flat tuple `p` of parameters: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI.
+
+    Fr0 includes the weight along a `gradient`, rise over length; the inertia scale does not apply to the weight.
+    """
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
-    resistance = (vehicle.resistance.constant, vehicle.resistance.linear, vehicle.resistance.quadratic)
+    along = vehicle.resistance.constant + vehicle.mass * GRAVITY * gradient
+    resistance = (along, vehicle.resistance.linear, vehicle.resistance.quadratic)
     return (*inertias, vehicle.wheel.radius, *resistance, vehicle.wheel_load, *law.parameters())
 
 

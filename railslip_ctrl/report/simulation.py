@@ -139,6 +139,7 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
         *vehicle_facts(scenario.vehicle),
         ("Begins with", f"mass {scenario.vehicle.mass:g} kg, wheel load {scenario.vehicle.wheel_load:g} N"),
         ("Viscous friction", f"{viscous}{least}"),
+        *([("Gradient", f"{scenario.gradient:+g}")] if scenario.gradient else []),
         ("Brake limits", _limits(scenario)),
         *_believed(scenario),
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
@@ -152,8 +153,9 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
         ),
         (
             "Measurement",
-            f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s; grid {sensors.speed_quantum:g} m/s "
-            f"and {sensors.wheel_quantum:g} rad/s (0: none); filter {sensors.filter_time:g} s",
+            f"train speed times {sensors.speed_scale:g}, noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} "
+            f"rad/s; grid {sensors.speed_quantum:g} m/s and {sensors.wheel_quantum:g} rad/s, encoder of "
+            f"{sensors.encoder_teeth:g} teeth (0: none); filter {sensors.filter_time:g} s",
         ),
     ]
 

@@ -14,9 +14,9 @@ from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.systems import LinearController, plain_number, system_words
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.design.assessment import Assessment, assess
-from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope import ERRORS, Envelope
 from railslip_ctrl.design.envelope_tuning import Design
-from railslip_ctrl.design.judging import UNSAMPLED, Judgement, WorstCase
+from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -231,10 +231,10 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         m = assessment.sampled
         numbers = "unstable"
         if m is not None:
-            numbers = f"Ms {ms_up(m.ms)}, phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
+            numbers = f"Ms {ms_up(m.ms)}"
+            if not math.isnan(m.phase_deg):  # else known of the continuous loop alone
+                numbers += f", phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
         parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
-    if isinstance(assessment.controller, Controller):
-        parts.append(f"Sampled: {UNSAMPLED}")
     parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
@@ -377,7 +377,7 @@ def envelope_words(envelope: Envelope) -> str:
     car, said = envelope.vehicle, envelope.table()
     lists = [", ".join(said[name]) for name in ("rails", "laws", "loads")]
     speeds = f"{', '.join(f'{v:g}' for v in envelope.speeds)} km/h"
-    names = ("slip", "dead_time", "lag", "radius")
+    names = ["slip", "dead_time", "lag", "radius", *(name for name in ERRORS if said[name] != [1.0])]
     factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in said[name])}" for name in names)
     slips = [f"{value:g} {rail}" for rail, value in said.get("reference", {}).items() if rail in said["rails"]]
     return "; ".join(

@@ -78,10 +78,11 @@ def _after(scenario: Scenario, past: list[Event]) -> tuple[float, Floats, Floats
 def _brake(
     scenario: Scenario, past: list[Event], start: float, state: Floats, until: float, *, by_distance: bool
 ) -> Any:
-    p = plant_parameters(scenario.adhesion, scenario.vehicle)
-    r, resistance = p[3], p[4:7]
     available = _available_torque(scenario)
     mass, speeds, forces = _after(scenario, past)
+    car = scenario.vehicle.model_copy(update={"mass": mass / scenario.vehicle.inertia_scale})
+    p = plant_parameters(scenario.adhesion, car, scenario.gradient)
+    r, resistance = p[3], p[4:7]
 
     def rates(t: float, y: Floats) -> list[float]:
         v = y[0]
@@ -168,7 +169,7 @@ class _Path:
     def __init__(self, scenario: Scenario) -> None:
         law = scenario.law(scenario.rail, scenario.adhesion_factor)
         self._rates, self._scenario = numeric_plant(type(law)).rates, scenario
-        self._parameters = plant_parameters(law, scenario.vehicle)
+        self._parameters = plant_parameters(law, scenario.vehicle, scenario.gradient)
         self._actuator, self._most = scenario.vehicle.actuator, scenario.limits.torque_max or 0.0
         begin = np.array([scenario.initial_speed, 0.0, 0.0, 0.0, 0.0])
         free = solve_ivp(self._driven(0.0), (0.0, self._actuator.dead_time), begin, **_SOLVER)

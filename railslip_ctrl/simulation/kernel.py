@@ -36,10 +36,14 @@ TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, 
 COLUMNS = 21
 
 # places in the plant's parameters `p` (`numeric.plant_parameters`) and in the controller's row `c` (`steps`)
-P_MASS, P_INERTIA, P_VISCOUS, P_RADIUS, P_LAW = 0, 1, 2, 3, 8
+P_MASS, P_INERTIA, P_VISCOUS, P_RADIUS, P_RESISTANCE, P_LAW = 0, 1, 2, 3, 4, 8
 C_REFERENCE, C_SCENARIO_REFERENCE = 0, -1
 # in `chosen`: which of `tables` and `limits` belong to the plant's law, which to the controller's model
 PLANT, MODEL = 0, 1
+
+# what `measure` keeps of the sample before: its signals, and of an encoder the wheel's angle, rad, teeth passed, the
+# time of the last, s, the wheel's true speed, rad/s, and the speed last read
+MEASURED_SPEED, MEASURED_TURNING, ANGLE, TEETH, TOOTH_TIME, TRUE_TURNING, READ = range(7)
 
 # summary of a run
 (
@@ -89,6 +93,8 @@ class Settings(NamedTuple):
     random_hold: float
     final_speed: float
     longest_time: float
+    speed_scale: float
+    encoder_teeth: float
     speed_quantum: float
     wheel_quantum: float
     filter_time: float
@@ -262,7 +268,7 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
     row[TIME], row[COMMAND], row[RANDOM], row[DISTURBANCE] = t, last_command, random_torque / p[P_RADIUS], td
     row[FORCE] = adhesion_force(y[V], y[SIGMA], y[Z], y[TORQUE], td, random_torque, p, table)
     row[MASS], row[REFERENCE], row[LOCKED] = p[P_MASS], c[C_REFERENCE], 1.0 if locked else 0.0
-    row[MEASURED_V], row[MEASURED_OMEGA] = measured[0], measured[1]
+    row[MEASURED_V], row[MEASURED_OMEGA] = measured[MEASURED_SPEED], measured[MEASURED_TURNING]
     for i in range(x.size):
         row[COLUMNS + i] = x[i]
 
@@ -321,15 +327,38 @@ def random_torque_at(t, forces, p, a):
 
 
 @compiled
+def encoder(sample, turning, a, measured):
+    """The wheel's speed, rad/s, by the teeth that passed and the times of the last ones; within a sample the speed is
+    taken to change little."""
+    if sample == 0:
+        measured[TRUE_TURNING], measured[READ] = turning, turning
+        return turning
+    tooth = 2.0 * math.pi / a.encoder_teeth
+    measured[ANGLE] += 0.5 * a.period * (measured[TRUE_TURNING] + turning)
+    measured[TRUE_TURNING] = turning
+    now, passed_by = sample * a.period, math.floor(measured[ANGLE] / tooth)
+    if passed_by > measured[TEETH]:
+        since = (measured[ANGLE] - passed_by * tooth) / turning if turning > 0.0 else 0.0
+        last = now - min(since, a.period)
+        measured[READ] = tooth * (passed_by - measured[TEETH]) / (last - measured[TOOTH_TIME])
+        measured[TEETH], measured[TOOTH_TIME] = passed_by, last
+    else:
+        measured[READ] = min(measured[READ], tooth / (now - measured[TOOTH_TIME]))
+    return measured[READ]
+
+
+@compiled
 def measure(sample, y, p, a, noise, measured):
     """The sensors' (v, omega), with noise, quantised and filtered, into `measured`, which holds the sample before's."""
-    speed, turning = y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
+    speed, turning = a.speed_scale * y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
+    if a.encoder_teeth > 0.0:
+        turning = encoder(sample, turning, a, measured)
     if noise.shape[0] > 0:
         speed += noise[sample, 0]
         turning += noise[sample, 1]
     blend = 1.0 - math.exp(-a.period / a.filter_time) if a.filter_time > 0.0 else 1.0
-    measured[0] += blend * (quantized(speed, a.speed_quantum) - measured[0])
-    measured[1] += blend * (quantized(turning, a.wheel_quantum) - measured[1])
+    measured[MEASURED_SPEED] += blend * (quantized(speed, a.speed_quantum) - measured[MEASURED_SPEED])
+    measured[MEASURED_TURNING] += blend * (quantized(turning, a.wheel_quantum) - measured[MEASURED_TURNING])
 
 
 @entry
@@ -342,7 +371,8 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     fired = np.zeros(events.time.size, dtype=np.bool_)
     delay, rest = whole_periods(a)
     history = np.full(delay + 2, y[TORQUE])
-    measured = np.array([y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]])
+    measured = np.zeros(READ + 1)
+    measured[MEASURED_SPEED], measured[MEASURED_TURNING] = a.speed_scale * y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
@@ -354,7 +384,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
         # what happens at this instant is known to this sample
         fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         measure(sample, y, p, a, noise, measured)
-        asked = command(x, t, measured[0], measured[1], torque, c, tables[chosen[MODEL]])
+        asked = command(x, t, measured[MEASURED_SPEED], measured[MEASURED_TURNING], torque, c, tables[chosen[MODEL]])
         torque = min(max(asked, a.torque_min), a.torque_max)
         if not (math.isfinite(asked) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
             status = NOT_FINITE

@@ -23,7 +23,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
-from railslip_ctrl.model.vehicle import Rail
+from railslip_ctrl.model.vehicle import GRAVITY, Rail
 
 from . import kernel as layout
 from .scenario import LEAST_STEP, Event, Scenario, event_place
@@ -416,7 +416,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
     rail, factor = scenario.rail, scenario.adhesion_factor
     load, believed_load = vehicle.wheel_load, getattr(controller, "wheel_load", vehicle.wheel_load)
     law = scenario.law(rail, factor)
-    p = np.array(plant_parameters(law, vehicle))
+    p = np.array(plant_parameters(law, vehicle, scenario.gradient))
     c = _controller_row(scenario, controller, start, Situation(rail, period, _assumed(scenario, controller, rail)))
     chosen = np.array([laws.number(law, load), laws.number(_assumed(scenario, controller, rail), believed_load)])
     ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
@@ -430,6 +430,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
     for event, row_p, row_c, row_chosen in zip(ordered, events.p, events.c, events.chosen, strict=True):
         if event.mass is not None:
             row_p[layout.P_MASS] = vehicle.inertia_scale * event.mass
+            row_p[layout.P_RESISTANCE] = vehicle.resistance.constant + event.mass * GRAVITY * scenario.gradient
         if event.rail is not None or event.adhesion_factor is not None:
             rail, factor = event.rail or rail, factor if event.adhesion_factor is None else event.adhesion_factor
             law = scenario.law(rail, factor)
@@ -477,6 +478,8 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
         "random_hold": 0.0,
         "final_speed": scenario.final_speed,
         "longest_time": scenario.longest_time,
+        "speed_scale": measurement.speed_scale,
+        "encoder_teeth": measurement.encoder_teeth,
         "speed_quantum": measurement.speed_quantum,
         "wheel_quantum": measurement.wheel_quantum,
         "filter_time": measurement.filter_time,

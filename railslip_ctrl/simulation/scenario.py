@@ -14,12 +14,13 @@ from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, named_law
-from railslip_ctrl.model.adhesion.base import RANDOM_FORCE
+from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RANDOM_SHARE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
 LEAST_STEP = LEAST_PERIOD  #: s, of the integration
 LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
+STEEPEST = 0.15  #: gradient; no adhesion railway is steeper
 
 
 class Event(Record):
@@ -64,8 +65,14 @@ class Disturbances(Record):
 
 
 class Measurement(Record):
-    """What the controller sees of train speed and wheel speed: noise, the sensor's grid, a low-pass filter."""
+    """What the controller sees of train speed and wheel speed: scale, noise, the sensor's grid, a low-pass filter.
 
+    A wheel encoder is read at each sample: teeth passed over the time between the last ones, so that its speed is the
+    mean of that time, and late by half of it. Where no tooth passes, it is at most that of a tooth passing now.
+    """
+
+    speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
+    encoder_teeth: float = quantity("1", "teeth of the wheel's encoder; 0: its speed as it is", ge=0, default=0.0)
     speed_noise: float = quantity("m/s", "standard deviation of the train speed's noise, per sample", ge=0, default=0.0)
     wheel_noise: float = quantity(
         "rad/s", "standard deviation of the wheel speed's noise, per sample", ge=0, default=0.0
@@ -142,6 +149,9 @@ class Scenario(Record):
     measurement: Measurement = Field(Measurement(), description="what the controller sees of the speeds")
     limits: BrakeLimits = Field(BrakeLimits(), description="what the actuator cannot do")
     beliefs: Beliefs = Field(Beliefs(), description="what controllers believe of the vehicle wrongly")
+    gradient: float = quantity(
+        "1", "rise of the track over its length, downhill negative", ge=-STEEPEST, le=STEEPEST, default=0.0
+    )
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
@@ -194,13 +204,16 @@ class Scenario(Record):
             return False
 
     def for_vehicle(self, vehicle: Vehicle) -> Self:
-        """The scenario with another vehicle; a published law follows its wheel load, an event's mass its loaded one."""
+        """The scenario with another vehicle; a published law and the random force follow its wheel load, an event's
+        mass its loaded one."""
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
             for event in self.events
         )
         law = named_law(self.adhesion.name, vehicle, self.initial_speed) if self.has_named_law else self.adhesion
-        return self.with_changes(vehicle=vehicle, events=events, adhesion=law)
+        share = vehicle.wheel_load / self.vehicle.wheel_load
+        noise = self.disturbances.model_copy(update={"random_force": share * self.disturbances.random_force})
+        return self.with_changes(vehicle=vehicle, events=events, adhesion=law, disturbances=noise)
 
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
@@ -245,7 +258,7 @@ def stop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     adhesion: str | AdhesionLaw = "curve",
 ) -> Scenario:
-    """A plain stop on one rail with the random forces of [Park2008], to 5 km/h.
+    """A plain stop on one rail with the random forces of [Park2008], in proportion to the wheel load, to 5 km/h.
 
     - vehicle: with the load that it has.
     - rail: "dry" or "wet", throughout.
@@ -254,7 +267,8 @@ def stop(
 
     In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
-    speed, noise = speed_kmh * KMH, PUBLISHED_DISTURBANCES
+    speed = speed_kmh * KMH
+    noise = PUBLISHED_DISTURBANCES.model_copy(update={"random_force": RANDOM_SHARE * vehicle.wheel_load})
     law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
     return Scenario(
         name="stop", vehicle=vehicle, adhesion=law, rail=Rail(rail), initial_speed=speed, disturbances=noise

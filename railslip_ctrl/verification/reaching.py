@@ -33,7 +33,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RIG_WHEEL_LOAD
+from railslip_ctrl.model.adhesion.base import RANDOM_SHARE
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
@@ -41,7 +41,7 @@ from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
 
-ADHESION_NOISE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random adhesion force over the wheel load
+ADHESION_NOISE = RANDOM_SHARE  #: standard deviation of the random adhesion force over the wheel load
 
 TORQUE_FRACTION = 0.05
 """Bound of Td = 0.05 Tb exp(-4t) sin(10 pi t) as a fraction of the acting brake torque ([Park2008] p. 55)."""

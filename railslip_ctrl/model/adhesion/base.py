@@ -25,6 +25,7 @@ INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 
 RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 RANDOM_FORCE = 431.0  #: standard deviation of the random adhesion force at `RIG_WHEEL_LOAD`, N ([Park2008] p. 55)
+RANDOM_SHARE = RANDOM_FORCE / RIG_WHEEL_LOAD  #: standard deviation of the random force over the wheel load
 
 
 class ReferenceSlip(Record):
