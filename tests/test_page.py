@@ -1,17 +1,15 @@
-"""The page of `railslip design`: what it is answered, who may ask, and, in Chromium, what one can do on it."""
+"""The page of `railslip design`: what it is answered, who may ask, the command and the notebook."""
 
 import http.client
 import json
 import math
 import re
-import shutil
 import signal
 import socket
 import struct
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 

@@ -239,7 +239,13 @@ class Controller(Record):
         return found
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """The controller with some of these numbers, and `others` of its fields, changed; InputError as of its kind."""
+        """The controller with some of these numbers changed.
+
+        - values: by name, in the unit of each number of `design_numbers`; of what is not a number, 1.
+        - others: other fields.
+
+        InputError as of its kind.
+        """
         try:
             return type(self)(**{**dict(self), **values, **others})
         except InputError as error:

@@ -34,7 +34,7 @@ from .answers import ANSWERS, answered
 
 LARGEST_REQUEST = 65_536  #: bytes of a question; the largest of the page has some 2 000
 _CONNECTIONS, _PATIENCE = 64, 30.0  # at once, of which a browser has 6 a tab; s, for which one may be silent
-_WAITING, _TABS = 8, 64  # slow questions at once; tabs whose newest questions are remembered
+_WAITING, _TABS = 24, 64  # slow questions at once; tabs whose newest questions are remembered
 _HERE, _SOON = ("start", "loop"), ("envelope", "stops")  # the rest takes seconds, a report a minute: in two processes
 _FILES = {"": "html", "page.css": "css", "page.js": "javascript"}
 _POLICY = (

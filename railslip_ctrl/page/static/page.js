@@ -43,15 +43,15 @@ function say(text, mild = false) {
 
 // --- asking ----------------------------------------------------------------------------------------------------------
 
+// The answer; {stale} if a newer question has come, {busy}, or {error}, which is empty if the server is gone.
 async function ask(what, more = {}) {
   turns[what] = (turns[what] ?? 0) + 1;
   const body = JSON.stringify({ client: CLIENT, turn: turns[what], ...more });
   let answer;
   try {
-    answer = await fetch(what, { method: "POST", headers: { "Content-Type": "application/json" }, body });
-    if (answer.ok && answer.status === 200) answer = unpacked(await answer.arrayBuffer());
-    else if (answer.status === 204 || answer.status === 503) answer = answer.status === 204 ? { stale: true } : { busy: true };
-    else answer = { error: (await answer.json()).error };
+    const got = await fetch(what, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    if (got.status === 200) answer = unpacked(await got.arrayBuffer());
+    else answer = { 204: { stale: true }, 503: { busy: true } }[got.status] ?? { error: (await got.json()).error };
   } catch {
     serverLost();
     return { error: "" };
@@ -108,7 +108,7 @@ class Question {
     const found = await ask(this.what, { design, ...this.more() });
     this.asked = false;
     if (found.busy) this.soon(RETRY);
-    else if (!found.stale && found.error !== "") this.take(found);
+    else if (!found.stale && found.error !== "") this.take(found, this.again);
     if (this.again && !lost) this.soon();
   }
 }
@@ -130,11 +130,12 @@ const started = (kind) => Object.fromEntries(begin.kinds[kind].sliders.map((one)
 // The design has changed: everything is asked again. `kept`: so that it may be undone.
 function changed(kept = false) {
   if (kept) remember();
-  hardest = null;
+  hardest = verdict = null;
   $("answer").classList.add("stale");
   showNumbers();
-  for (const name of ["loop", "envelope", "stops", "verdict"]) questions[name].soon();
-  askRegion();
+  for (const name of kindNow().loop ? ["loop", "envelope", "stops", "verdict"] : ["loop", "stops"]) questions[name].soon();
+  if (kindNow().loop) askRegion();
+  else takeEnvelope({ error: "No verdict: there is no linear loop. See the braking runs." });
   drawMap();
   clearTimeout(addressTimer);
   addressTimer = setTimeout(writeAddress, 150);
@@ -150,21 +151,26 @@ function remember() {
   $("redo").disabled = !future.length;
 }
 
+// Another design, which may be of another kind.
+function shape(given, kept = true) {
+  design = given;
+  showKind();
+  changed(kept);
+}
+
 function goTo(from, to) {
   if (!from.length) return;
   to.push(copyOf(design));
-  design = from.pop();
-  before = copyOf(design);
-  showKind();
+  before = copyOf(from.at(-1));
+  shape(from.pop(), false);
   remember();
-  changed();
 }
 
 function askRegion() {
   const [x, y] = axes();
-  const others = kindNow().tuned ? ["lead", "lead_filter"] : Object.keys(design.values).filter((name) => name !== x && name !== y);
-  const key = JSON.stringify([design.kind, x, y, others.map((name) => design.values[name]), design.reference]);
-  if (key === regionKey || !kindNow().loop) return;
+  const others = Object.entries(design.values).filter(([name]) => name !== x && name !== y);
+  const key = JSON.stringify([design.kind, x, y, others, design.reference]);
+  if (key === regionKey) return;
   regionKey = key;
   regionAll = false;
   $("map-told").textContent = "…";
@@ -181,7 +187,7 @@ function writeAddress() {
 
 // Takes the design of the address; what in it is not understood is said, and stays as it was.
 function takeAddress() {
-  if (location.hash === written) return;
+  if (location.hash === written) return null;
   const words = new URLSearchParams(location.hash.slice(1)), wrong = [];
   let kind = words.get("kind") ?? design.kind;
   if (!Object.hasOwn(begin.kinds, kind)) {
@@ -199,10 +205,8 @@ function takeAddress() {
     else if (rail) found.reference[rail] = value;
     else found.values[name] = value;
   }
-  design = found;
-  showKind();
-  changed(true);
-  if (wrong.length) say(`In the address: ${wrong.join("; ")}. The rest is taken.`);
+  shape(found);
+  return wrong.length ? say(`In the address: ${wrong.join("; ")}. The rest is taken.`) : null;
 }
 
 // --- fields ----------------------------------------------------------------------------------------------------------
@@ -265,11 +269,8 @@ function showKind() {
 function showNumbers() {
   for (const [name, one] of fields) {
     const value = (one.now = name.startsWith("slip-") ? design.reference[name.slice(5)] : design.values[name]), size = Math.abs(value);
-    if (size) {
-      one.low = Math.min(one.low, size);
-      one.high = Math.max(one.high, size);
-      one.slider.value = Math.round((STEPS * Math.log(size / one.low)) / Math.log(one.high / one.low));
-    }
+    if (size) Object.assign(one, { low: Math.min(one.low, size), high: Math.max(one.high, size) });
+    one.slider.value = size ? Math.round((STEPS * Math.log(size / one.low)) / Math.log(one.high / one.low)) : 0;
     one.slider.setAttribute("aria-valuetext", fmt(value));
     if (document.activeElement === one.field) continue;
     one.field.value = String(Number(value.toPrecision(6)));
@@ -286,9 +287,7 @@ function typedCoefficients() {
     parts.forEach((value, i) => (values[`${letter}${parts.length - 1 - i}`] = value));
   }
   say("");
-  design.values = values;
-  showKind();
-  return changed(true);
+  return shape({ ...design, values });
 }
 
 // --- answers ---------------------------------------------------------------------------------------------------------
@@ -318,34 +317,33 @@ function showMargins() {
   $("bound").textContent = none ? "–" : `≥ ${fmt(loop.least_ms, 3)}`;
 }
 
-function showVerdict(found) {
+function showVerdict(found, outdated = false) {
   $("verdict").className = found.verdict ?? "";
   $("verdict").textContent = found.line;
-  $("told").textContent = (found.told ?? []).join(" ");
-  $("answer").classList.remove("stale");
+  $("told").textContent = found.told?.join(" ") ?? "";
+  $("answer").classList.toggle("stale", outdated);
   if (loop) showMargins();
   draw["envelope-map"]();
 }
 
-function takeEnvelope(found) {
-  verdict = null;
+function takeEnvelope(found, outdated) {
   envelope = found.error ? null : found;
-  if (found.error) return showVerdict({ line: loop?.no_loop ? "No verdict: there is no linear loop. See the braking runs." : found.error });
-  const words = Object.keys(found.points);
-  if ([...$("point").options].slice(1).map((one) => one.textContent).join() !== words.join()) {
-    $("point").replaceChildren(new Option("the worst", ""), ...words.map((one) => new Option(one, String(found.points[one]))));
+  if (found.error) return showVerdict({ line: found.error });
+  const words = Object.keys(found.points), list = $("point");
+  if ([...list.options].slice(1).map((one) => one.textContent).join() !== words.join()) {
+    list.replaceChildren(new Option("the worst", ""), ...words.map((one) => new Option(one, String(found.points[one]))));
     chosen = null;
   }
   fromKmh = found.usable_from_kmh ?? 0;
-  if (chosen === null && loop?.point !== found.hardest) {
+  if (chosen === null && !outdated && loop?.point !== found.hardest) {
     hardest = found.hardest;
     questions.loop.soon();
   }
-  return showVerdict(found);
+  return showVerdict(verdict ?? found, outdated);
 }
 
-function takeVerdict(found) {
-  if (found.error) return;
+function takeVerdict(found, outdated) {
+  if (found.error || outdated) return;
   verdict = found;
   showVerdict(found);
 }
@@ -369,13 +367,12 @@ function takeRegion(found) {
 
 // --- drawing ---------------------------------------------------------------------------------------------------------
 
+const INKS = "paper panel ink dim rule grid line pinned worst good fair bad shade from to void".split(" ");
 const FONT = "11.5px system-ui, sans-serif", MARGIN = { left: 50, right: 10, title: 17, bottom: 34 };
 
 function readInks() {
   const style = getComputedStyle(document.documentElement);
-  for (const name of ["paper", "panel", "ink", "dim", "rule", "grid", "line", "pinned", "worst", "good", "fair", "bad", "shade", "from", "to", "void"]) {
-    inks[name] = style.getPropertyValue(`--${name}`).trim();
-  }
+  for (const name of INKS) inks[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
 // A colour of the scale of Ms, from 0, the palest, to 1.
@@ -387,9 +384,8 @@ function mixed(share) {
 // A canvas in CSS pixels, cleared.
 function sheet(id) {
   const canvas = $(id), ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
-  for (const [side, size] of [["width", width], ["height", height]]) {
-    if (canvas[side] !== Math.round(size * ratio)) canvas[side] = Math.round(size * ratio);
-  }
+  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
   const ctx = canvas.getContext("2d");
   ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
   ctx.fillStyle = inks.paper;
@@ -420,9 +416,8 @@ function ticksOf([low, high], log, count) {
 // A panel between two heights of a sheet: title above, ticks, and `x` and `y`, which turn numbers into pixels.
 function panel({ ctx, width }, top, bottom, spec) {
   const left = MARGIN.left, right = width - MARGIN.right;
-  const scale = ([low, high], log, from, to) => (log
-    ? (v) => from + ((to - from) * Math.log(v / low)) / Math.log(high / low)
-    : (v) => from + ((to - from) * (v - low)) / (high - low));
+  const share = ([low, high], log) => (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
+  const scale = (ends, log, from, to) => (v) => from + (to - from) * share(ends, log)(v);
   const area = { ctx, left, right, top, bottom, x: scale(spec.x, spec.logX, left, right), y: scale(spec.y, spec.logY, bottom, top) };
   write(ctx, spec.title, left, top - 9);
   Object.assign(ctx, { strokeStyle: inks.grid, lineWidth: 1 });
@@ -523,11 +518,9 @@ function instead(id, told) {
 // The ends of an axis for some lists, within bounds; a pinned list counts too.
 function extent(lists, low, high, room) {
   let [a, b] = [Infinity, -Infinity];
-  for (const list of lists) {
-    for (const v of list ?? []) {
-      if (v < a && v >= low) a = v;
-      if (v > b && v <= high) b = v;
-    }
+  for (const v of lists.flatMap((list) => [...(list ?? [])])) {
+    if (v < a && v >= low) a = v;
+    if (v > b && v <= high) b = v;
   }
   if (b < a) [a, b] = [0, 1];
   const more = Math.max(0.06 * (b - a), room);
@@ -543,11 +536,8 @@ function readable(id, count, near, marks, text) {
 }
 
 function nearest(count, away) {
-  let best = 0, least = Infinity;
-  for (let i = 0; i < count; i++) {
-    const far = away(i);
-    if (far < least) [best, least] = [i, far];
-  }
+  let best = 0;
+  for (let i = 1, least = away(0); i < count; i++) if (away(i) < least) [best, least] = [i, away(i)];
   return best;
 }
 
@@ -747,10 +737,8 @@ function drawLevels(area) {
 
 // Worst Ms in cells; a dot where it is robust.
 function drawCells(area) {
-  const edges = (list, along) => {
-    const middles = list.slice(1).map((v, i) => (along(v) + along(list[i])) / 2);
-    return [along(list[0]), ...middles, along(list.at(-1))];
-  };
+  const middles = (list, along) => list.slice(1).map((v, i) => (along(v) + along(list[i])) / 2);
+  const edges = (list, along) => [along(list[0]), ...middles(list, along), along(list.at(-1))];
   const xs = edges(region.x, area.x), ys = edges(region.y, area.y);
   region.m.forEach((column, i) => column.forEach((ms, j) => {
     if (ms === null) return;
@@ -766,9 +754,8 @@ function dragTo(event) {
   const box = $("gain-map").getBoundingClientRect(), { left, right, top, bottom } = mapArea, names = axes();
   const along = ([low, high], share) => (view.log ? low * (high / low) ** share : low + (high - low) * share);
   const shares = [(event.clientX - box.left - left) / (right - left), (bottom - event.clientY + box.top) / (bottom - top)];
-  shares.forEach((share, i) => {
-    design.values[names[i]] = Number(along(i ? view.y : view.x, Math.max(0, Math.min(1, share))).toPrecision(6));
-  });
+  const values = shares.map((share, i) => along(i ? view.y : view.x, Math.max(0, Math.min(1, share))));
+  values.forEach((value, i) => (design.values[names[i]] = Number(value.toPrecision(6))));
   changed();
 }
 
@@ -829,16 +816,8 @@ async function chooseKind() {
   }
   const values = started(kind);
   if (kind !== "transfer-function") for (const name of Object.keys(values)) values[name] = design.values[name] ?? values[name];
-  design = { ...design, kind, values };
-  chosen = verdict = region = view = null;
-  showKind();
-  changed(true);
-}
-
-function startAgain() {
-  Object.assign(design, { values: started(design.kind), reference: { ...begin.reference } });
-  showKind();
-  changed(true);
+  chosen = region = view = null;
+  shape({ kind, values, reference: design.reference });
 }
 
 function drawAll() {
@@ -849,26 +828,16 @@ function drawAll() {
 
 function listen() {
   const map = $("gain-map");
-  let dragged = false;
   map.addEventListener("pointerdown", (event) => {
-    dragged = true;
     map.setPointerCapture(event.pointerId);
     dragTo(event);
   });
-  map.addEventListener("pointermove", (event) => dragged && dragTo(event));
-  for (const end of ["pointerup", "pointercancel"]) {
-    map.addEventListener(end, () => {
-      dragged = false;
-      remember();
-    });
-  }
+  map.addEventListener("pointermove", (event) => map.hasPointerCapture(event.pointerId) && dragTo(event));
+  map.addEventListener("lostpointercapture", remember);
   map.addEventListener("keydown", moveBy);
   map.addEventListener("keyup", remember);
   for (const id of PLOTS) {
-    const hold = (i) => {
-      held[id] = i;
-      if (cursors[id]) draw[id]();
-    };
+    const hold = (i) => cursors[id] && draw[id]((held[id] = i));
     $(id).addEventListener("pointermove", (event) => cursors[id] && hold(cursors[id].near(event.offsetX, event.offsetY)));
     for (const end of ["pointerleave", "blur"]) $(id).addEventListener(end, () => hold(null));
     $(id).addEventListener("keydown", (event) => {
@@ -880,7 +849,7 @@ function listen() {
     });
   }
   const clicks = {
-    best: () => tune("ki_min", "ki-min", "ki ≥", 0), most: () => tune("ms_max", "ms-max", "Ms ≤", 1), rule: startAgain,
+    best: () => tune("ki_min", "ki-min", "ki ≥", 0), most: () => tune("ms_max", "ms-max", "Ms ≤", 1), rule: () => shape({ kind: design.kind, values: started(design.kind), reference: { ...begin.reference } }),
     undo: () => goTo(past, future), redo: () => goTo(future, past), pin, copy: copyAddress,
     save: () => save("controller.toml"), script: () => save("design.py"), report: () => save("report.html"),
   };
@@ -895,11 +864,10 @@ function listen() {
   for (const one of document.querySelectorAll("input[name=run]")) one.addEventListener("change", draw.stop);
   document.addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=text]")) return;
-    const key = event.key.toLowerCase();
+    const key = event.key.toLowerCase(), forth = key === "y" || event.shiftKey;
     if (key !== "z" && key !== "y") return;
     event.preventDefault();
-    if (key === "z" && !event.shiftKey) goTo(past, future);
-    else goTo(future, past);
+    goTo(forth ? future : past, forth ? past : future);
   });
   window.addEventListener("hashchange", takeAddress);
   window.addEventListener("resize", drawAll);
@@ -909,8 +877,7 @@ function listen() {
 async function start() {
   readInks();
   const found = await ask("start");
-  if (found.error) say(found.error);
-  if (!found.kinds || begin) return;
+  if (!found.kinds || begin) return found.error ? say(found.error) : null;
   begin = found;
   design = { kind: begin.kind, values: started(begin.kind), reference: { ...begin.reference } };
   for (const id of ["vehicle", "envelope"]) $(id).textContent = begin[id];
@@ -924,8 +891,7 @@ async function start() {
   }
   $("fixed").hidden = !begin.fixed;
   listen();
-  before = null;
-  takeAddress();
+  return takeAddress();
 }
 
 start();
