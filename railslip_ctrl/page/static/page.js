@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 const make = (tag, given) => Object.assign(document.createElement(tag), given);
-const copyOf = (one) => JSON.parse(JSON.stringify(one));
+const copyOf = structuredClone;
 const CLIENT = Math.random().toString(36).slice(2);
 const SETTLED = 70, RESTED = 350; // ms without a change, until what takes a moment is asked, and what takes a second
 const RETRY = 1000; // ms until a server that is gone, or busy, is asked again
@@ -35,10 +35,9 @@ const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·")}`)
 const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
 const cut = (text) => `“${text.slice(0, 40)}”`;
 
-function say(text, mild = false) {
-  $("message").textContent = text;
-  $("message").hidden = !text;
-  $("message").classList.toggle("mild", mild);
+// A line above; what the server refuses goes with the next design that it takes.
+function say(text, mild = false, refused = false) {
+  Object.assign($("message"), { textContent: text, hidden: !text, className: mild ? "mild" : refused ? "refused" : "" });
 }
 
 // --- asking ----------------------------------------------------------------------------------------------------------
@@ -76,9 +75,8 @@ function serverLost() {
     + "Start railslip design again on the same --port, and this page goes on.");
   if (lost) return;
   lost = true;
-  const again = () => lost && fetch("page.css").then((found) => (found.ok ? serverBack() : setTimeout(again, RETRY)),
-    () => setTimeout(again, RETRY));
-  setTimeout(again, RETRY);
+  const later = () => setTimeout(() => lost && fetch("page.css").then((found) => (found.ok ? serverBack() : later()), later), RETRY);
+  later();
 }
 
 function serverBack() {
@@ -103,12 +101,13 @@ class Question {
   }
 
   async now() {
+    if (!kindNow().loop && this.what !== "loop" && this.what !== "stops") return;
     this.asked = true;
     this.again = false;
     const found = await ask(this.what, { design, ...this.more() });
     this.asked = false;
     if (found.busy) this.soon(RETRY);
-    else if (!found.stale && found.error !== "") this.take(found, this.again);
+    else if (!found.stale && found.error !== "" && !(found.error && this.again)) this.take(found, this.again);
     if (this.again && !lost) this.soon();
   }
 }
@@ -227,16 +226,20 @@ function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
   });
   slider.addEventListener("change", remember);
   const typed = () => {
+    clearTimeout(one.timer);
     const text = field.value.trim().replace("−", "-").replace(",", "."), given = Number(text);
     const good = text !== "" && Number.isFinite(given);
     field.setAttribute("aria-invalid", String(!good));
     say(good ? "" : `${words.textContent}: ${cut(text)} is not a number; the last one stays`);
-    if (!good) return;
+    if (!good || given === one.now) return;
     set(given);
     changed();
   };
-  field.addEventListener("input", typed);
-  field.addEventListener("change", remember);
+  field.addEventListener("input", () => {
+    clearTimeout(one.timer);
+    one.timer = setTimeout(typed, RESTED);
+  });
+  for (const act of [typed, remember]) field.addEventListener("change", act);
   fields.set(name, one);
 }
 
@@ -293,7 +296,8 @@ function typedCoefficients() {
 // --- answers ---------------------------------------------------------------------------------------------------------
 
 function takeLoop(found) {
-  if (found.error) return say(found.error);
+  if (found.error) return say(found.error, false, true);
+  if ($("message").className === "refused") say("");
   loop = found;
   showMargins();
   $("where").textContent = found.where;
@@ -349,12 +353,13 @@ function takeVerdict(found, outdated) {
 }
 
 function takeStops(found) {
-  if (found.error) return say(found.error);
+  if (found.error) return say(found.error, false, true);
   stops = found;
   return draw.stop();
 }
 
-function takeRegion(found) {
+function takeRegion(found, outdated) {
+  if (outdated) return;
   region = found.error ? { levels: [] } : found;
   const none = found.error ?? "no gains of this kind stabilise every operating point; see the map of speed and load";
   $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "at the hardest points; all follow" : region.levels ? "" : "at the hardest points";
@@ -447,13 +452,13 @@ function stacked(of, x, logX, labelX, specs) {
   return specs.map((spec, i) => panel(of, i * high + MARGIN.title, (i + 1) * high - 4, { ...spec, x, logX, labelX: i === specs.length - 1 ? labelX : "" }));
 }
 
-function inside(area, work) {
-  area.ctx.save();
-  area.ctx.beginPath();
-  area.ctx.rect(area.left, area.top, area.right - area.left, area.bottom - area.top);
-  area.ctx.clip();
-  work(area.ctx);
-  area.ctx.restore();
+function inside({ ctx, left, right, top, bottom }, work) {
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(left, top, right - left, bottom - top);
+  ctx.clip();
+  work(ctx);
+  ctx.restore();
 }
 
 function line(area, xs, ys, colour, wide = 2, dash = []) {
@@ -686,8 +691,7 @@ function fitMap() {
 function drawMap() {
   const of = sheet("gain-map");
   if (!view || !kindNow().loop) return $("map-read").replaceChildren();
-  const names = axes(), [x, y] = names.map((name) => design.values[name]);
-  const words = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
+  const names = axes(), [x, y] = names.map((name) => design.values[name]), words = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
   const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: words[0], title: words[1] }));
   inside(area, (ctx) => {
     ctx.fillStyle = inks.void;
@@ -705,7 +709,7 @@ function drawMap() {
 
 // Each level as bands between neighbouring rows of ki, then its outline and, on the right, its Ms.
 function drawLevels(area) {
-  const { ctx } = area, count = region.levels.length;
+  const { ctx } = area;
   region.levels.forEach(({ ms, rows }, k) => {
     ctx.beginPath();
     rows.slice(1).forEach(([top, above], i) => {
@@ -718,7 +722,7 @@ function drawLevels(area) {
         }
       }
     });
-    ctx.fillStyle = ctx.strokeStyle = ms === null ? inks.paper : mixed((0.85 * k) / (count - 1));
+    ctx.fillStyle = ctx.strokeStyle = ms === null ? inks.paper : mixed((0.85 * k) / (region.levels.length - 1));
     ctx.lineWidth = 1; // no seam between bands
     ctx.fill();
     ctx.stroke();
@@ -797,8 +801,7 @@ async function tune(name, field, label, least) {
 
 function pin() {
   pinned = pinned ? null : { design: copyOf(design), loop, stops };
-  $("pin").setAttribute("aria-pressed", String(pinned !== null));
-  $("pin").textContent = pinned ? "Unpin" : "Pin";
+  $("pin").ariaPressed = String(pinned !== null);
   drawAll();
 }
 
