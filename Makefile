@@ -64,6 +64,7 @@ pictures: $(READY)        ## those that README.md and CONTRIBUTING.md show
 	$(BIN)/railslip report --vehicle designs/vehicles/coach.toml --out $(VENV)/pictures
 	cp $(VENV)/pictures/loop.svg docs/_static/report_loop.svg
 	$(BIN)/python docs/house.py docs/_static/house.svg
+	$(BIN)/python docs/page_picture.py docs/_static/design_page.png  # needs chromium and its driver
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -2,7 +2,8 @@
 
 The names below load on first use, so that importing the package, or running a command, costs only what it needs. What
 is not here is in the rooms, each a package whose docstring says where to begin, from the ground up: `core`, `model`,
-`loop`, `sliding`, `controllers`, `design`, `simulation`, `verification`, `identification`, `paper`, `report`, `cli`.
+`loop`, `sliding`, `controllers`, `design`, `simulation`, `verification`, `identification`, `paper`, `report`, `page`,
+`cli`.
 """
 
 from __future__ import annotations

@@ -77,6 +77,7 @@ from .model.vehicle import PIGains as PIGains
 from .model.vehicle import Rail as Rail
 from .model.vehicle import Vehicle as Vehicle
 from .model.vehicle_files import load_vehicle as load_vehicle
+from .page.notebook import design_page as design_page
 from .report import plots as plots
 from .report.identification import model_toml as model_toml
 from .simulation import BrakeLimits as BrakeLimits

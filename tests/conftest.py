@@ -27,10 +27,17 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture
-def railslip(capsys):
-    """Run the command in this process; gives (exit status, standard output, standard error)."""
+def railslip(capsys, monkeypatch):
+    """Run the command in this process; gives (exit status, standard output, standard error). `design` opens no browser,
+    and is interrupted at once."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
 
     def run(*arguments):
+        if arguments[:1] == ("design",):
+            monkeypatch.setattr("webbrowser.open", lambda address: None)
+            monkeypatch.setattr("railslip_ctrl.page.server.PageServer.serve_forever", interrupted)
         with pytest.raises(SystemExit) as caught:
             main([str(argument) for argument in arguments])
         captured = capsys.readouterr()

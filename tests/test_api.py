@@ -225,6 +225,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     (wheel,) = built.glob("railslip_ctrl-*.whl")
     files = set(zipfile.ZipFile(wheel).namelist())
     data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/kernel.py")
+    data += tuple(f"page/static/page.{suffix}" for suffix in ("html", "css", "js"))
     assert {f"railslip_ctrl/{name}" for name in data} <= files
     environment = tmp_path / "environment"
     venv.create(environment, with_pip=False)

@@ -60,6 +60,7 @@ OUTCOMES = [  # words, exit status, keys that are null where it is told, and no 
     ("simulate --scenario stop --controller pi-lead", 0, None),
     ("campaign two.toml --out out --workers 1", 0, None),  # though no run stops
     ("identify log.csv --model beam", 0, None),
+    (f"design --no-browser {POINT}", 0, set()),
     pytest.param("derive", 0, {"/adhesion"}, marks=pytest.mark.long),  # though errata disagree
     pytest.param(f"report --no-html --nominal --vehicle slow.toml --out out {POINT}", 0, None, marks=pytest.mark.long),
 ]  # fmt: skip

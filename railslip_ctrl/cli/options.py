@@ -15,6 +15,7 @@ import click
 from click.core import ParameterSource
 
 from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.core.arguments import sized
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, RailslipError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH, to_unit
@@ -44,8 +45,6 @@ from .settings import Option, json_option, option, path_option, preset, switch
 
 R = TypeVar("R")
 
-# Sizes of numbers taken from the command line: far beyond any vehicle, and far inside the range of doubles.
-_SMALLEST, _LARGEST = 1e-12, 1e12
 _TOLD = "railslip_ctrl.told"  # in the command's context: its warnings
 _LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: an empty and a half-full car
 _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Table 1 then changes by 3 %
@@ -66,11 +65,7 @@ class Number(click.ParamType[float]):
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number; raise InputError naming the option, the value and the bound."""
         option = param.opts[0] if param is not None else ""
-        number = to_unit(value, self.unit, name=option)
-        if number != 0 and not _SMALLEST <= abs(number) <= _LARGEST:
-            raise InputError(
-                f"{option}: {number:g} is beyond any vehicle; give a size between {_SMALLEST:g} and {_LARGEST:g}"
-            )
+        number = sized(option, to_unit(value, self.unit, name=option))
         for holds, sign, bound in (
             (self.gt is None or number > self.gt, ">", self.gt),
             (self.ge is None or number >= self.ge, ">=", self.ge),

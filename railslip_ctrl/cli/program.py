@@ -20,6 +20,7 @@ PROGRAM = "railslip"
 
 _COMMANDS = {
     "report": "the main job: the controller to use for a vehicle, from which speed, and why",
+    "design": "the loop shaped by hand in the browser: map of gains, exact margins, braking runs",
     "linearize": "operating point, A B C D, poles, zeros, transfer function",
     "margins": "every margin of a loop, certified if asked; the verdict over an envelope",
     "tune": "gains from a specification, over an envelope or at operating points",
@@ -138,7 +139,7 @@ def _end_without_reader() -> NoReturn:
 # What the package calls a quantity that an option gives, where a message begins with it.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
-    r"|(?:structure|controller|out|workers|scheduler|worst by|law|K|D|ki_min|inertia scale)(?=:))"
+    r"|(?:structure|controller|out|workers|scheduler|worst by|law|K|D|ki_min|inertia scale|port)(?=:))"
 )
 
 

@@ -82,6 +82,22 @@ _BELIEFS: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
 """Fields that a controller believes of its vehicle; a field of such a name that is not given takes the vehicle's."""
 
 
+_GIVEN = {*_BELIEFS, "period", "tracking_time", "torque_min", "torque_max"} | {
+    *("initial_torque", "hand_over_torque", "hand_over_speed")
+}
+"""Numbers that are not shaped."""
+
+
+class DesignNumber(NamedTuple):
+    """A number of a controller that is shaped: its name, value, unit, meaning, and the most that it may be."""
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+    most: float = math.inf
+
+
 class Controller(Record):
     """Base of the controller kinds.
 
@@ -208,6 +224,32 @@ class Controller(Record):
         return f"{getattr(self, 'hand_over_torque', 0.0):.4g} N·m"
 
     # --- design ---
+
+    def design_numbers(self) -> list[DesignNumber]:
+        """The numbers that are shaped: gains, then what its kind alone has, then what it has of others; not what it
+        believes of the vehicle, its limits, and how it begins and ends."""
+        inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
+        shaped = [n for n in self.units() if n not in _GIVEN and isinstance(getattr(self, n), float)]
+        found = []
+        for name in sorted(shaped, key=lambda name: 0 if name in ("kp", "ki") else 1 + (name in inherited)):
+            field = type(self).model_fields[name]
+            bounds = [getattr(mark, end) for mark in field.metadata for end in ("lt", "le") if hasattr(mark, end)]
+            most = float(min(bounds, default=math.inf))
+            found.append(DesignNumber(name, getattr(self, name), self.units()[name], field.description or name, most))
+        return found
+
+    def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
+        """The controller with some of these numbers changed.
+
+        - values: by name, in the unit of each number of `design_numbers`; of what is not a number, 1.
+        - others: other fields.
+
+        InputError as of its kind.
+        """
+        try:
+            return type(self)(**{**dict(self), **values, **others})
+        except InputError as error:
+            raise InputError(str(error).removeprefix(f"{type(self).__name__}: ")) from None
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:

@@ -12,16 +12,18 @@ from typing import Any, ClassVar, Self
 from pydantic import Field, model_validator
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import quantity
+from railslip_ctrl.core.units import quantity, shown
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PARK2008, Record, Vehicle
 
-from .base import LEAST_PERIOD, PERIOD, Controller, Situation
+from .base import LEAST_PERIOD, PERIOD, Controller, DesignNumber, Situation
 from .sampled import Rule, SampledController, linear_step, state_names
 from .systems import LinearController, PolynomialController, StateSpaceController, system_words
 
 TORQUE_LIMIT = 9000.0
 """Full brake of the published vehicle, N*m: twice what the best adhesion, 0.3 of its wheel load, can take."""
+
+_MOST_COEFFICIENTS = 12  # of a polynomial that is shaped by its coefficients
 
 TRACKING_TIME = 2.0
 """Tracking time of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
@@ -179,6 +181,28 @@ class TransferFunction(SystemControl):
             if not given:
                 raise InputError(f"{name}: is empty; give at least one coefficient")
         return PolynomialController(self.num, self.den, self._own_period)
+
+    def design_numbers(self) -> list[DesignNumber]:
+        """Its coefficients: b2, b1, b0 of the numerator and a2, a1, a0 of the denominator, by their power."""
+        parts = {"b": self.num, "a": self.den}
+        return [
+            DesignNumber(f"{letter}{power}", value, "1", f"coefficient of the power {power}")
+            for letter, part in parts.items()
+            for power, value in zip(range(len(part) - 1, -1, -1), part, strict=True)
+        ]
+
+    def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
+        """Of the coefficients in `values` alone: others are 0, and the order is that of the highest."""
+        powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
+        for name, value in values.items():
+            letter, power = name[:1], name[1:]
+            if letter not in powers or not (
+                power.isascii() and power.isdigit() and int(power[:3]) < _MOST_COEFFICIENTS
+            ):
+                raise InputError(f"{shown(name)} is no coefficient; give b0 to b{_MOST_COEFFICIENTS - 1}, a0 and so on")
+            powers[letter][int(power)] = value
+        num, den = (tuple(one.get(i, 0.0) for i in range(max(one, default=0), -1, -1)) for one in powers.values())
+        return super().with_design_numbers({}, num=num, den=den, **others)
 
 
 class StateSpace(SystemControl):

@@ -9,6 +9,7 @@ from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.core.units import quantity
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
 
+from .base import DesignNumber
 from .linear import LinearControl
 from .systems import PIController
 
@@ -42,6 +43,10 @@ class PI(LinearControl):
                 f"controller {cls.kind}: its gains do not follow from the vehicle alone; tune it, or give kp and ki"
             )
         return super().for_vehicle(vehicle, **given)
+
+    def design_numbers(self) -> list[DesignNumber]:
+        """Its gains, and its lead if it has one."""
+        return [one for one in super().design_numbers() if one.value or one.name in ("kp", "ki")]
 
     def headline(self) -> str:
         lead = f", lead {self.lead:.4g}/{self.lead_filter:.4g} s" if self.lead > 0 else ""

@@ -315,6 +315,12 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
     return design.transfer_function
 
 
+def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Numerator and denominator of a continuous linear `controller`, coefficients of descending powers of s."""
+    num, den = (one.coeffs()[::-1] for one in controller_system(controller).polynomials)
+    return tuple(map(float, num)), tuple(map(float, den))
+
+
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """From commanded torque (N*m) to -e (m/s) without the dead time.

@@ -85,6 +85,18 @@ def number(
     raise InputError(f"{name}: {given} is not allowed; give a finite value {bounds}".rstrip())
 
 
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Sizes of numbers that are typed in: far beyond any vehicle, and far inside the range of doubles."""
+
+
+def sized(name: str, value: float) -> float:
+    """Return a finite number that is 0 or of a size from `SMALLEST` to `LARGEST`; InputError for any other."""
+    value = number(name, value)
+    if value != 0 and not SMALLEST <= abs(value) <= LARGEST:
+        raise InputError(f"{name}: {value:g} is beyond any vehicle; give a size between {SMALLEST:g} and {LARGEST:g}")
+    return value
+
+
 def real(name: str, value: object) -> float:
     """Return a real number, finite or not; InputError for anything else."""
     return float(_apply(name, float, value))

@@ -101,6 +101,21 @@ def cache_folder(kind: str = "kernels") -> Path:
         return folder
 
 
+def private_text(kind: str, name: str, made: str) -> str:
+    """A secret of a `name` in the cache folder of a kind, that only the user may read: the one of last time, or the one
+    `made` now, if there is none as long; it is lost where it cannot be written."""
+    path = cache_folder(kind) / name
+    with suppress(OSError, UnicodeDecodeError):
+        known = path.read_text("ascii")
+        if path.stat().st_mode & 0o077 == 0 and len(known) == len(made):
+            return known
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(made)
+    return made
+
+
 @cache
 def _temporary() -> Path:
     """Temporary folder for this process and the processes that it starts; removed when the process ends."""

@@ -11,6 +11,8 @@ that a design must hold, and one verdict over them.
 - `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
 - `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
 - `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` is the method
+- `gain_map`: the gains that keep an Ms at every operating point, as a map
+- `workbench`: controllers shaped by hand over an envelope
 - `limits`: what no controller can beat, and what a controller asks of the brake
 - `compensators`: Smith predictors and the predictor-observer
 - `catalogue`: the controllers that come with the package, by name

@@ -5,20 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
+from functools import partial
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.sampled import loop_as_run
-from railslip_ctrl.controllers.systems import PIController, actuated_plant, linear_controller, wheel_slip_loop
+from railslip_ctrl.controllers.systems import (
+    PIController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+    wheel_slip_loop,
+)
 from railslip_ctrl.core.arguments import Complexes, checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import ms_up
-from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
+from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational, SpectrumError
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
+from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, Actuator, table4_gains
@@ -129,6 +138,24 @@ class Assessment:
         if usable is not None:
             remedy = f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
         return f"{self.verdict.value}: {how_many} {where}; {remedy}"
+
+
+def slip_responses(
+    controller: Any, plant: LinearPlant, actuator: Actuator, times: ArrayLike, *, reference: float, torque: float
+) -> tuple[TimeResponse, TimeResponse]:
+    """The slip velocity, m/s, after a step of its reference, m/s, and after one of torque at the wheel, N*m, at times,
+    s; errors as of `closed_loop_response`."""
+    lag = np.array([-1 / actuator.lag] if actuator.lag > 0 else [], dtype=complex)
+    brake = Rational(lag[:0], lag, 1 / (actuator.lag or 1.0))
+    loop = partial(
+        closed_loop_response,
+        controller_system(controller),
+        Rational(plant.zeros, plant.poles, plant.gain),
+        actuator.dead_time,
+        time=times,
+        actuator=brake,
+    )
+    return loop(reference=reference), loop(disturbance=torque)
 
 
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:

@@ -14,13 +14,19 @@ from itertools import product
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
 
-from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.base import PERIOD, Controller
+from railslip_ctrl.controllers.braking import braking_control
 from railslip_ctrl.controllers.files import controller_kinds
-from railslip_ctrl.controllers.linear import TRACKING_TIME
-from railslip_ctrl.controllers.pi import PI, PILead
+from railslip_ctrl.controllers.linear import TRACKING_TIME, LinearControl, TransferFunction
+from railslip_ctrl.controllers.pi import FILTER_RATIO, PI, PILead
 from railslip_ctrl.controllers.scheduled import GainSchedule, Scheduled, ScheduleEntry
 from railslip_ctrl.controllers.sliding import Sliding
-from railslip_ctrl.controllers.systems import PIController, actuated_plant, wheel_slip_loop
+from railslip_ctrl.controllers.systems import (
+    PIController,
+    actuated_plant,
+    polynomials,
+    wheel_slip_loop,
+)
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
@@ -35,7 +41,7 @@ from .specification import family_margins
 from .tuning import tune_pi
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from railslip_ctrl.loop.batch import BatchMargins
     from railslip_ctrl.model.linearization import LinearPlant
@@ -260,6 +266,30 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
         for speed, (kp, ki) in zip(_SCHEDULE_SPEEDS_KMH, gains, strict=True)
     )
     return GainSchedule(entries, LEAD, LEAD_FILTER, lowest, ms)
+
+
+def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
+    """A controller of a kind to begin a design with, by the rule of its kind; of a PI SIMC's for J/r over s,
+    [Skogestad2003] Table 1, with the lead on the brake's lag. It holds the slips of the plants that it is for, or is a
+    linear one put as the ratio of polynomials that it is.
+
+    InfeasibleDesignError, InputError: its kind allows none for the vehicle.
+    """
+    if isinstance(at, LinearControl):
+        num, den = polynomials(at.system)
+        kept = {name: value for name, value in at if name in LinearControl.model_fields and name != "name"}
+        return TransferFunction(num=num, den=den, **{**kept, "period": at.period or PERIOD})
+    vehicle, brake = at[0].point.vehicle, at[0].point.vehicle.actuator
+    if not issubclass(kind, LinearControl):
+        return kind.for_vehicle(vehicle)
+    lead = 0.0 if kind is PI else brake.lag
+    late = brake.dead_time + (FILTER_RATIO if lead else 1.0) * brake.lag or PERIOD
+    kp = vehicle.effective_inertia / vehicle.wheel.radius / (2 * late)
+    gains, made = PIGains(kp=kp, ki=kp / (8 * late)), PILead if kind is TransferFunction else kind
+    points = [plant.point for plant in at]
+    system = PIController(gains, lead, FILTER_RATIO * lead)
+    found = braking_control(system, points, reference, name=made.kind, kind=made)
+    return begun(kind, found, reference) if kind is TransferFunction else found
 
 
 # --- by name ----------------------------------------------------------------------------------------------------------

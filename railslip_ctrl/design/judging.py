@@ -28,6 +28,7 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Actuator
 
 from .envelope import ERRORS, Case, Envelope, EnvelopePoints
+from .limits import least_peak
 from .specification import is_robust
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
@@ -429,21 +430,37 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
         controller = controller.for_vehicle(envelope.vehicle)
     if isinstance(controller, Controller):
         controller = controller.believing(envelope.vehicle)
-    if finds_slip(controller):  # whatever the envelope's reference
-        own = [round(speed / KMH, 9) for speed in controller.speeds_to_judge()]
-        inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
-        envelope = envelope.at(speeds=sorted({*envelope.speeds, *inside}))
-        points = envelope.points(nominal=nominal, held=controller.held_slip)
-        return judge_points(envelope, controller, points, nominal=nominal)
-    held = getattr(controller, "reference", None)
-    if envelope.reference is None and isinstance(held, ReferenceSlip):
-        envelope = envelope.at(reference=held)
+    envelope = envelope_for(envelope, controller)
     runs = isinstance(controller, Controller) or hasattr(controller, "as_run") or has_step(controller)
     if not (runs or callable(linear_of(controller))):
         design = linear_controller(controller)
         if isinstance(design, PIController) or design.period is None:
             controller = SampledController(design, run_period(design))
-    return judge_points(envelope, controller, envelope.points(nominal=nominal), nominal=nominal)
+    points = envelope.points(nominal=nominal, held=controller.held_slip if finds_slip(controller) else None)
+    return judge_points(envelope, controller, points, nominal=nominal)
+
+
+def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
+    """The envelope that a controller is judged over: at the slips that it holds, unless the envelope has its own.
+
+    Of one that finds its slip, whatever the envelope's reference, with the speeds at which its loop changes.
+    """
+    held = getattr(controller, "reference", None)
+    if finds_slip(controller):
+        own = [round(speed / KMH, 9) for speed in controller.speeds_to_judge()]
+        inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
+        return envelope.at(speeds=sorted({*envelope.speeds, *inside}))
+    return envelope if envelope.reference or not isinstance(held, ReferenceSlip) else envelope.at(reference=held)
+
+
+def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
+    """The least Ms that any controller has at a speed and load of a map, (m, n): theorem, see `limits`."""
+    found = np.ones((over.speeds_kmh.size, len(over.loads)))
+    for plant, load in zip(points.plants, points.loads, strict=True):
+        poles, zeros = (roots[roots.real > 0] for roots in (plant.poles, plant.zeros))
+        at = int(np.argmin(np.abs(over.speeds_kmh - plant.point.speed_kmh))), over.loads.index(load)
+        found[at] = max(found[at], least_peak(poles, zeros, points.vehicle.actuator.dead_time))
+    return found
 
 
 def finds_slip(controller: Any) -> bool:

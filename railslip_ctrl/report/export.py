@@ -121,7 +121,8 @@ def margin_numbers(margins: Margins | None) -> dict[str, Any]:
     return found | {"gain_decrease": found["gain_decrease"] or None}
 
 
-def _frequencies(margins: Margins | None) -> dict[str, Any] | None:
+def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
+    """Where each margin is, rad/s; null of an unstable loop."""
     names = ("gain_increase", "gain_decrease", "phase", "delay", "ms", "mt", "disk")
     keys = {"phase": "phase_margin", "delay": "delay_margin", "disk": "disk_margin"}
     return None if margins is None else exported(margins, **{keys.get(x, x): f"{x}_frequency" for x in names})
@@ -147,7 +148,7 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
         "unstable_closed_loop_poles": int(unstable) if math.isfinite(unstable) else None,
         "gain_crossovers_rad_s": _crossovers(assessment),
         **margin_numbers(assessment.margins),
-        "frequencies_rad_s": _frequencies(assessment.margins),
+        "frequencies_rad_s": margin_frequencies(assessment.margins),
         "limits": _limits_json(assessment),
         "pade": [
             {"order": row.order, "stable": row.margins is not None, **margin_numbers(row.margins)}

@@ -30,7 +30,7 @@ from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.assessment import limits_of
+from railslip_ctrl.design.assessment import limits_of, slip_responses
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
     Selection,
@@ -41,9 +41,8 @@ from railslip_ctrl.design.envelope_tuning import (
 )
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, judge_points, margins_at
 from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
-from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
+from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
@@ -322,7 +321,7 @@ LOAD_STEP = 100.0
 _CACHED = "conditions-predictive"
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
-_RESPONSE_TIME = 10.0  # s
+_RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s
 FASTER = (0.75, 0.5, 0.25)
 """Dead times and lags that are tried in turn where a design does not do, over the brake's."""
 
@@ -642,14 +641,10 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     """At the worst operating point; None of a loop too fast or too slow for the time shown."""
     if worst.margins is None:
         return None
-    plant, actuator = worst.case.plant, worst.case.actuator
-    bare, lag = Rational(plant.zeros, plant.poles, plant.gain), actuator.lag
-    pole: Any = np.array([-1 / lag] if lag > 0 else [])
-    brake = Rational(pole[:0], pole, 1 / (lag or 1.0))
-    c, tau = design.transfer_function, actuator.dead_time
+    times = np.linspace(0.0, _RESPONSE_TIME, _RESPONSE_POINTS)
+    given = {"reference": KMH, "torque": LOAD_STEP}
     try:
-        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, reference=KMH)
-        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, disturbance=LOAD_STEP)
+        step, push = slip_responses(design, worst.case.plant, worst.case.actuator, times, **given)
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)

@@ -16,7 +16,7 @@ from railslip_ctrl.controllers.linear import LinearControl, full_brake_torque
 from railslip_ctrl.controllers.systems import wheel_slip_loop
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
-from railslip_ctrl.design.envelope import EnvelopePoints
+from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, in_reading
@@ -138,14 +138,13 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
     names = sorted({point.law.name: point.law.has_state for point in operating}.items(), key=lambda one: one[1])
     laws = [name for name, _ in names] if every_law else [names[0][0]]
     return tuple(
-        _stop(control, stop_scenario(judgement, law, load, rail), load)
+        _stop(control, stop_scenario(judgement.envelope, judgement.points, law, load, rail), load)
         for law, load, rail in product(laws, loads, judgement.envelope.rails)
     )
 
 
-def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
+def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: str, rail: Rail) -> Scenario:
     """The stop of a load on a rail with a law of the envelope, by name."""
-    envelope, points = judgement.envelope, judgement.points
     of_load = np.flatnonzero(points.operating & (points.load == load))
     point = next(p for p in (points.plants[int(points.plant[i])].point for i in of_load) if p.law.name == law)
     car: Vehicle = point.vehicle
@@ -159,7 +158,7 @@ def tolerance_stops(nominal: Sequence[Stop], control: Any, judgement: Judgement)
     actuator = envelope.vehicle.actuator
     found = []
     for one in nominal:
-        scenario = stop_scenario(judgement, one.law, one.load, one.rail)
+        scenario = stop_scenario(envelope, judgement.points, one.law, one.load, one.rail)
         for late, slow in product(*(sorted({min(axis), max(axis)}) for axis in (envelope.dead_time, envelope.lag))):
             brake = Actuator(dead_time=late * actuator.dead_time, lag=slow * actuator.lag)
             car = scenario.vehicle.model_copy(update={"actuator": brake})
@@ -202,7 +201,7 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
     found = []
     for one in nominal:
         if one.swings:
-            scenario = stop_scenario(judgement, one.law, one.load, one.rail)
+            scenario = stop_scenario(judgement.envelope, judgement.points, one.law, one.load, one.rail)
             plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
             stable = wheel_slip_loop(plant, design).is_stable()
             found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))

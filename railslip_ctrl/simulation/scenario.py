@@ -275,6 +275,12 @@ def stop(
     )
 
 
+def with_patch(scenario: Scenario, begin: float, length: float) -> Scenario:
+    """The scenario with a wet patch of a `length`, m, that begins a distance, m, from where the brake is applied."""
+    ends = Event(distance=begin, rail=Rail.WET), Event(distance=begin + length, rail=scenario.rail)
+    return scenario.with_changes(events=ends)
+
+
 BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that come with the package
 
 

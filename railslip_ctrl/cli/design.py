@@ -1,0 +1,77 @@
+"""`railslip design`."""
+
+from __future__ import annotations
+
+import webbrowser
+
+import click
+
+from railslip_ctrl.design.workbench import Workbench
+from railslip_ctrl.page.server import Desk, PageServer
+from railslip_ctrl.report.export import json_text
+
+from .margins import given_controller
+from .options import (
+    DEFAULT_ENVELOPE,
+    CaseOptions,
+    case_options,
+    chosen_gains,
+    controller_option,
+    gain_options,
+    whole_number,
+)
+from .output import progress
+from .settings import HELP, option, preset, switch
+
+_LARGEST_PORT = 65_535
+
+
+@click.command(context_settings=HELP)
+@case_options(over=True)
+@option(
+    "--envelope",
+    "default|FILE",
+    "Shape for a whole envelope, as `margins` judges it; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
+    "the vehicle's own or the default",
+)
+@gain_options("those of the page's rule")
+@controller_option("a PI-lead by a rule, or a PI of --kp and --ki")
+@preset(
+    "--port",
+    "N",
+    "Number of the port of 127.0.0.1; 0: a free one. With a port of your own, open pages go on after a restart.",
+    "0",
+)
+@switch("--no-browser", "Print the address alone; open no browser.")
+def command(
+    cases: CaseOptions,
+    as_json: bool,
+    envelope: str | None,
+    controller: str | None,
+    kp: float | None,
+    ki: float | None,
+    port: str,
+    no_browser: bool,
+) -> None:
+    """Shape the loop by hand, in the browser. The page shows the gains that stabilise the whole envelope, the loop with
+    its exact margins, and braking runs, while you drag; it saves the controller for every other command. It is served
+    on this machine alone, until you interrupt it. Exit status 0, or 2 for bad input.
+
+    Example: railslip design --vehicle my_train.toml --no-browser --port 8050
+    """
+    judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
+    gains = chosen_gains(kp, ki)
+    given = None
+    if controller is not None or gains is not None:
+        point = judged.points(nominal=True).plants[0].point
+        given = given_controller(controller or "pi", point, gains, judged.reference)
+    desk = Desk(Workbench(judged, given))
+    server = PageServer(desk, whole_number("--port", port, 0, _LARGEST_PORT))
+    try:
+        with server, desk.opened():
+            click.echo(json_text({"address": server.address}) if as_json else server.address)
+            if not no_browser:
+                webbrowser.open(server.address)
+            server.serve_forever()
+    except KeyboardInterrupt:  # how it ends
+        progress("the page is no longer served")

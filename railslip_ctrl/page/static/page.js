@@ -1,0 +1,900 @@
+"use strict";
+// The page of `railslip design`. It draws and asks; every number of control theory comes from the server.
+
+const $ = (id) => document.getElementById(id);
+const make = (tag, given) => Object.assign(document.createElement(tag), given);
+const copyOf = structuredClone;
+const CLIENT = Math.random().toString(36).slice(2);
+const SETTLED = 70, RESTED = 350; // ms without a change, until what takes a moment is asked, and what takes a second
+const RETRY = 1000; // ms until a server that is gone, or busy, is asked again
+const STEPS = 1000, REACH = 10; // of a slider: its scale is logarithmic, from a tenth of its start to ten times that
+const SHOWN = 6; // sliders; the rest is folded
+const PLOTS = ["nyquist", "bode", "step", "stop", "envelope-map"];
+
+let begin = null; // what the server said at the start
+let design = null; // {kind, values, reference}
+let pinned = null; // {design, loop, stops}, which stay behind in grey
+let loop = null, envelope = null, verdict = null, stops = null, region = null; // the answers
+let fromKmh = 0, chosen = null, hardest = null; // which loop is shown: from this speed up, the chosen, the known hardest
+let view = null, mapArea = null, regionAll = false, regionKey = "";
+let before = null, lost = false, written = null, addressTimer = 0;
+const past = [], future = [], turns = {}, cursors = {}, held = {}, inks = {};
+const fields = new Map(); // by the name of a number: {slider, field, low, high, set, now}
+
+// --- words -----------------------------------------------------------------------------------------------------------
+
+function fmt(x, digits = 4) {
+  if (x === null || x === undefined || Number.isNaN(x)) return "–";
+  if (!Number.isFinite(x)) return x > 0 ? "∞" : "−∞";
+  const size = Math.abs(x);
+  const text = size >= 1e5 || (size && size < 1e-4) ? x.toExponential(digits - 1) : String(Number(x.toPrecision(digits)));
+  return text.replace("-", "−");
+}
+const plainName = (name) => name.replaceAll("_", " ");
+const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·")}`);
+const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
+const cut = (text) => `“${text.slice(0, 40)}”`;
+
+// A line above; what the server refuses goes with the next design that it takes.
+function say(text, mild = false, refused = false) {
+  Object.assign($("message"), { textContent: text, hidden: !text, className: mild ? "mild" : refused ? "refused" : "" });
+}
+
+// --- asking ----------------------------------------------------------------------------------------------------------
+
+// The answer; {stale} if a newer question has come, {busy}, or {error}, which is empty if the server is gone.
+async function ask(what, more = {}) {
+  turns[what] = (turns[what] ?? 0) + 1;
+  const body = JSON.stringify({ client: CLIENT, turn: turns[what], ...more });
+  let answer;
+  try {
+    const got = await fetch(what, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    if (got.status === 200) answer = unpacked(await got.arrayBuffer());
+    else answer = { 204: { stale: true }, 503: { busy: true } }[got.status] ?? { error: (await got.json()).error };
+  } catch {
+    serverLost();
+    return { error: "" };
+  }
+  if (lost) serverBack();
+  return answer;
+}
+
+function unpacked(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  let at = 4 + length;
+  for (const [name, size] of Object.entries(head.arrays)) {
+    head.arrays[name] = new Float32Array(buffer, at, size);
+    at += 4 * size;
+  }
+  return head;
+}
+
+function serverLost() {
+  say("The server does not answer. Nothing is lost: the whole design is in the address. "
+    + "Start railslip design again on the same --port, and this page goes on.");
+  if (lost) return;
+  lost = true;
+  const later = () => setTimeout(() => lost && fetch("page.css").then((found) => (found.ok ? serverBack() : later()), later), RETRY);
+  later();
+}
+
+function serverBack() {
+  if (!lost) return;
+  lost = false;
+  say("");
+  if (begin === null) start();
+  else changed();
+}
+
+// One question of a kind is on its way; if the design changes meanwhile it is asked again, of the newest.
+class Question {
+  constructor(what, wait, take, more = () => ({})) {
+    Object.assign(this, { what, wait, take, more, asked: false, again: false, timer: 0 });
+  }
+
+  soon(wait = this.wait) {
+    clearTimeout(this.timer);
+    if (this.asked) this.again = true;
+    else if (wait) this.timer = setTimeout(() => this.now(), wait);
+    else this.now();
+  }
+
+  async now() {
+    if (!kindNow().loop && this.what !== "loop" && this.what !== "stops") return;
+    this.asked = true;
+    this.again = false;
+    const found = await ask(this.what, { design, ...this.more() });
+    this.asked = false;
+    if (found.busy) this.soon(RETRY);
+    else if (!found.stale && found.error !== "" && !(found.error && this.again)) this.take(found, this.again);
+    if (this.again && !lost) this.soon();
+  }
+}
+
+const questions = {
+  loop: new Question("loop", 0, takeLoop, () => ({ from: fromKmh, point: chosen ?? hardest })),
+  envelope: new Question("envelope", SETTLED, takeEnvelope),
+  stops: new Question("stops", SETTLED, takeStops),
+  verdict: new Question("verdict", RESTED, takeVerdict),
+  region: new Question("region", SETTLED, takeRegion, () => ({ axes: axes(), all: regionAll })),
+};
+
+// --- the design ------------------------------------------------------------------------------------------------------
+
+const kindNow = () => begin.kinds[design.kind];
+const axes = () => (kindNow().tuned ? ["kp", "ki"] : [$("axis-x").value, $("axis-y").value]);
+const started = (kind) => Object.fromEntries(begin.kinds[kind].sliders.map((one) => [one.name, one.value]));
+
+// The design has changed: everything is asked again. `kept`: so that it may be undone.
+function changed(kept = false) {
+  if (kept) remember();
+  hardest = verdict = null;
+  $("answer").classList.add("stale");
+  showNumbers();
+  for (const name of kindNow().loop ? ["loop", "envelope", "stops", "verdict"] : ["loop", "stops"]) questions[name].soon();
+  if (kindNow().loop) askRegion();
+  else takeEnvelope({ error: "No verdict: there is no linear loop. See the braking runs." });
+  drawMap();
+  clearTimeout(addressTimer);
+  addressTimer = setTimeout(writeAddress, 150);
+}
+
+function remember() {
+  if (before !== null && JSON.stringify(before) !== JSON.stringify(design)) {
+    past.push(before);
+    future.length = 0;
+  }
+  before = copyOf(design);
+  $("undo").disabled = !past.length;
+  $("redo").disabled = !future.length;
+}
+
+// Another design, which may be of another kind.
+function shape(given, kept = true) {
+  design = given;
+  showKind();
+  changed(kept);
+}
+
+function goTo(from, to) {
+  if (!from.length) return;
+  to.push(copyOf(design));
+  before = copyOf(from.at(-1));
+  shape(from.pop(), false);
+  remember();
+}
+
+function askRegion() {
+  const [x, y] = axes();
+  const others = Object.entries(design.values).filter(([name]) => name !== x && name !== y);
+  const key = JSON.stringify([design.kind, x, y, others, design.reference]);
+  if (key === regionKey) return;
+  regionKey = key;
+  regionAll = false;
+  $("map-told").textContent = "…";
+  questions.region.soon();
+}
+
+// --- the address -----------------------------------------------------------------------------------------------------
+
+function writeAddress() {
+  const slips = Object.entries(design.reference).map(([rail, slip]) => [`slip.${rail}`, slip]);
+  written = `#${new URLSearchParams([["kind", design.kind], ...Object.entries(design.values), ...slips])}`;
+  history.replaceState(null, "", written);
+}
+
+// Takes the design of the address; what in it is not understood is said, and stays as it was.
+function takeAddress() {
+  if (location.hash === written) return null;
+  const words = new URLSearchParams(location.hash.slice(1)), wrong = [];
+  let kind = words.get("kind") ?? design.kind;
+  if (!Object.hasOwn(begin.kinds, kind)) {
+    wrong.push(`kind ${cut(kind)} is not offered; choose one of ${Object.keys(begin.kinds).join(", ")}`);
+    kind = design.kind;
+  }
+  const free = kind === "transfer-function" && [...words.keys()].some((name) => /^[ab]\d+$/.test(name));
+  const found = { kind, values: free ? {} : kind === design.kind ? { ...design.values } : started(kind), reference: { ...design.reference } };
+  for (const [name, text] of words) {
+    const rail = name.startsWith("slip.") ? name.slice(5) : "", value = Number(text);
+    const known = rail ? Object.hasOwn(found.reference, rail) : free ? /^[ab]\d{1,2}$/.test(name) : Object.hasOwn(found.values, name);
+    if (name === "kind") continue;
+    if (!known) wrong.push(`${cut(name)} is no number of ${kind}`);
+    else if (!text.trim() || !Number.isFinite(value)) wrong.push(`${name}: ${cut(text)} is not a number`);
+    else if (rail) found.reference[rail] = value;
+    else found.values[name] = value;
+  }
+  shape(found);
+  return wrong.length ? say(`In the address: ${wrong.join("; ")}. The rest is taken.`) : null;
+}
+
+// --- fields ----------------------------------------------------------------------------------------------------------
+
+function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
+  const words = make("label", { htmlFor: name, title: meaning, textContent: (label ?? plainName(name)) + unitOf(unit) });
+  const slider = make("input", { type: "range", min: 0, max: STEPS, id: `${name}-slider`, title: meaning });
+  const field = make("input", { type: "text", inputMode: "decimal", id: name, autocomplete: "off", title: meaning });
+  slider.setAttribute("aria-label", `${words.textContent}: ${meaning}`);
+  const row = make("div", { className: "number" });
+  row.append(words, slider, field);
+  parent.append(row);
+  const size = Math.abs(value) || 1, one = { slider, field, set, low: size / REACH, high: Math.min(size * REACH, most ?? Infinity) };
+  slider.addEventListener("input", () => {
+    const size = one.low * (one.high / one.low) ** (slider.value / STEPS);
+    set(Number((one.now < 0 ? -size : size).toPrecision(6)));
+    changed();
+  });
+  slider.addEventListener("change", remember);
+  const typed = () => {
+    clearTimeout(one.timer);
+    const text = field.value.trim().replace("−", "-").replace(",", "."), given = Number(text);
+    const good = text !== "" && Number.isFinite(given);
+    field.setAttribute("aria-invalid", String(!good));
+    say(good ? "" : `${words.textContent}: ${cut(text)} is not a number; the last one stays`);
+    if (!good || given === one.now) return;
+    set(given);
+    changed();
+  };
+  field.addEventListener("input", () => {
+    clearTimeout(one.timer);
+    one.timer = setTimeout(typed, RESTED);
+  });
+  for (const act of [typed, remember]) field.addEventListener("change", act);
+  fields.set(name, one);
+}
+
+function showKind() {
+  $("kind").value = design.kind;
+  for (const id of ["tuning", "tuning-ki"]) $(id).hidden = !kindNow().tuned;
+  $("axes").hidden = kindNow().tuned || !kindNow().loop;
+  const free = design.kind === "transfer-function";
+  $("coefficients").hidden = !free;
+  for (const id of ["sliders", "more-sliders"]) $(id).replaceChildren();
+  for (const name of fields.keys()) if (!name.startsWith("slip-")) fields.delete(name);
+  const known = new Map(kindNow().sliders.map((one) => [one.name, one]));
+  const names = free ? Object.keys(design.values).sort((a, b) => b.localeCompare(a, undefined, { numeric: true })) : [...known.keys()];
+  names.forEach((name, i) => {
+    const one = known.get(name) ?? { name, unit: "1", meaning: `coefficient of the power ${name.slice(1)}`, most: null };
+    addNumber($(i < SHOWN ? "sliders" : "more-sliders"), { ...one, value: one.value || design.values[name] }, (value) => (design.values[name] = value));
+  });
+  for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
+    if (free) $(id).value = names.filter((name) => name[0] === letter).map((name) => design.values[name]).join(", ");
+  }
+  $("more").hidden = names.length <= SHOWN;
+  for (const [id, place] of [["axis-x", 0], ["axis-y", 1]]) {
+    const kept = $(id).value;
+    $(id).replaceChildren(...names.map((name) => new Option(plainName(name), name)));
+    $(id).value = names.includes(kept) ? kept : names[Math.min(place, names.length - 1)];
+  }
+  showNumbers();
+}
+
+function showNumbers() {
+  for (const [name, one] of fields) {
+    const value = (one.now = name.startsWith("slip-") ? design.reference[name.slice(5)] : design.values[name]), size = Math.abs(value);
+    if (size) Object.assign(one, { low: Math.min(one.low, size), high: Math.max(one.high, size) });
+    one.slider.value = size ? Math.round((STEPS * Math.log(size / one.low)) / Math.log(one.high / one.low)) : 0;
+    one.slider.setAttribute("aria-valuetext", fmt(value));
+    if (document.activeElement === one.field) continue;
+    one.field.value = String(Number(value.toPrecision(6)));
+    one.field.removeAttribute("aria-invalid");
+  }
+}
+
+function typedCoefficients() {
+  const values = {};
+  for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
+    const parts = $(id).value.split(/[,;\s]+/).filter(Boolean).map(Number), good = parts.length > 0 && parts.length <= 12 && parts.every(Number.isFinite);
+    $(id).setAttribute("aria-invalid", String(!good));
+    if (!good) return say(`${$(id).labels[0].textContent}: give one to twelve numbers with commas; the last ones stay`);
+    parts.forEach((value, i) => (values[`${letter}${parts.length - 1 - i}`] = value));
+  }
+  say("");
+  return shape({ ...design, values });
+}
+
+// --- answers ---------------------------------------------------------------------------------------------------------
+
+function takeLoop(found) {
+  if (found.error) return say(found.error, false, true);
+  if ($("message").className === "refused") say("");
+  loop = found;
+  showMargins();
+  $("where").textContent = found.where;
+  for (const id of ["nyquist", "bode", "step"]) draw[id]();
+  document.body.dataset.painted = String(Number(document.body.dataset.painted ?? 0) + 1);
+  return null;
+}
+
+// The margins of the loop that is shown; its gain range over the envelope, as soon as that is known.
+function showMargins() {
+  const { stable, later, no_loop: none } = loop, ahead = verdict ?? envelope, least = (later ? verdict?.least : ahead?.least) ?? null;
+  const told = (value, unit) => (none || !stable ? "–" : value === undefined ? "…" : fmt(value ?? Infinity, 3) + unit);
+  $("ms").textContent = none ? "–" : msText(loop.ms);
+  $("phase-margin").textContent = told(later ? least?.phase_deg : loop.phase_margin_deg, "°");
+  $("delay-margin").textContent = told(later ? least?.delay_s : loop.delay_margin_s, " s");
+  const range = least ?? (stable && !later ? loop : null);
+  let words = none ? "–" : stable ? "…" : "none";
+  if (range) words = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
+  else if (loop.range) words = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
+  $("gain-range").textContent = words;
+  $("bound").textContent = none ? "–" : `≥ ${fmt(loop.least_ms, 3)}`;
+}
+
+function showVerdict(found, outdated = false) {
+  $("verdict").className = found.verdict ?? "";
+  $("verdict").textContent = found.line;
+  $("told").textContent = found.told?.join(" ") ?? "";
+  $("answer").classList.toggle("stale", outdated);
+  if (loop) showMargins();
+  draw["envelope-map"]();
+}
+
+function takeEnvelope(found, outdated) {
+  envelope = found.error ? null : found;
+  if (found.error) return showVerdict({ line: found.error });
+  const words = Object.keys(found.points), list = $("point");
+  if ([...list.options].slice(1).map((one) => one.textContent).join() !== words.join()) {
+    list.replaceChildren(new Option("the worst", ""), ...words.map((one) => new Option(one, String(found.points[one]))));
+    chosen = null;
+  }
+  fromKmh = found.usable_from_kmh ?? 0;
+  if (chosen === null && !outdated && loop?.point !== found.hardest) {
+    hardest = found.hardest;
+    questions.loop.soon();
+  }
+  return showVerdict(verdict ?? found, outdated);
+}
+
+function takeVerdict(found, outdated) {
+  if (found.error || outdated) return;
+  verdict = found;
+  showVerdict(found);
+}
+
+function takeStops(found) {
+  if (found.error) return say(found.error, false, true);
+  stops = found;
+  return draw.stop();
+}
+
+function takeRegion(found, outdated) {
+  if (outdated) return;
+  region = found.error ? { levels: [] } : found;
+  const none = found.error ?? "no gains of this kind stabilise every operating point; see the map of speed and load";
+  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "at the hardest points; all follow" : region.levels ? "" : "at the hardest points";
+  if (!found.error) fitMap();
+  drawMap();
+  if (!region.few) return;
+  regionAll = true;
+  questions.region.soon();
+}
+
+// --- drawing ---------------------------------------------------------------------------------------------------------
+
+const INKS = "paper panel ink dim rule grid line pinned worst good fair bad shade from to void".split(" ");
+const FONT = "11.5px system-ui, sans-serif", MARGIN = { left: 50, right: 10, title: 17, bottom: 34 };
+
+function readInks() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of INKS) inks[name] = style.getPropertyValue(`--${name}`).trim();
+}
+
+// A colour of the scale of Ms, from 0, the palest, to 1.
+function mixed(share) {
+  const part = (text, i) => parseInt(text.slice(1 + 2 * i, 3 + 2 * i), 16);
+  return `rgb(${[0, 1, 2].map((i) => Math.round(part(inks.from, i) + (part(inks.to, i) - part(inks.from, i)) * share)).join()})`;
+}
+
+// A canvas in CSS pixels, cleared.
+function sheet(id) {
+  const canvas = $(id), ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+  const ctx = canvas.getContext("2d");
+  ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  ctx.fillStyle = inks.paper;
+  ctx.fillRect(0, 0, width, height);
+  Object.assign(ctx, { font: FONT, lineJoin: "round", textBaseline: "middle" });
+  return { ctx, width, height };
+}
+
+function write(ctx, text, x, y, align = "left", colour = inks.dim) {
+  Object.assign(ctx, { textAlign: align, fillStyle: colour });
+  ctx.fillText(text, x, y);
+}
+
+function ticksOf([low, high], log, count) {
+  const found = [];
+  if (log) {
+    const decades = Math.log10(high / low), steps = decades > 3 ? [1] : decades > 1.2 ? [1, 3] : [1, 2, 3, 5];
+    for (let k = Math.floor(Math.log10(low)); k <= Math.log10(high); k += Math.max(1, Math.ceil(decades / count))) {
+      found.push(...steps.map((step) => step * 10 ** k).filter((at) => at >= low * 0.999 && at <= high * 1.001));
+    }
+    return found;
+  }
+  const size = 10 ** Math.floor(Math.log10((high - low) / count)), step = size * [1, 2, 5, 10].find((one) => one * size >= (high - low) / count);
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
+  return found;
+}
+
+// A panel between two heights of a sheet: title above, ticks, and `x` and `y`, which turn numbers into pixels.
+function panel({ ctx, width }, top, bottom, spec) {
+  const left = MARGIN.left, right = width - MARGIN.right;
+  const share = ([low, high], log) => (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
+  const scale = (ends, log, from, to) => (v) => from + (to - from) * share(ends, log)(v);
+  const area = { ctx, left, right, top, bottom, x: scale(spec.x, spec.logX, left, right), y: scale(spec.y, spec.logY, bottom, top) };
+  write(ctx, spec.title, left, top - 9);
+  Object.assign(ctx, { strokeStyle: inks.grid, lineWidth: 1 });
+  ctx.beginPath();
+  for (const at of spec.ticksY ?? ticksOf(spec.y, spec.logY, Math.max(2, Math.round((bottom - top) / 30)))) {
+    const py = Math.round(area.y(at)) + 0.5;
+    ctx.moveTo(left, py);
+    ctx.lineTo(right, py);
+    write(ctx, fmt(at, 3), left - 5, py, "right");
+  }
+  for (const at of ticksOf(spec.x, spec.logX, Math.max(3, Math.round((right - left) / 75)))) {
+    const px = Math.round(area.x(at)) + 0.5;
+    ctx.moveTo(px, top);
+    ctx.lineTo(px, bottom);
+    if (spec.labelX) write(ctx, fmt(at, 3), px, bottom + 10, "center");
+  }
+  ctx.stroke();
+  if (spec.labelX) write(ctx, spec.labelX, right, bottom + 25, "right");
+  ctx.strokeStyle = inks.rule;
+  ctx.strokeRect(left + 0.5, top + 0.5, right - left, bottom - top);
+  return area;
+}
+
+// The panels of a plot one below the other, of equal height, with a common x.
+function stacked(of, x, logX, labelX, specs) {
+  const high = (of.height - MARGIN.bottom) / specs.length;
+  return specs.map((spec, i) => panel(of, i * high + MARGIN.title, (i + 1) * high - 4, { ...spec, x, logX, labelX: i === specs.length - 1 ? labelX : "" }));
+}
+
+function inside({ ctx, left, right, top, bottom }, work) {
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(left, top, right - left, bottom - top);
+  ctx.clip();
+  work(ctx);
+  ctx.restore();
+}
+
+function line(area, xs, ys, colour, wide = 2, dash = []) {
+  const { ctx } = area, far = 4000; // pixels; what is farther off is drawn there
+  Object.assign(ctx, { strokeStyle: colour, lineWidth: wide });
+  ctx.setLineDash(dash);
+  ctx.beginPath();
+  for (let i = 0, down = false; i < xs.length; i++) {
+    const px = area.x(xs[i]), py = Math.max(-far, Math.min(far, area.y(ys[i])));
+    const good = Number.isFinite(px) && Number.isFinite(py);
+    if (good && down) ctx.lineTo(px, py);
+    else if (good) ctx.moveTo(px, py);
+    down = good;
+  }
+  ctx.stroke();
+  ctx.setLineDash([]);
+}
+
+function ring(ctx, px, py, radius, colour, fill, wide = 2, dash = []) {
+  ctx.beginPath();
+  ctx.arc(px, py, radius, 0, 2 * Math.PI);
+  if (fill) {
+    ctx.fillStyle = fill;
+    ctx.fill();
+  }
+  Object.assign(ctx, { strokeStyle: colour, lineWidth: wide });
+  ctx.setLineDash(dash);
+  ctx.stroke();
+  ctx.setLineDash([]);
+}
+
+const dot = (area, x, y, colour, hollow = false) => ring(area.ctx, area.x(x), area.y(y), hollow ? 6 : 3.5, colour, hollow ? inks.paper : colour);
+
+function hatch(ctx, x, y, wide, high) {
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(x, y, wide, high);
+  ctx.clip();
+  Object.assign(ctx, { strokeStyle: inks.rule, lineWidth: 1 });
+  ctx.beginPath();
+  for (let at = -high; at < wide; at += 8) {
+    ctx.moveTo(x + at, y + high);
+    ctx.lineTo(x + at + high, y);
+  }
+  ctx.stroke();
+  ctx.restore();
+}
+
+// Words in place of a plot.
+function instead(id, told) {
+  const { ctx, width, height } = sheet(id), lines = [""];
+  ctx.fillStyle = inks.panel;
+  ctx.fillRect(0, 0, width, height);
+  for (const word of told.split(" ")) {
+    if (ctx.measureText(`${lines.at(-1)} ${word}`).width > width - 40) lines.push("");
+    lines.push(`${lines.pop()} ${word}`.trim());
+  }
+  lines.forEach((text, i) => write(ctx, text, width / 2, height / 2 + 17 * (i - (lines.length - 1) / 2), "center"));
+  cursors[id] = null;
+}
+
+// The ends of an axis for some lists, within bounds; a pinned list counts too.
+function extent(lists, low, high, room) {
+  let [a, b] = [Infinity, -Infinity];
+  for (const v of lists.flatMap((list) => [...(list ?? [])])) {
+    if (v < a && v >= low) a = v;
+    if (v > b && v <= high) b = v;
+  }
+  if (b < a) [a, b] = [0, 1];
+  const more = Math.max(0.06 * (b - a), room);
+  return [a - more, b + more];
+}
+
+// What a plot reads: how many places, the nearest one to the pointer, dots there, and words.
+function readable(id, count, near, marks, text) {
+  cursors[id] = { count, near, marks, text };
+  const at = held[id] === null || held[id] === undefined ? null : Math.min(held[id], count - 1);
+  for (const [area, x, y] of at === null ? [] : marks(at)) inside(area, () => dot(area, x, y, inks.ink));
+  $(`${id}-read`).textContent = at === null ? "" : text(at);
+}
+
+function nearest(count, away) {
+  let best = 0;
+  for (let i = 1, least = away(0); i < count; i++) if (away(i) < least) [best, least] = [i, away(i)];
+  return best;
+}
+
+const nearX = (area, xs) => (px) => nearest(xs.length, (i) => Math.abs(area.x(xs[i]) - px));
+
+const draw = {
+  nyquist() {
+    if (!loop) return;
+    if (loop.no_loop) return instead("nyquist", loop.no_loop);
+    const of = sheet("nyquist"), high = of.height - MARGIN.bottom, reach = 2.3; // of the imaginary axis
+    const wide = (reach * (of.width - MARGIN.left - MARGIN.right)) / (high - MARGIN.title);
+    const area = panel(of, MARGIN.title, high, { x: [-0.9 - wide / 2, -0.9 + wide / 2], y: [-0.55 * reach, 0.45 * reach], title: "imaginary part of L", labelX: "real part of L" });
+    const { re, im, omega } = loop.arrays, old = pinned?.loop.arrays, w = loop.frequencies?.ms, size = area.x(0) - area.x(-1);
+    inside(area, (ctx) => {
+      ring(ctx, area.x(-1), area.y(0), size / loop.least_ms, inks.dim, "", 1.25, [5, 4]);
+      if (loop.ms) ring(ctx, area.x(-1), area.y(0), size / loop.ms, inks.worst, inks.shade, 1.5);
+      if (old?.re) line(area, old.re, old.im, inks.pinned);
+      line(area, re, im, inks.line);
+      line({ ...area, x: (v) => area.x(-1) + v, y: (v) => area.y(0) + v }, [-5, 5, NaN, -5, 5], [-5, 5, NaN, 5, -5], inks.ink);
+      const worst = w ? nearest(omega.length, (i) => Math.abs(Math.log(omega[i] / w))) : -1;
+      if (worst >= 0) dot(area, re[worst], im[worst], inks.worst, true);
+    });
+    readable("nyquist", re.length, (px, py) => nearest(re.length, (i) => Math.hypot(area.x(re[i]) - px, area.y(im[i]) - py)), (i) => [[area, re[i], im[i]]],
+      (i) => `${fmt(omega[i])} rad/s: L = ${fmt(re[i], 3)} ${im[i] < 0 ? "−" : "+"} ${fmt(Math.abs(im[i]), 3)} j`);
+    return $("nyquist").setAttribute("aria-label", loop.stable ? `Nyquist diagram, Ms ${fmt(loop.ms)}` : "Nyquist diagram of an unstable loop");
+  },
+
+  bode() {
+    if (!loop) return;
+    if (loop.no_loop) return instead("bode", loop.no_loop);
+    const { omega, db, phase } = loop.arrays, old = pinned?.loop.arrays, of = sheet("bode");
+    const shown = [...omega.keys()].filter((i) => Math.abs(db[i]) < 60), ends = shown.length > 20 ? [shown[0], shown.at(-1)] : [0, omega.length - 1];
+    const x = ends.map((i) => omega[i]), seen = (list) => list.slice(ends[0], ends[1] + 1), [low, high] = extent([seen(phase)], -1e4, 1e4, 15);
+    const y = [Math.max(low, Math.min(high, -120) - 480), high], ticksY = [];
+    for (let at = Math.ceil(y[0] / 90) * 90; at <= y[1]; at += y[1] - y[0] > 400 ? 180 : 90) ticksY.push(at);
+    const areas = stacked(of, x, true, "rad/s", [{ title: "|L|, dB", y: extent([seen(db)], -60, 60, 3) }, { title: "phase, deg", y, ticksY }]);
+    const value = (list, w) => { // on the line at a frequency, between its points
+      const i = Math.min(omega.length - 1, Math.max(1, omega.findIndex((one) => one >= w)));
+      return list[i - 1] + ((list[i] - list[i - 1]) * Math.log(w / omega[i - 1])) / Math.log(omega[i] / omega[i - 1]);
+    };
+    const { phase_margin: pm, gain_increase: up, gain_decrease: down } = loop.frequencies ?? {};
+    const bars = [[up, down].filter(Boolean).map((w) => [w, value(db, w), 0]), [pm].filter(Boolean).map((w) => [w, value(phase, w), Math.round((value(phase, w) - 180) / 360) * 360 + 180])];
+    areas.forEach((area, k) => inside(area, (ctx) => {
+      const [from, to] = loop.crossover ? [loop.crossover[0] ?? 0, loop.crossover[1] ?? Infinity] : [Infinity, Infinity];
+      const [px, qx] = [from, to].map((w) => Math.max(area.left, Math.min(area.right, w ? area.x(w) : area.left)));
+      ctx.fillStyle = inks.shade;
+      ctx.fillRect(area.left, area.top, px - area.left, area.bottom - area.top);
+      ctx.fillRect(qx, area.top, area.right - qx, area.bottom - area.top);
+      for (const at of k ? [-180, -540] : [0]) line(area, x, [at, at], inks.dim, 1, [4, 3]);
+      if (old?.omega) line(area, old.omega, k ? old.phase : old.db, inks.pinned);
+      line(area, omega, k ? phase : db, inks.line);
+      for (const [w, a, b] of bars[k]) {
+        line(area, [w, w], [a, b], inks.worst, 3);
+        dot(area, w, a, inks.worst);
+      }
+    }));
+    readable("bode", omega.length, nearX(areas[0], omega), (i) => [[areas[0], omega[i], db[i]], [areas[1], omega[i], phase[i]]],
+      (i) => `${fmt(omega[i])} rad/s: ${fmt(db[i], 3)} dB, ${fmt(phase[i])}°`);
+    return $("bode").setAttribute("aria-label", pm ? `Bode diagram, phase margin ${fmt(loop.phase_margin_deg, 3)} degrees at ${fmt(pm, 3)} radians a second` : "Bode diagram");
+  },
+
+  step() {
+    if (!loop) return;
+    if (loop.no_loop || loop.no_step) return instead("step", loop.no_loop ?? loop.no_step);
+    const { time, step, load } = loop.arrays, old = pinned?.loop.arrays, most = loop.stable ? 1e6 : 3; // a growing line is cut
+    const specs = [
+      { title: "slip velocity, m/s, after a step of 1 m/s of its reference", y: extent([step, [0, 1], old?.step], -most, most, 0) },
+      { title: `the same after ${fmt(begin.load_step)} N·m at the wheel`, y: extent([load, [0], old?.load], -most, most, 1e-9) },
+    ];
+    const areas = stacked(sheet("step"), [0, time.at(-1)], false, "s", specs);
+    areas.forEach((area, k) => inside(area, () => {
+      line(area, [0, time.at(-1)], k ? [0, 0] : [1, 1], inks.dim, 1, [4, 3]);
+      if (old?.time) line(area, old.time, k ? old.load : old.step, inks.pinned);
+      line(area, time, k ? load : step, inks.line);
+    }));
+    return readable("step", time.length, nearX(areas[0], time), (i) => [[areas[0], time[i], step[i]], [areas[1], time[i], load[i]]],
+      (i) => `${fmt(time[i], 3)} s: ${fmt(step[i], 3)} m/s after the step, ${fmt(load[i], 3)} m/s after the load`);
+  },
+
+  stop() {
+    if (!stops) return;
+    const name = document.querySelector("input[name=run]:checked").value;
+    const columns = (of) => of && Object.fromEntries(["time", "train", "wheel", "slip", "reference", "torque"].map((one) => [one, of.arrays[`${name} ${one}`]]));
+    const now = columns(stops), old = columns(pinned?.stops), { time } = now, end = Math.max(time.at(-1), old?.time.at(-1) ?? 0);
+    const parts = [["km/h: train (dashed) and wheel", "wheel", "train", 1], ["slip, and its reference (dashed)", "slip", "reference", 0.004], ["torque, N·m", "torque", "torque", 20]];
+    const specs = parts.map(([title, one, other, room]) => ({ title, y: extent([now[one], now[other], old?.[one]], -1e9, 1e9, room) }));
+    const areas = stacked(sheet("stop"), [0, end], false, "s", specs);
+    areas.forEach((area, k) => inside(area, () => {
+      if (old) line(area, old.time, old[parts[k][1]], inks.pinned, 1.5);
+      line(area, time, now[parts[k][1]], inks.line, 1.5);
+      if (k < 2) line(area, time, now[parts[k][2]], inks.ink, 1.25, [5, 4]);
+    }));
+    readable("stop", time.length, nearX(areas[0], time), (i) => areas.map((area, k) => [area, time[i], now[parts[k][1]][i]]),
+      (i) => `${fmt(time[i], 3)} s: train ${fmt(now.train[i], 3)}, wheel ${fmt(now.wheel[i], 3)} km/h, slip ${fmt(now.slip[i], 3)}, torque ${fmt(now.torque[i])} N·m`);
+    $("stop-told").textContent = stops.words[name].replaceAll("N*m", "N·m").split("\n").join(". ");
+    return $("stop").setAttribute("aria-label", `Braking run: ${stops.words[name].split("\n")[0]}`);
+  },
+
+  // Worst Ms of every speed and load: at the operating points, and below it with tolerances.
+  "envelope-map"() {
+    if (!envelope) return instead("envelope-map", "no map without a linear loop");
+    const { ctx, width, height } = sheet("envelope-map"), { speeds_kmh: speeds, loads, operating } = envelope.map, worse = verdict?.map.with_tolerances;
+    const left = MARGIN.left + 6, wide = (width - left - 4) / speeds.length, high = (height - MARGIN.bottom) / loads.length;
+    const cell = (i, j) => [left + i * wide + 2, j * high + 2, wide - 4, high - 4];
+    loads.forEach((load, j) => {
+      write(ctx, load, left - 6, high * (j + 0.5), "right");
+      speeds.forEach((_, i) => {
+        const ms = operating[i][j], [px, py] = [left + (i + 0.5) * wide, (j + 0.5) * high];
+        ctx.fillStyle = inks.panel;
+        ctx.fillRect(...cell(i, j));
+        if (envelope.bounds[i][j] > begin.robust_ms) hatch(ctx, ...cell(i, j));
+        Object.assign(ctx, { lineWidth: 2, strokeStyle: ms === null ? inks.bad : ms <= begin.robust_ms * (1 + 1e-6) ? inks.good : inks.fair });
+        ctx.strokeRect(...cell(i, j));
+        write(ctx, ms === null && wide < 60 ? "✗" : ms === null ? "unstable" : fmt(ms, 3), px, py - (worse ? 9 : 0), "center", inks.ink);
+        if (worse) write(ctx, worse[i][j] === null ? "✗" : fmt(worse[i][j], 3), px, py + 9, "center");
+      });
+    });
+    speeds.forEach((speed, i) => write(ctx, fmt(speed, 3), left + (i + 0.5) * wide, height - 24, "center"));
+    write(ctx, "km/h", width - 4, height - 8, "right");
+    $("cells-told").textContent = `${worse ? "; below it with tolerances" : ""}; hatched where no controller has Ms ≤ ${fmt(begin.robust_ms)}`;
+    const clamp = (v, most) => Math.max(0, Math.min(most - 1, Math.floor(v))), of = (k) => [k % speeds.length, Math.floor(k / speeds.length)];
+    readable("envelope-map", speeds.length * loads.length, (px, py) => clamp((px - left) / wide, speeds.length) + speeds.length * clamp(py / high, loads.length), () => [], (k) => {
+      const [i, j] = of(k);
+      return `${fmt(speeds[i], 3)} km/h, ${loads[j]}: Ms ${msText(operating[i][j])}${worse ? `, with tolerances ${msText(worse[i][j])}` : ""}; no controller has less than ${fmt(envelope.bounds[i][j], 3)}`;
+    });
+    const all = operating.flat();
+    return $("envelope-map").setAttribute("aria-label", `Worst Ms over speed and load: ${all.includes(null) ? "unstable somewhere" : `at most ${fmt(Math.max(...all), 3)}`}`);
+  },
+};
+
+// --- the map of gains ------------------------------------------------------------------------------------------------
+
+function fitMap() {
+  const [x, y] = axes().map((name) => design.values[name]);
+  if (region.m) {
+    const ends = [region.x, region.y].map((list) => [Math.min(...list), Math.max(...list)]);
+    view = { x: ends[0], y: ends[1], log: ends[0][0] > 0 && ends[1][0] > 0 };
+    return;
+  }
+  const level = region.levels.find((one) => one.ms !== null) ?? region.levels[0], rows = level?.rows ?? [];
+  const kp = [...rows.flatMap((row) => row[1].flat()), x, ...(rows.length ? [] : [x / 3, 3 * x])], room = 0.1 * (Math.max(...kp) - Math.min(...kp));
+  const top = Math.max(...rows.map((row) => row[0]), 1e-9);
+  view = { x: [Math.min(...kp) - room, Math.max(...kp) + room], y: [0, y > 0.95 * top ? 1.1 * y : top], log: false };
+}
+
+function drawMap() {
+  const of = sheet("gain-map");
+  if (!view || !kindNow().loop) return $("map-read").replaceChildren();
+  const names = axes(), [x, y] = names.map((name) => design.values[name]), words = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
+  const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: words[0], title: words[1] }));
+  inside(area, (ctx) => {
+    ctx.fillStyle = inks.void;
+    ctx.fillRect(area.left, area.top, area.right - area.left, area.bottom - area.top);
+    hatch(ctx, area.left, area.top, area.right - area.left, area.bottom - area.top);
+    if (region?.m) drawCells(area);
+    else if (region) drawLevels(area);
+    if (pinned?.design.kind === design.kind) dot(area, ...names.map((name) => pinned.design.values[name]), inks.pinned);
+    const [px, py] = [[area.x(x), area.left, area.right], [area.y(y), area.top, area.bottom]].map(([at, a, b]) => Math.max(a + 9, Math.min(b - 9, at)));
+    ring(ctx, px, py, 8, inks.worst, inks.paper, 3);
+    ring(ctx, px, py, 1.5, inks.worst, inks.worst);
+  });
+  return ($("map-read").textContent = `${words[0]}: ${fmt(x, 5)}; ${words[1]}: ${fmt(y, 5)}`);
+}
+
+// Each level as bands between neighbouring rows of ki, then its outline and, on the right, its Ms.
+function drawLevels(area) {
+  const { ctx } = area;
+  region.levels.forEach(({ ms, rows }, k) => {
+    ctx.beginPath();
+    rows.slice(1).forEach(([top, above], i) => {
+      const [bottom, below] = rows[i];
+      for (const [a, b] of below) {
+        for (const [c, d] of above) {
+          if (b < c || d < a) continue;
+          [[a, bottom], [b, bottom], [d, top], [c, top]].forEach(([kp, ki], n) => ctx[n ? "lineTo" : "moveTo"](area.x(kp), area.y(ki)));
+          ctx.closePath();
+        }
+      }
+    });
+    ctx.fillStyle = ctx.strokeStyle = ms === null ? inks.paper : mixed((0.85 * k) / (region.levels.length - 1));
+    ctx.lineWidth = 1; // no seam between bands
+    ctx.fill();
+    ctx.stroke();
+  });
+  for (const { ms, rows } of region.levels) {
+    const single = rows.filter((row) => row[1].length === 1), strong = ms === null || ms === begin.robust_ms;
+    for (const side of [0, 1]) line(area, single.map((row) => row[1][0][side]), single.map((row) => row[0]), strong ? inks.ink : inks.dim, strong ? 1.75 : 0.75);
+  }
+  for (const { ms, rows } of region.levels.filter((one) => one.ms !== null)) {
+    const [ki, gaps] = rows.at(-1), [px, py] = [area.x((gaps[0][0] + gaps.at(-1)[1]) / 2), Math.max(area.y(ki), area.top + 8)];
+    ctx.fillStyle = inks.paper;
+    ctx.fillRect(px - 10, py - 7, 20, 14);
+    write(ctx, fmt(ms, 2), px, py, "center", inks.ink);
+  }
+}
+
+// Worst Ms in cells; a dot where it is robust.
+function drawCells(area) {
+  const middles = (list, along) => list.slice(1).map((v, i) => (along(v) + along(list[i])) / 2);
+  const edges = (list, along) => [along(list[0]), ...middles(list, along), along(list.at(-1))];
+  const xs = edges(region.x, area.x), ys = edges(region.y, area.y);
+  region.m.forEach((column, i) => column.forEach((ms, j) => {
+    if (ms === null) return;
+    const [px, py, qx, qy] = [xs[i], ys[j], xs[i + 1], ys[j + 1]];
+    area.ctx.fillStyle = mixed(0.85 * Math.max(0, Math.min(1, 1 - Math.log(ms / 1.4) / Math.log(3))));
+    area.ctx.fillRect(Math.min(px, qx), Math.min(py, qy), Math.abs(qx - px) + 0.6, Math.abs(qy - py) + 0.6);
+    if (ms <= begin.robust_ms) ring(area.ctx, (px + qx) / 2, (py + qy) / 2, 1, inks.ink, inks.ink, 1);
+  }));
+}
+
+function dragTo(event) {
+  if (!mapArea || !kindNow().loop) return;
+  const box = $("gain-map").getBoundingClientRect(), { left, right, top, bottom } = mapArea, names = axes();
+  const along = ([low, high], share) => (view.log ? low * (high / low) ** share : low + (high - low) * share);
+  const shares = [(event.clientX - box.left - left) / (right - left), (bottom - event.clientY + box.top) / (bottom - top)];
+  const values = shares.map((share, i) => along(i ? view.y : view.x, Math.max(0, Math.min(1, share))));
+  values.forEach((value, i) => (design.values[names[i]] = Number(value.toPrecision(6))));
+  changed();
+}
+
+function moveBy(event) {
+  const along = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowDown: [1, -1], ArrowUp: [1, 1] }[event.key];
+  if (!along || !kindNow().loop) return;
+  event.preventDefault();
+  const name = axes()[along[0]], now = design.values[name], step = event.shiftKey ? 0.1 : event.altKey ? 0.002 : 0.02;
+  design.values[name] = now ? Number((now * (1 + step) ** (along[1] * Math.sign(now))).toPrecision(8)) : along[1] * step;
+  changed();
+}
+
+// --- buttons ---------------------------------------------------------------------------------------------------------
+
+async function save(name) {
+  say(name === "report.html" ? "The report is being made, which takes a minute; the page goes on." : "", true);
+  const found = await ask("file", { design, name });
+  if (found.text === undefined) return found.error ? say(found.error) : null;
+  say("");
+  const link = make("a", { href: URL.createObjectURL(new Blob([found.text], { type: "text/plain" })), download: name });
+  link.click();
+  return setTimeout(() => URL.revokeObjectURL(link.href), RETRY);
+}
+
+async function tune(name, field, label, least) {
+  const value = Number($(field).value.replace(",", "."));
+  $(field).setAttribute("aria-invalid", String(!(value > least)));
+  if (!(value > least)) return say(`${label}: ${cut($(field).value)} is not allowed; give a number > ${least}`);
+  $("best").disabled = $("most").disabled = true;
+  say("Looking for gains over the whole envelope…", true);
+  const asked = design, found = await ask("tune", { design, [name]: value });
+  $("best").disabled = $("most").disabled = false;
+  if (!found.values) return found.error ? say(found.error) : null;
+  say("");
+  if (asked.kind !== design.kind) return null;
+  Object.assign(design.values, found.values);
+  return changed(true);
+}
+
+function pin() {
+  pinned = pinned ? null : { design: copyOf(design), loop, stops };
+  $("pin").ariaPressed = String(pinned !== null);
+  drawAll();
+}
+
+function copyAddress() {
+  writeAddress();
+  return navigator.clipboard.writeText(location.href).then(
+    () => say("The address is copied; the whole design is in it.", true), () => say(`The address, to be copied: ${location.href}`, true));
+}
+
+async function chooseKind() {
+  const kind = $("kind").value;
+  if (kind === "transfer-function" && kindNow().loop) { // what the design is, as a ratio of polynomials
+    const found = await ask("start", { design });
+    if (found.kinds) begin.kinds = found.kinds;
+  }
+  const values = started(kind);
+  if (kind !== "transfer-function") for (const name of Object.keys(values)) values[name] = design.values[name] ?? values[name];
+  chosen = region = view = null;
+  shape({ kind, values, reference: design.reference });
+}
+
+function drawAll() {
+  readInks();
+  for (const id of PLOTS) if (id !== "envelope-map" || envelope) draw[id]();
+  drawMap();
+}
+
+function listen() {
+  const map = $("gain-map");
+  map.addEventListener("pointerdown", (event) => {
+    map.setPointerCapture(event.pointerId);
+    dragTo(event);
+  });
+  map.addEventListener("pointermove", (event) => map.hasPointerCapture(event.pointerId) && dragTo(event));
+  map.addEventListener("lostpointercapture", remember);
+  map.addEventListener("keydown", moveBy);
+  map.addEventListener("keyup", remember);
+  for (const id of PLOTS) {
+    const hold = (i) => cursors[id] && draw[id]((held[id] = i));
+    $(id).addEventListener("pointermove", (event) => cursors[id] && hold(cursors[id].near(event.offsetX, event.offsetY)));
+    for (const end of ["pointerleave", "blur"]) $(id).addEventListener(end, () => hold(null));
+    $(id).addEventListener("keydown", (event) => {
+      const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key], one = cursors[id];
+      if (!by || !one) return;
+      event.preventDefault();
+      const step = one.count < 100 ? 1 : event.shiftKey ? 25 : 4;
+      hold(Math.max(0, Math.min(one.count - 1, (held[id] ?? one.count >> 1) + by * step)));
+    });
+  }
+  const clicks = {
+    best: () => tune("ki_min", "ki-min", "ki ≥", 0), most: () => tune("ms_max", "ms-max", "Ms ≤", 1), rule: () => shape({ kind: design.kind, values: started(design.kind), reference: { ...begin.reference } }),
+    undo: () => goTo(past, future), redo: () => goTo(future, past), pin, copy: copyAddress,
+    save: () => save("controller.toml"), script: () => save("design.py"), report: () => save("report.html"),
+  };
+  for (const [id, act] of Object.entries(clicks)) $(id).addEventListener("click", act);
+  $("kind").addEventListener("change", chooseKind);
+  for (const id of ["num", "den"]) $(id).addEventListener("change", typedCoefficients);
+  for (const id of ["axis-x", "axis-y"]) $(id).addEventListener("change", askRegion);
+  $("point").addEventListener("change", () => {
+    chosen = $("point").value === "" ? null : Number($("point").value);
+    questions.loop.soon();
+  });
+  for (const one of document.querySelectorAll("input[name=run]")) one.addEventListener("change", draw.stop);
+  document.addEventListener("keydown", (event) => {
+    if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=text]")) return;
+    const key = event.key.toLowerCase(), forth = key === "y" || event.shiftKey;
+    if (key !== "z" && key !== "y") return;
+    event.preventDefault();
+    goTo(forth ? future : past, forth ? past : future);
+  });
+  window.addEventListener("hashchange", takeAddress);
+  window.addEventListener("resize", drawAll);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+}
+
+async function start() {
+  readInks();
+  const found = await ask("start");
+  if (!found.kinds || begin) return found.error ? say(found.error) : null;
+  begin = found;
+  design = { kind: begin.kind, values: started(begin.kind), reference: { ...begin.reference } };
+  for (const id of ["vehicle", "envelope"]) $(id).textContent = begin[id];
+  $("ki-min").value = String(Number(((design.values.ki ?? 1) / 100).toPrecision(1)));
+  $("ms-max").value = String(begin.robust_ms);
+  for (const [name, one] of Object.entries(begin.kinds)) $("kind").append(new Option(`${name}: ${one.title}`, name));
+  for (const [rail, value] of Object.entries(begin.reference)) {
+    const one = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `slip ratio held on ${rail} rail`, value, most: 0.9 };
+    addNumber($("slips"), one, (slip) => (design.reference[rail] = slip));
+    fields.get(one.name).slider.disabled = fields.get(one.name).field.disabled = begin.fixed;
+  }
+  $("fixed").hidden = !begin.fixed;
+  listen();
+  return takeAddress();
+}
+
+start();

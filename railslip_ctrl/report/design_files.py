@@ -1,0 +1,86 @@
+"""Files of a design: the controller's TOML, the Python script that makes it, and the page of its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import Enum
+from importlib import import_module
+from pprint import pformat
+from types import MappingProxyType
+from typing import Any
+
+from railslip_ctrl.controllers.base import Controller, python_file
+from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.vehicle import PARK2008, Record
+
+from .design_report import design_sections, first_page
+from .page import page
+from .pictures import Pictures
+from .recommendation import design_report
+
+
+def toml_text(envelope: Envelope, control: Controller) -> str:
+    """What every command takes with --controller."""
+    return control.toml
+
+
+def script_text(envelope: Envelope, control: Controller) -> str:
+    """A Python script that makes the envelope and the controller, judges it, runs a stop, and saves the controller.
+
+    InputError for a kind, or an adhesion law, of the user's own: the script would have to load its file.
+    """
+    kind = type(control)
+    if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
+        raise InputError("script: a controller or an adhesion law of your own is in your file; save controller.toml")
+    given = {**control.file_keys(), "name": control.label, "reference": control.reference}
+    fields = type(envelope).model_fields
+    changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}
+    car = "rs.PARK2008" if envelope.vehicle == PARK2008 else f"rs.Vehicle(**{_shown(dict(envelope.vehicle))})"
+    return f'''"""A slip controller shaped by hand with `railslip design`: judged, run in a stop, and saved."""
+
+from {kind.__module__} import {kind.__name__}
+
+import railslip_ctrl as rs
+
+car = {car}
+envelope = rs.Envelope(car, **{_shown(changed)})
+controller = {kind.__name__}(**{_shown(given)})
+
+if __name__ == "__main__":
+    print(rs.judge(envelope, controller))
+    print(rs.simulate(rs.stop(car, "wet"), controller))
+    controller.save("controller.toml")
+'''
+
+
+def _shown(values: Mapping[str, Any]) -> str:
+    return pformat(_plain(values), width=100, sort_dicts=False)
+
+
+def _plain(value: Any) -> Any:
+    """A value in words of Python alone."""
+    if isinstance(value, Record | Mapping):
+        return {name: _plain(one) for name, one in dict(value).items() if one is not None}
+    if isinstance(value, tuple | list):
+        return tuple(map(_plain, value))
+    if isinstance(value, Enum):
+        return value.value
+    return value if isinstance(value, float | int | None) else str(value)
+
+
+def report_text(envelope: Envelope, control: Controller) -> str:
+    """The page of `railslip report`, with the controller beside what that recommends."""
+    check_extra("html", "report")
+    found = design_report(envelope, given={control.label: control}, sliding=False)
+    pictures = Pictures()
+    pictures.draw(lambda: import_module("railslip_ctrl.report.plots.designs").report_drawings(found), ("svg",))
+    svg = {name: forms["svg"] for name, forms in pictures.drawn.items()}
+    return page(first_page(found), design_sections(found), svg, "railslip design", found.date, found.seconds)
+
+
+FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(
+    {"controller.toml": toml_text, "design.py": script_text, "report.html": report_text}
+)
+"""What makes each file, by its name."""

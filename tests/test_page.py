@@ -1,0 +1,435 @@
+"""The page of `railslip design`: what it is answered, who may ask, the command and the notebook."""
+
+import http.client
+import json
+import math
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import railslip_ctrl as rs
+from railslip_ctrl.design.envelope_tuning import operating_plants
+from railslip_ctrl.design.gain_map import Screen, gain_levels, hard_plants
+from railslip_ctrl.design.stabilizing import intersection, stabilizing_pi
+from railslip_ctrl.design.workbench import Workbench
+from railslip_ctrl.page.answers import ANSWERS, POINTS
+from railslip_ctrl.page.server import LARGEST_REQUEST, Desk, PageServer
+
+HELD = {"dry": 0.1, "wet": 0.07}
+ENVELOPE = rs.Envelope(speeds=(20, 100), laws="bristle", loads="empty", reference=HELD)
+DESIGN = {"kind": "pi-lead", "values": {"kp": 330.0, "ki": 129.0, "lead": 0.6, "lead_filter": 0.06}, "reference": HELD}
+CAR, PI_LEAD = (
+    rs.PARK2008,
+    rs.PILead(kp=330.0, ki=129.0, lead=0.6, lead_filter=0.06, reference=HELD, period=0.01, rule="tustin"),
+)
+
+
+def unpacked(content):
+    """Head and arrays of an answer, as the page reads it."""
+    (length,) = struct.unpack("<I", content[:4])
+    head, at, arrays = json.loads(content[4 : 4 + length]), 4 + length, {}
+    for name, size in head["arrays"].items():
+        arrays[name] = np.frombuffer(content, "<f4", size, at)
+        at += 4 * size
+    assert at == len(content)
+    return head, arrays
+
+
+class Client:
+    """A browser without a screen."""
+
+    def __init__(self, address):
+        self.port, self.token = re.fullmatch(r"http://127\.0\.0\.1:(\d+)/([0-9a-f]{40})/", address).groups()
+
+    def send(self, method="POST", path="loop", body=b"", token=None, **headers):
+        """Status, headers and content."""
+        given = {"Content-Type": "application/json", **{name.replace("_", "-"): one for name, one in headers.items()}}
+        connection = http.client.HTTPConnection("127.0.0.1", int(self.port), timeout=60)
+        connection.request(method, f"/{self.token if token is None else token}/{path}", body, given)
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        return answer.status, answer.headers, content
+
+    def ask(self, what, **asked):
+        status, _, content = self.send(path=what, body=json.dumps(asked).encode())
+        assert status == 200, content
+        return unpacked(content)
+
+    def refused(self, status, told, **sent):
+        found, _, content = self.send(**sent)
+        assert found == status
+        assert re.search(told, json.loads(content)["error"]), content
+
+
+@contextmanager
+def served(bench, port=0):
+    with Desk(bench).opened() as desk, PageServer(desk, port) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield Client(server.address)
+        finally:
+            server.shutdown()
+
+
+@pytest.fixture(scope="module")
+def page():
+    with served(Workbench(ENVELOPE)) as client:
+        yield client
+
+
+# --- what it is answered ----------------------------------------------------------------------------------------------
+
+
+def test_the_loop_shown_is_the_exact_one_of_the_worst_operating_point(page):
+    head, arrays = page.ask("loop", design=DESIGN)
+    worst = rs.judge(ENVELOPE, PI_LEAD, nominal=True).worst
+    m = worst.margins
+    assert (head["where"], head["stable"]) == (worst.case.words, True)
+    told = ("ms", "phase_margin_deg", "delay_margin_s", "gain_increase", "gain_decrease")
+    assert [head[name] for name in told] == [m.ms, m.phase_deg, m.delay_s, m.gain_increase, m.gain_decrease]
+    assert head["frequencies"]["ms"] == m.ms_frequency
+    assert {array.size for array in arrays.values()} == {POINTS}
+    # the response from its parts, by hand; digits of a 32-bit float
+    s = 1j * arrays["omega"].astype(float)
+    plant = rs.linearize(worst.point)
+    wheel = plant.gain * np.prod([s - z for z in plant.zeros], axis=0) / np.prod([s - p for p in plant.poles], axis=0)
+    expected = (330 + 129 / s) * (0.6 * s + 1) / (0.06 * s + 1) * np.exp(-0.15 * s) / (0.6 * s + 1) * wheel
+    np.testing.assert_allclose(arrays["re"] + 1j * arrays["im"], expected, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(arrays["db"], 20 * np.log10(np.abs(expected)), atol=1e-3)
+    np.testing.assert_allclose(np.exp(1j * np.radians(arrays["phase"])), expected / np.abs(expected), atol=2e-3)
+    loop = rs.wheel_slip_loop(worst.point, PI_LEAD)
+    np.testing.assert_allclose(arrays["step"], loop.step_response(arrays["time"].astype(float)).output, atol=1e-4)
+    assert abs(arrays["load"][-1]) < 0.02 * np.abs(arrays["load"]).max()  # the integral takes the load away
+
+
+def test_an_unstable_loop_is_shown_with_the_gains_that_would_do(page):
+    design = {**DESIGN, "values": {**DESIGN["values"], "kp": 5000.0}}
+    head, arrays = page.ask("loop", design=design)
+    assert (head["stable"], head["ms"], head["phase_margin_deg"]) == (False, None, None)
+    assert 0 < head["range"][0] < head["range"][1] < 1
+    assert arrays["step"].size == POINTS
+
+
+def test_the_verdict_is_that_of_margins_and_its_words(page):
+    for what, nominal in (("envelope", True), ("verdict", False)):
+        head, _ = page.ask(what, design=DESIGN)
+        judged = rs.judge(ENVELOPE, PI_LEAD, nominal=nominal)
+        assert (head["verdict"], head["line"]) == (judged.verdict, judged.verdict_line)
+        assert head["map"]["operating"] == judged.map.operating.tolist()
+        assert head["least"]["phase_deg"] == judged.least("phase_deg")[0]
+    head, _ = page.ask("envelope", design=DESIGN)
+    assert list(head["points"])[head["hardest"]] == judged.worst.case.words
+    limits = [rs.fundamental_limits(rs.actuated_plant(one, CAR.actuator), 0.15).ms_bound
+              for one in operating_plants(ENVELOPE.points(nominal=True))]  # fmt: skip
+    assert np.max(head["bounds"]) == pytest.approx(max(limits), rel=1e-12)
+
+
+def test_the_stops_are_those_of_simulate(page):
+    head, arrays = page.ask("stops", design=DESIGN)
+    control = Workbench(ENVELOPE).control("pi-lead", DESIGN["values"])
+    for rail in ("dry", "wet"):
+        run = rs.simulate(rs.stop(CAR, rail, adhesion="bristle"), control, seed=0)
+        assert head["words"][rail] == str(run)
+        assert arrays[f"{rail} time"][-1] == pytest.approx(run.braking_time, abs=0.02)
+        assert arrays[f"{rail} slip"].max() == pytest.approx(run.max_slip, rel=0.1)  # of some samples
+    wet = arrays["patch time"][arrays["patch reference"] < 0.1]
+    assert 2.5 < wet[0] < 4.0  # s; the patch begins 3 s at the first speed away
+    assert wet[-1] < arrays["patch time"][-1]
+
+
+def test_the_map_is_the_stabilising_region_and_its_contours_have_their_ms():
+    plants = operating_plants(ENVELOPE.points(nominal=True))
+    levels = gain_levels(PI_LEAD, plants, CAR.actuator)
+    assert [level.ms for level in levels][:3] == [None, 4.0, 3.0]
+    lead = rs.PIController(rs.PIGains(kp=1.0, ki=0.0), 0.6, 0.06).transfer_function
+    systems = [lead * rs.actuated_plant(plant, CAR.actuator) for plant in plants]
+    region = intersection([stabilizing_pi(system, 0.15) for system in systems])
+    for level in levels[:5]:
+        for ki, ((low, high),) in level.rows[2:-2:3]:
+            for end, inwards in ((low, 1e-3), (high, -1e-3)):
+                inner, outer = end + inwards * (high - low), end - inwards * (high - low)
+                if level.ms is None:
+                    assert (region.contains(inner, ki), region.contains(outer, ki)) == (True, False)
+                    continue
+                ms = [max(loop.margins().ms for loop in region.loops(kp, ki)) for kp in (inner, outer)]
+                # the samples of frequency between which the gains are nearly straight: a few per mille
+                assert ms[0] < level.ms * 1.01
+                assert ms[1] > level.ms * 0.99
+    few = gain_levels(PI_LEAD, hard_plants(plants), CAR.actuator)
+    assert few[3].rows[-1][0] == pytest.approx(levels[3].rows[-1][0], rel=0.1)
+    assert not gain_levels(PI_LEAD.model_copy(update={"lead": 0.0, "lead_filter": 3.0}), plants, CAR.actuator)
+
+
+@pytest.mark.parametrize(("kp", "ki"), [(330, 129), (100, 20), (1500, 100), (600, 600), (200, 100), (383, 234)])
+def test_the_loop_that_is_looked_at_is_the_worst(kp, ki):
+    points = rs.Envelope(reference=HELD).points(nominal=True)
+    control = PI_LEAD.with_design_numbers({"kp": float(kp), "ki": float(ki)})
+    loops = [rs.wheel_slip_loop(plant, control) for plant in points.plants]
+    ms = [loop.margins().ms if loop.is_stable() else math.inf for loop in loops]
+    assert ms[Screen.of(points).hardest(control.system)] == max(ms)
+
+
+def test_a_map_of_two_numbers_of_any_kind(page):
+    start, _ = page.ask("start", design=DESIGN)
+    one = start["kinds"]["transfer-function"]
+    values = {number["name"]: number["value"] for number in one["sliders"]}
+    assert list(values) == ["b2", "b1", "b0", "a2", "a1", "a0"]
+    design = {"kind": "transfer-function", "values": values, "reference": HELD}
+    ours, theirs = (page.ask("loop", design=one)[0]["ms"] for one in (DESIGN, design))
+    assert theirs == pytest.approx(ours, rel=1e-9)  # the PI-lead as a ratio of polynomials
+    head, _ = page.ask("region", design=design, axes=["b1", "a1"])
+    middle = head["m"][len(head["x"]) // 2][len(head["y"]) // 2]
+    assert middle == pytest.approx(ours, rel=1e-9)
+    assert None in np.ravel(head["m"]).tolist()
+
+
+@pytest.mark.parametrize("kind", ["predictive", "seeking", "slide-protection"])
+def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
+    start, _ = page.ask("start")
+    values = {number["name"]: number["value"] for number in start["kinds"][kind]["sliders"]}
+    design = {"kind": kind, "values": values, "reference": HELD}
+    head, _ = page.ask("loop", design=design)
+    stops, _ = page.ask("stops", design=design)
+    assert "stopped after" in stops["words"]["wet"]
+    if kind == "slide-protection":
+        assert "has no margins" in head["no_loop"]
+        return
+    verdict, _ = page.ask("envelope", design=design)
+    control = getattr(rs, kind.title()).for_vehicle(CAR)
+    assert verdict["line"] == rs.judge(ENVELOPE, control, nominal=True).verdict_line
+    point = {**design, "values": {**values, "layer": 10 * values["layer"]}}
+    assert page.ask("loop", design=point)[0]["ms"] != head["ms"]
+
+
+def test_tuning_is_that_of_tune(page):
+    found = page.ask("tune", design=DESIGN, ms_max=1.8)[0]["values"]
+    best = rs.tune(ENVELOPE, "pi-lead", 1.8, nominal=True, lead=0.6, lead_filter=0.06).controller
+    assert found == {"kp": best.kp, "ki": best.ki, "lead": 0.6, "lead_filter": best.lead_filter}
+    page.refused(422, "cannot be met", path="tune", body=json.dumps({"design": DESIGN, "ms_max": 1.05}).encode())
+
+
+def test_files_make_the_same_controller(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    saved = page.ask("file", design=DESIGN, name="controller.toml")[0]["text"]
+    (tmp_path / "shaped.toml").write_text(saved, "utf-8")
+    judged = rs.judge(ENVELOPE, rs.load_controller("shaped.toml"), nominal=True)
+    assert judged.worst.ms == page.ask("loop", design=DESIGN)[0]["ms"]
+    script = page.ask("file", design=DESIGN, name="design.py")[0]["text"]
+    names = {"__name__": "design"}
+    exec(compile(script, "design.py", "exec"), names)
+    assert names["controller"].toml == saved
+    assert names["envelope"] == ENVELOPE
+    exec(compile(script, "design.py", "exec"), {"__name__": "__main__"})
+    assert (tmp_path / "controller.toml").read_text("utf-8") == saved
+
+
+def test_a_controller_and_a_law_of_the_user_s_own(tmp_path):
+    law = rs.published_law("curve", "dry")
+    envelope = rs.Envelope(speeds=100, rails="dry", laws=(law,), loads="empty", reference=HELD)
+    with served(Workbench(envelope, PI_LEAD.model_copy(update={"torque_max": 7000.0}))) as client:
+        assert client.ask("envelope", design=DESIGN)[0]["verdict"] in ("robust", "fragile")
+        assert "torque_max = 7000.0" in client.ask("file", design=DESIGN, name="controller.toml")[0]["text"]
+        told = json.dumps({"design": DESIGN, "name": "design.py"}).encode()
+        client.refused(422, "law of your own", path="file", body=told)
+
+
+# --- who may ask ------------------------------------------------------------------------------------------------------
+
+
+def test_only_who_has_the_token_and_comes_from_the_page_is_answered(page):
+    good = json.dumps({"design": DESIGN}).encode()
+    own = f"127.0.0.1:{page.port}"
+    for headers in ({}, {"Origin": f"http://{own}"}, {"Host": f"localhost:{page.port}"}):
+        assert page.send(body=good, **headers)[0] == 200
+    for sent in (
+        {"token": "0" * 40}, {"token": ""}, {"token": page.token[:-1]}, {"token": f"{page.token}%C3%A9"},
+        {"Host": "evil.example"}, {"Host": f"evil.example:{page.port}"}, {"Host": "127.0.0.1"},
+        {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": f"https://{own}"},
+    ):  # fmt: skip
+        for method, path in (("POST", "loop"), ("GET", "page.js")):
+            status, _, content = page.send(method, path, body=good, **sent)
+            assert (status, b"arrays" in content, b"use strict" in content) == (403, False, False), sent
+    listening = socket.create_connection(("127.0.0.1", int(page.port)))
+    assert listening.getpeername()[0] == "127.0.0.1"
+    listening.close()
+
+
+def test_the_page_loads_nothing_from_elsewhere(page):
+    for path, kind in (("", "html"), ("page.css", "css"), ("page.js", "javascript")):
+        status, headers, content = page.send("GET", path)
+        assert (status, headers["Content-Type"]) == (200, f"text/{kind}; charset=utf-8")
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert (headers["X-Content-Type-Options"], headers["Referrer-Policy"]) == ("nosniff", "no-referrer")
+        assert not re.search(rb"https?://|url\(|@import|innerHTML|eval\(", content)
+    for path in ("../server.py", "page.html", "%2e%2e/server.py", "loop"):
+        assert page.send("GET", path)[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "told"),
+    [
+        (b"", 400, "no JSON"),
+        (b"{", 400, "no JSON"),
+        (b"\xff\xfe", 400, "no JSON"),
+        (b"[" * 20_000, 400, "no JSON"),
+        (b"[]", 422, "no question"),
+        (b'{"turn": -1}', 422, "no question"),
+        (b'{"turn": true}', 422, "no question"),
+        (b"{}", 422, "design: give kind"),
+        (b'{"design": {"kind": 1, "values": {}}}', 422, "design: give kind"),
+        (b'{"design": {"kind": "pi", "values": {"kp": "1"}}}', 422, "kp: '1' is not allowed"),
+        (b'{"design": {"kind": "pi", "values": {"kp": NaN}}}', 422, "kp: nan is not allowed"),
+        (b'{"design": {"kind": "pi", "values": {"kp": 1e999}}}', 422, "kp: inf is not allowed"),
+        (b'{"design": {"kind": "pi", "values": {"kp": 1e300}}}', 422, r"kp: 1e\+300 is beyond any vehicle"),
+        (b'{"design": {"kind": "pi", "values": {"kp": ' + b"9" * 400 + b"}}}", 422, "at most 308 digits"),
+        (b'{"design": {"kind": "pi", "values": {"kp": true}}}', 422, "kp: True is not allowed"),
+        (b'{"design": {"kind": "pi", "values": {"nonsense": 1}}}', 422, "nonsense: unknown key"),
+        (b'{"design": {"kind": "no", "values": {}}}', 422, "kind: 'no' is not offered"),
+        (
+            b'{"design": {"kind": "pi-lead", "values": {"lead": -1}}}',
+            422,
+            r"lead: -1 is not allowed; give a value > 0 \(s\)",
+        ),
+        (b'{"design": {"kind": "pi-lead", "values": {}, "reference": {"dry": 2}}}', 422, "dry|wet"),
+        (b'{"design": {"kind": "transfer-function", "values": {"b99": 1}}}', 422, "'b99' is no coefficient"),
+        (b'{"design": {"kind": "transfer-function", "values": {"b0": 1, "a0": 0}}}', 422, "denominator"),
+        (b'{"design": {"kind": "transfer-function", "values": {"b1": 1, "a0": 1}}}', 422, "not proper|proper"),
+    ],
+    ids=lambda one: str(one)[:60],
+)
+def test_what_is_no_question_is_refused_in_a_line_and_the_page_goes_on(page, body, status, told):
+    page.refused(status, told, body=body)
+    assert page.ask("loop", design=DESIGN)[0]["stable"]
+
+
+def test_extreme_numbers_are_answered_or_refused(page):
+    for name, value in (
+        ("kp", 1e12),
+        ("kp", -1e12),
+        ("ki", 1e12),
+        ("ki", 0),
+        ("kp", 0),
+        ("lead", 1e12),
+        ("lead", 1e-12),
+    ):
+        body = json.dumps({"design": {**DESIGN, "values": {**DESIGN["values"], name: value}}}).encode()
+        for what in ("loop", "envelope", "region"):
+            status, _, content = page.send(path=what, body=body)
+            assert status in (200, 422), (name, value, what, content)
+
+
+def test_large_and_shapeless_requests_are_refused(page):
+    page.refused(413, "Content-Length", body=b" " * (LARGEST_REQUEST + 1))
+    for length in ("-1", "x", "9" * 30):
+        page.refused(413, "Content-Length", Content_Length=length)
+    page.refused(404, "application/json", body=b"{}", Content_Type="text/plain")  # what a foreign form could send
+    page.refused(404, "ask start, loop", path="nothing", body=b"{}")
+    assert page.send("DELETE")[0] == 501
+
+
+def test_the_newest_question_of_a_tab_wins(page):
+    desk = Desk(Workbench(ENVELOPE))
+    asked = {"design": DESIGN}
+    assert desk.answer("loop", "one tab", 7, asked)
+    assert desk.answer("loop", "one tab", 6, asked) is None
+    assert desk.answer("loop", "another tab", 1, asked)
+    assert desk.answer("start", "one tab", 1, {})
+    for i in range(2000):  # tabs that come and go
+        desk._newest[f"{i}", "loop"] = 1
+    assert desk.answer("loop", "one tab", 8, asked)
+    assert len(desk._newest) <= 64 * len(ANSWERS)
+
+
+def test_a_thousand_requests_at_once_leave_the_page_alive(page):
+    def one(i):
+        try:
+            token = page.token if i % 2 else "0" * 40
+            return page.send(
+                path=("loop", "envelope")[i % 4 == 1], body=json.dumps({"design": DESIGN}).encode(), token=token
+            )[0]
+        except OSError:
+            return 0
+
+    with ThreadPoolExecutor(200) as pool:
+        found = list(pool.map(one, range(1000)))
+    assert set(found) <= {0, 200, 403, 503}
+    assert found.count(200) > 100
+    silent = [socket.create_connection(("127.0.0.1", int(page.port))) for _ in range(40)]
+    assert page.ask("loop", design=DESIGN)[0]["stable"]
+    for connection in silent:
+        connection.close()
+
+
+# --- the command, and the notebook ------------------------------------------------------------------------------------
+
+
+def started(*words, folder):
+    """`railslip design` in a process, and its address."""
+    code = "from railslip_ctrl.cli import main; main()"
+    command = [sys.executable, "-c", code, "design", "--no-browser", *words]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
+    return process, process.stdout.readline().strip()
+
+
+def ended(process):
+    """Status, standard output and standard error of one that is interrupted."""
+    process.send_signal(signal.SIGINT)
+    rest, told = process.communicate(timeout=60)
+    return process.returncode, rest, told
+
+
+@pytest.mark.long
+def test_the_command_prints_its_address_and_serves_until_it_is_interrupted(tmp_path):
+    process, address = started(
+        "--rail", "dry", "--speed", "100", "--slip", "0.1", "--kp", "100", "--ki", "10", folder=tmp_path
+    )
+    head, _ = Client(address).ask("start")
+    assert (head["kind"], head["fixed"], head["reference"]) == ("pi", True, {"dry": 0.1, "wet": 0.1})
+    assert {one["name"]: one["value"] for one in head["kinds"]["pi"]["sliders"]} == {"kp": 100.0, "ki": 10.0}
+    status, rest, told = ended(process)
+    assert (status, rest) == (0, "")
+    assert told.splitlines()[-1] == "railslip: the page is no longer served"
+
+
+@pytest.mark.long
+def test_a_port_of_one_s_own_keeps_its_token(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    words = ("--rail", "dry", "--speed", "100", "--port", port)
+    process, address = started(*words, folder=tmp_path)
+    refused, nothing = started(*words, folder=tmp_path)  # the port is taken
+    assert (nothing, refused.wait(60)) == ("", 2)
+    assert f"--port: {port} cannot be had" in refused.communicate()[1]
+    ended(process)
+    process, again = started(*words, folder=tmp_path)
+    assert again == address
+    ended(process)
+
+
+def test_a_notebook_shows_the_page_in_a_frame():
+    with rs.design_page(ENVELOPE, rs.tune(ENVELOPE, "pi-lead", 2.0)) as shown:
+        client = Client(shown.address)
+        assert f'src="{shown.address}"' in shown._repr_html_()
+        assert (
+            "frame-ancestors http://127.0.0.1:* http://localhost:*"
+            in client.send("GET", "")[1]["Content-Security-Policy"]
+        )
+        head, _ = client.ask("start")
+        assert head["kind"] == "pi-lead"
+    with pytest.raises(OSError, match="refused"):
+        client.send("GET", "")
+    with pytest.raises(rs.InputError, match="has no numbers by name"):
+        rs.design_page(ENVELOPE, lambda t, v, omega: 0.0)
+    with pytest.raises(rs.InputError, match="port: 70000"):
+        rs.design_page(ENVELOPE, port=70_000)
