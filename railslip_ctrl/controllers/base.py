@@ -296,8 +296,10 @@ class Controller(Record):
         return None
 
     def sampled_ms(self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]) -> Any:
-        """Ms of the loop of each case as it runs, sampled, inf where that is unstable; None if its loop is that of a
-        linear system. `case` as of `stable_and_ms`."""
+        """Ms of the sampled loop of each case, inf where it is unstable; None if its loop is that of a linear system.
+
+        - points, brakes, case: as of `stable_and_ms`.
+        """
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:

@@ -102,8 +102,10 @@ def cache_folder(kind: str = "kernels") -> Path:
 
 
 def private_text(kind: str, name: str, made: str) -> str:
-    """A secret of a `name` in the cache folder of a kind, that only the user may read: the one of last time, or the one
-    `made` now, if there is none as long; it is lost where it cannot be written."""
+    """Secret text called `name` in the cache folder of a kind, readable only by the user.
+
+    It is the text of last time, or `made` if there is none of that length. It is not kept if the folder is read-only.
+    """
     path = cache_folder(kind) / name
     with suppress(OSError, UnicodeDecodeError):
         known = path.read_text("ascii")

@@ -336,7 +336,7 @@ class Marcher:
         eq = self._equations
         known = np.hstack([states, delayed])
         weights = chebyshev.chebvander(2 * inside - 1, _NODES - 1) @ _TO_SERIES
-        at_nodes = np.tensordot(known, nodal, axes=(1, 2))  # a product of matrices: one einsum takes four times as long
+        at_nodes = np.tensordot(known, nodal, axes=(1, 2))  # a matrix product: `numpy.einsum` takes four times as long
         x = np.matmul(weights[:, None, :], at_nodes)[:, 0, :] + weights @ constant
         w = np.sum(weights * delayed, axis=1)
         values = x @ eq.c.T + np.outer(w, eq.d) + eq.f @ self._steps

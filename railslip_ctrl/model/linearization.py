@@ -52,7 +52,7 @@ class OperatingPoint:
     - adhesion_force: Fa, N.
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
-    - gain: acting torque over the commanded torque, and measured over true slip velocity; 1 without errors.
+    - gain: ratio of acting to commanded torque, times that of measured to true slip velocity; 1 without errors.
     - residual: larger of |lambda'| and |z'| in the equations of motion, as a share of the terms that cancel in them.
     """
 
