@@ -1,7 +1,7 @@
 """From the slider to the painted frame: the design page beside a Bokeh server that does the same work, in one run.
 
-Each step moves the gain kp: four plots of 600 points and exact margins. The aim is 30 ms in the median and 60 ms at 95 %
-of two cores that do nothing else. Without Bokeh, which is no dependency, only the page is measured.
+Each step moves the gain kp: four plots of 600 points and exact margins. The aim is 30 ms in the median and 60 ms at
+95 % of two cores that do nothing else. Without Bokeh, which is no dependency, only the page is measured.
 """
 
 import importlib.util
