@@ -282,7 +282,8 @@ def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
     torques = [
         control.step(state, Measurement(0.0, 20.0, omega, 0.0), numbers) for omega in (46.0, math.nan, math.inf, 46.0)
     ]
-    assert torques == [20.0, 20.0, 20.0, 40.0]
+    fill = control.fill_rate * PERIOD
+    assert torques == pytest.approx([fill, fill, fill, 2 * fill])
     assert state.filtered_rim_speed == pytest.approx(46.0 * RADIUS)
 
 

@@ -139,7 +139,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("identify log.csv --column time", "--column: 'time' is not allowed; give NAME=VALUE"),
     ("identify log.csv --fix mu_max=high", "--fix mu_max: 'high' is not a number"),
     ("identify log.csv --bound mu_max=0.2", "--bound mu_max: '0.2' is not allowed; give LOW:HIGH"),
-    ("identify log.csv --fix q=1", "--fix: 'q' is no parameter here"),
+    ("identify log.csv --fix q=1", "--fix: 'q' is not a parameter of the model"),
     ("identify log.csv --vehicle nothing.toml", "--vehicle: nothing.toml"),
     ("simulate --scenario park2009", "--scenario: 'park2009' is not one; choose one of park2008, park2008-si, stop"),
     ("simulate --controller pid", "--controller: 'pid' is not one; did you mean 'pi'"),
@@ -280,7 +280,7 @@ def test_a_law_without_closed_form_says_so(derived):
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
-    with pytest.raises(InputError, match="'beam' is not the one derived with, 'burckhardt'; derive with it"):
+    with pytest.raises(InputError, match="'beam' is not the law of the derivation, 'burckhardt'"):
         law_numbers(derived[0], published_law("beam", Rail.DRY))
 
 

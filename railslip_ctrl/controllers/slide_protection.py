@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar, Self
 
 from pydantic import model_validator
@@ -70,6 +71,8 @@ class SlideProtection(Controller):
         """The valve's position by slip and wheel deceleration, and the torque that it moves."""
         speed = measurement.train_speed
         rim = parameters.radius * measurement.wheel_speed
+        if not (math.isfinite(speed) and math.isfinite(rim)):
+            return state.torque_asked
         if state.started == 0.0:
             state.filtered_rim_speed, state.started = rim, 1.0
         blend = parameters.period / (parameters.period + parameters.filter_time)
