@@ -82,9 +82,9 @@ def test_own_controller(ran):
     assert (found["check"].verdict, found["check"].usable_from_kmh) == ("robust", 10)
     assert found["loop"].margins().ms == pytest.approx(1.920, abs=1e-3)
     assert found["check"].worst_with_tolerances.ms == pytest.approx(4.02, abs=0.01)
-    assert found["stop"].braking_distance == pytest.approx(320.9, abs=0.1)
+    assert found["stop"].braking_distance == pytest.approx(321.4, abs=0.1)
     medians = [one.measures["braking_distance_m"].quantiles[0.5].value for one in found["many"].controllers.values()]
-    assert medians == pytest.approx([320.8, 315.4], abs=0.2)  # of 200 runs; those of 8 differ by less
+    assert medians == pytest.approx([321.0, 315.5], abs=0.2)  # of 200 runs; those of 8 differ by less
     assert (len(pictures), "robust: Ms 1.92" in out) == (4, True)
     assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
 
