@@ -142,6 +142,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("identify log.csv --fix q=1", "--fix: 'q' is not a parameter of the model"),
     ("identify log.csv --vehicle nothing.toml", "--vehicle: nothing.toml"),
     ("simulate --scenario park2009", "--scenario: 'park2009' is not one; choose one of park2008, park2008-si, stop"),
+    ("simulate --encoder-teeth 0.5", "encoder_teeth: 0.5 is not allowed; give at least 1, or 0"),
     ("simulate --controller pid", "--controller: 'pid' is not one; did you mean 'pi'"),
     ("simulate --gains dahl", "--gains: 'dahl' is not a column of Table 4; choose beam or bristle"),
     ("simulate --controller asmc --kp 1 --ki 1", "'asmc' has no kp and ki"),

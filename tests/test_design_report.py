@@ -133,6 +133,13 @@ def test_the_command_that_is_printed_gives_the_stop_to_the_digit(full_report, co
     assert f"{longest:.4g} m " in out.partition("Stop, dry")[2].partition("Stop, wet")[0]
 
 
+def test_the_title_of_the_map_is_true_of_its_numbers(robust):
+    judged = robust.judgement
+    shown = report_drawings(robust)["map"]().get_suptitle()
+    assert np.any(judged.sampled_ms > judged.ms)  # so that the cells are not those of the continuous loop
+    assert ("sampled" in shown, "continuous time" in shown) == (True, False)
+
+
 def test_given_gains_are_judged_and_run_beside(content, shown):
     (given,) = content["given"]
     judged = judge(ENVELOPE, SampledController(GIVEN, 0.01))  # as it runs

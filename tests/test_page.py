@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import railslip_ctrl as rs
+from railslip_ctrl.core.units import ms_up
 from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.gain_map import Screen, gain_levels, hard_plants
 from railslip_ctrl.design.stabilizing import intersection, stabilizing_pi
@@ -211,6 +212,7 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     assert page.ask("loop", design=point)[0]["ms"] != head["ms"]
 
 
+@pytest.mark.long
 def test_tuning_is_that_of_tune(page):
     found = page.ask("tune", design=DESIGN, ms_max=1.8)[0]["values"]
     best = rs.tune(ENVELOPE, "pi-lead", 1.8, nominal=True, lead=0.6, lead_filter=0.06).controller
@@ -231,6 +233,17 @@ def test_files_make_the_same_controller(page, tmp_path, monkeypatch):
     assert names["envelope"] == ENVELOPE
     exec(compile(script, "design.py", "exec"), {"__name__": "__main__"})
     assert (tmp_path / "controller.toml").read_text("utf-8") == saved
+
+
+@pytest.mark.long
+def test_the_report_is_of_the_design_that_was_sent(page):
+    """The page of the button is well formed and has the worst Ms of `judge`."""
+    text = page.ask("file", design=DESIGN, name="report.html")[0]["text"]
+    assert text.startswith("<!DOCTYPE html>")
+    assert (text.count("<html"), text.rstrip().endswith("</html>")) == (1, True)
+    worst = rs.judge(ENVELOPE, PI_LEAD, nominal=True).worst
+    shown = " ".join(re.sub(r"<[^>]+>", " ", text).split())
+    assert f"pi-lead is stable with every tolerance from 20 km/h up; Ms, sampled: {ms_up(worst.run_ms)}" in shown
 
 
 def test_a_controller_and_a_law_of_the_user_s_own(tmp_path):
@@ -312,6 +325,7 @@ def test_what_is_no_question_is_refused_in_a_line_and_the_page_goes_on(page, bod
     assert page.ask("loop", design=DESIGN)[0]["stable"]
 
 
+@pytest.mark.long
 def test_extreme_numbers_are_answered_or_refused(page):
     for name, value in (
         ("kp", 1e12),
@@ -350,6 +364,7 @@ def test_the_newest_question_of_a_tab_wins(page):
     assert len(desk._newest) <= 64 * len(ANSWERS)
 
 
+@pytest.mark.long
 def test_a_thousand_requests_at_once_leave_the_page_alive(page):
     def one(i):
         try:

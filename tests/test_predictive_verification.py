@@ -153,6 +153,7 @@ def test_verdicts_and_tolerances_of_the_command(railslip):
         assert all(predictive.decided(name, case, box)[0] for name in proved) == proved_there
 
 
+@pytest.mark.long
 def test_a_smaller_gain_has_authority(railslip):
     content = json.loads(railslip("verify", "--law", "predictive", "--K", "3200", "--json")[1])
     holds = {one["name"]: one["holds"] for one in content["conditions"]}

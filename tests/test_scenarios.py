@@ -214,7 +214,7 @@ def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, 
     any_sign = {"kp", "ki", "torque_min", "torque_max", "initial_torque", "hand_over_torque"}
     fields = {name: info.json_schema_extra for name, info in record.model_fields.items() if name != "period"}
     for name in (name for name, extra in fields.items() if isinstance(extra, dict) and "unit" in extra):
-        for value in (1e-9, 0.0, -1e-9):
+        for value in (1.0 if name == "encoder_teeth" else 1e-9, 0.0, -1e-9):
             if value > 0.0 or (name not in positive and (value == 0.0 or name in any_sign)):
                 assert getattr(record(**{**given, name: value}), name) == value
             else:

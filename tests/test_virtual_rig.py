@@ -157,6 +157,7 @@ def test_the_peak_of_a_curve_that_is_no_formula_lies_in_its_interval(capsys, mon
     assert "without noise     10" in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("test", published_tests("bristle")[::2], ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
 def test_a_clean_log_of_bristles_has_the_truth_well_inside(test):
     """What is left of the error is that of rows 0.01 s apart: the released brake's torque bends between them."""

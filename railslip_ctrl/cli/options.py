@@ -250,7 +250,8 @@ class CaseOptions:
         for name, given in errors:
             update = {key: value for key, value in given.items() if value is not None}
             if update:
-                changes[name] = getattr(scenario, name).model_copy(update=update)
+                record = getattr(scenario, name)
+                changes[name] = type(record)(**{**dict(record), **update})  # checked anew
         if self.rails:
             (changes["rail"],) = self.chosen_rails()
         v0 = self.law_speed(start)

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, InstanceOf, SerializeAsAny, model_validator
+from pydantic import Field, InstanceOf, SerializeAsAny, field_validator, model_validator
 
 from railslip_ctrl.controllers.base import LEAST_PERIOD
 from railslip_ctrl.core.arguments import checked
@@ -80,6 +80,13 @@ class Measurement(Record):
     speed_quantum: float = quantity("m/s", "grid of the measured train speed; 0: none", ge=0, default=0.0)
     wheel_quantum: float = quantity("rad/s", "grid of the measured wheel speed; 0: none", ge=0, default=0.0)
     filter_time: float = quantity("s", "time constant of the measured signals' filter; 0: none", ge=0, default=0.0)
+
+    @field_validator("encoder_teeth")
+    @classmethod
+    def _at_least_one_tooth(cls, teeth: float) -> float:
+        if 0 < teeth < 1:
+            raise InputError(f"encoder_teeth: {teeth:g} is not allowed; give at least 1, or 0 for no encoder")
+        return teeth
 
 
 class BrakeLimits(Record):
