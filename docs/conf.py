@@ -53,7 +53,7 @@ nitpicky = True
 # Objects of other projects: a build without network has no inventories of them.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
-    (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba|flint|datetime|ast)\..*"),
+    (r"py:.*", r"(pydantic\w*|annotated_types|http|click|markupsafe|rich|numba|flint|datetime|ast)\..*"),
     (r"py:.*", r"(abc|collections\.abc|concurrent|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
     (r"py:class", r"(NDArray|ArrayLike|Figure|Axes|Path|Any|RenderableType|ValidationError|BaseModel|Self|Literal)"),
     (

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
     from railslip_ctrl.model.vehicle import Actuator
 
-__all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "Measurement", "Situation", "outside"]
+__all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
 PERIOD = 0.01
 """Sampling period, s, of a controller that states none: that of common brake control units."""
