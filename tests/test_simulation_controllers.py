@@ -285,17 +285,6 @@ def test_an_initial_torque_is_commanded_at_once():
     assert tomllib.loads(copied.toml)["kp"] == 100.0
 
 
-@pytest.mark.parametrize(("exponent", "over"), [(0.0, True), (1.0, False)])
-def test_the_fast_start_ends_where_adhesion_rises_no_more_with_slip(exponent, over):
-    step = Plain(Seeking.for_vehicle(SCENARIO.vehicle))
-    x, p = step.state, step.parameters
-    x.starting, x.filtered_speed = 1.0, 20.0
-    for slip in 0.01 * 1.05 ** np.arange(40):
-        x.filtered_sigma, x.adhesion_torque = 20.0 * slip, 3000.0 * (slip / 0.01) ** exponent
-        seeking.fast_start(x, p, 20.0, 0.0, 0.1)
-    assert (x.starting == 0.0) == over
-
-
 def test_the_domain_of_a_law_is_linear_between_speeds():
     limits = np.array([30.0, 1.0, 4.0, 5.0, 9.0])
     limit = Stepped(catalogue.recommended_pi_lead()).module.domain_limit
