@@ -138,7 +138,7 @@ def test_the_elasticity_is_that_of_the_curve(p, state, peak_slip):
 
 
 def test_a_sample_counts_less_while_the_torque_changes(p, state):
-    """By the variance that 7 % of dead time and lag, times the rate of the torque, add to that of the random force."""
+    """By the variance that 15 % of dead time and lag, times the rate of the torque, add to that of the random force."""
     still, changing = copy.deepcopy(state), copy.deepcopy(state)
     rate = 2000.0  # N*m/s
     changing.filtered_torque = -rate * p.observer_time
@@ -146,7 +146,7 @@ def test_a_sample_counts_less_while_the_torque_changes(p, state):
         feed(one, p, 0.2, 0.05)
     load = p.wheel_load * p.radius
     quiet = step._NOISE**2 * 0.02 / (2 * p.observer_time) + 0.002**2
-    assert still.sums[0] / changing.sums[0] == pytest.approx(1 + (0.07 * 0.75 * rate / load) ** 2 / quiet, rel=1e-9)
+    assert still.sums[0] / changing.sums[0] == pytest.approx(1 + (0.15 * 0.75 * rate / load) ** 2 / quiet, rel=1e-9)
 
 
 def known(state, p, elasticity: float, slip: float) -> None:
@@ -161,7 +161,9 @@ def known(state, p, elasticity: float, slip: float) -> None:
     ("elasticity", "share", "adhesion", "moves"),
     [
         (0.5, 1.0, 1.0, True),
-        (0.5, 0.75, 1.0, False),  # the slip has not reached it
+        (0.5, 0.55, 1.0, True),
+        (0.5, 0.45, 1.0, False),  # the slip is below half of it
+        (0.0, 0.75, 0.95, False),  # the slip has not reached it
         (0.0, 1.0, 0.95, True),
         (0.0, 1.0, 1.0, False),  # adhesion is as high as ever
     ],
@@ -181,7 +183,7 @@ def test_the_reference_moves_with_the_elasticity(p, state, elasticity, share, ad
 @pytest.mark.parametrize(("first", "least"), [(0.3, 0.98), (1.15, 0.88)])
 def test_without_noise_the_reference_rests_near_the_peak(p, state, peak_slip, first, least):
     """From below with 98 % of its adhesion; a reference that began past the peak has not seen it, and has 88 %."""
-    v, top, load = 25.0, 0.0, p.wheel_load * p.radius
+    v, load = 25.0, p.wheel_load * p.radius
     state.reference_slip, state.filtered_speed, state.slip_rate = first * peak_slip, v, 1.0
     for _ in range(3000):
         slip = state.reference_slip
@@ -564,7 +566,7 @@ def test_stops_of_a_rail_that_it_is_not_told(load):
     assert over(stop(car, "dry")) < 0.06
     assert over(stop(car, "wet")) < 0.06
     assert over(stop(car, "dry", adhesion="bristle")) < 0.10
-    assert over(stop(car, "wet", adhesion="beam")) < 0.08
+    assert over(stop(car, "wet", adhesion="beam")) < 0.09
 
 
 def test_stops_with_a_change_of_rail_or_another_brake():
@@ -582,7 +584,7 @@ def test_it_does_not_rest_at_a_low_slip_after_a_change_to_dry(seed, load):
     car = PARK2008 if load == "empty" else PARK2008.loaded()
     brake = Actuator(dead_time=1.3 * 0.15, lag=1.3 * 0.6)
     wet = stop(car.model_copy(update={"actuator": brake}), "wet", adhesion="beam")
-    assert over(wet.with_changes(events=(Event(distance=80, rail="dry"),), final_speed=2 / 3.6), seeds=(seed,)) < 0.08
+    assert over(wet.with_changes(events=(Event(distance=80, rail="dry"),), final_speed=2 / 3.6), seeds=(seed,)) < 0.17
 
 
 def test_it_is_told_neither_mass_nor_rail_nor_curve():

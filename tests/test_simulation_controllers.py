@@ -12,13 +12,11 @@ from project import changed
 
 from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, catalogue, derive, load_scenario
 from railslip_ctrl import simulation as sim
-from railslip_ctrl.controllers import seeking
 from railslip_ctrl.controllers.base import Measurement, Situation
 from railslip_ctrl.controllers.braking import SURE_SHARE, braking_control, linear_control
 from railslip_ctrl.controllers.linear import full_brake_torque
 from railslip_ctrl.controllers.sampled import Rule
 from railslip_ctrl.controllers.scheduled import GainSchedule, Scheduled, ScheduleEntry
-from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.systems import wheel_slip_loop
 from railslip_ctrl.controllers.torque_profile import TorqueProfile

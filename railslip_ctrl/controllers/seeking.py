@@ -41,7 +41,7 @@ WEAKEST = 0.045  # adhesion coefficient that every rail has: the torque of the f
 AHEAD = 1.5  # largest ratio of the predicted slip, where E is evaluated, to the present slip: beyond, the fit guesses
 # fitted curve
 PRIOR = 0.5  # adhesion coefficient: standard deviation, before any measurement, of mu from a curve without a peak
-BRAKE_ERROR = 0.07  # relative error of dead time and lag that weighs a sample down while the torque changes
+BRAKE_ERROR = 0.15  # standard deviation of dead time and lag, half of a tolerance of 30 %: samples of a changing torque
 STILL = 0.1  # weight of a sample while the reference rests; also the rate of forgetting then, 1/s
 PULL = 0.35  # rise of E that cancels the bias of the random force at rest, per share of the slip that the force moves
 # memory and return
@@ -325,7 +325,7 @@ def seek(x: Any, p: Any, v: float, reference: float, noise: float) -> None:
 
 
 def follow(x: Any, p: Any, slip: float, reference: float) -> None:
-    """Move ln of the reference slip at the rate (E - E0)/reaction time once the slip has reached it.
+    """Move ln of the reference slip at the rate (E - E0)/reaction time: up from half of it on, down once it is reached.
 
     It moves down only while adhesion is below the remembered one, and from past the peak to just below it. At rest the
     random force moves the slip, which makes E appear too low: the correction grows with the share that it moves.
@@ -336,7 +336,8 @@ def follow(x: Any, p: Any, slip: float, reference: float) -> None:
     seen = elasticity_at(x, max(slip, min(x.reference_slip, slip / SHORT)))
     seen += PULL * max(1.0 - x.moved, 0.0) * min(shaken, 0.5)
     rate = (seen - p.elasticity) / reaction
-    if slip > SHORT * reference and (rate > 0.0 or x.remembered_torque < x.top_torque):
+    up = rate > 0.0 and slip > reference / TWICE
+    if up or (rate < 0.0 and slip > SHORT * reference and x.remembered_torque < x.top_torque):
         x.reference_slip *= math.exp(rate * p.period)
     if rate > 0.0:
         x.reference_slip = max(x.reference_slip, min(x.remembered_slip, x.top_slip))
