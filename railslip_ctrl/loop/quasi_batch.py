@@ -1,7 +1,6 @@
-"""Zeros of quasi-polynomials right of the imaginary axis, and Ms of the loops made of them, many at once.
+"""Zeros of quasi-polynomials right of the imaginary axis, many at once.
 
-By the argument principle: F(j omega) is followed over steps that a bound on its slope proves short. Ms is the highest
-|S| at the frequencies of these steps, looked at ever more closely.
+By the argument principle: F(j omega) is followed over steps that a bound on its slope proves short.
 """
 
 from __future__ import annotations
@@ -23,10 +22,7 @@ NEAR_ORIGIN, _SERIES = 0.03, 12  #: abs(s) delay in which so many terms of the s
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12
 _MOST_INTERVALS = 2_000_000
-_LOOPS = 64  # at once: their arrays stay in the cache of a processor
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # of the first steps, over the highest frequency
-_SMALL, _FURTHER = 1e-3, 4.0  # Ms - 1 that is not looked for at ever higher frequencies, and their ratio
-_CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
 
 
 @dataclass(frozen=True)
@@ -96,10 +92,6 @@ class QuasiPolynomials:
             return np.asarray(self._derivative.size(radius, row) / math.factorial(self.removed))
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
-    def take(self, row: Rows | slice) -> QuasiPolynomials:
-        """Those number `row`."""
-        return QuasiPolynomials(tuple(c[row] for c in self.terms), tuple(d[row] for d in self.delays), self.removed)
-
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
         """The sums, term beside term but for the first; both with the same zeros removed."""
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
@@ -123,47 +115,8 @@ def _turn(angle: Floats) -> Complexes:
     return value
 
 
-def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) -> tuple[Flags, Floats]:
-    """Of the loops N/D under unity negative feedback: whether stable, (n,), and Ms, inf where not, (n,).
-
-    D is of retarded type, N of lower order. A loop with a closed-loop pole on the axis is not stable.
-    """
-    n = numerator.longest.size
-    stable, peak = np.zeros(n, dtype=bool), np.full(n, np.inf)
-    for start in range(0, n, _LOOPS):
-        part = slice(start, start + _LOOPS)
-        num, den = numerator.take(part), denominator.take(part)
-        right, row, omega, value = count_right(num + den)
-        held = np.flatnonzero(right == 0)
-        top = np.maximum.reduceat(omega, np.searchsorted(row, held)) if held.size else np.zeros(0)
-        num, den = num.take(held), den.take(held)
-        found = _highest(num + den, den, *_of_rows(held, row, omega, value))
-        while (left := np.flatnonzero(_highest_beyond(num, den, top) > np.maximum(found, 1 + _SMALL))).size:
-            top[left] *= _FURTHER
-            some, rest = num.take(left), den.take(left)
-            found[left] = _highest(some + rest, rest, *_nodes(some + rest, top[left])[:3])
-        stable[start + held], peak[start + held] = True, found
-    return stable, peak
-
-
-def _of_rows(held: Rows, row: Rows, omega: Floats, value: Complexes) -> tuple[Rows, Floats, Complexes]:
-    """The nodes of the rows `held`, which are counted anew."""
-    at = np.minimum(np.searchsorted(held, row), max(held.size - 1, 0))
-    kept = held[at] == row if held.size else np.zeros(row.size, dtype=bool)
-    return at[kept], omega[kept], value[kept]
-
-
-def _highest_beyond(num: QuasiPolynomials, den: QuasiPolynomials, top: Floats) -> Floats:
-    """Bound on |S| at all frequencies above `top`, rad/s: there the bound on |L| falls."""
-    every, lead = np.arange(top.size), np.abs(den.terms[0][:, 0])
-    above, below = (QuasiPolynomials(one.terms, one.delays).size(top, every) for one in (num, den))
-    least = 2 * lead * top ** (den.terms[0].shape[1] - 1) - below
-    small = above < least
-    return np.where(small, 1 / np.where(small, 1 - above / np.where(small, least, 1.0), 1.0), np.inf)
-
-
-def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Complexes]:
-    """Zeros right of the axis, NaN where some are on it; and what shows it: row, frequency, rad/s, and F at nodes.
+def count_right(function: QuasiPolynomials) -> Floats:
+    """Zeros right of the axis, NaN where some are on it, (n,).
 
     No step between nodes is taken on trust: over each, |F| at the middle exceeds its largest possible change, by a
     bound on dF/ds.
@@ -184,7 +137,7 @@ def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Compl
     degree = order - function.removed
     rest = np.angle(value[last] / (lead * (1j * top) ** degree))
     right = np.round((degree * np.pi / 2 - turned + rest) / np.pi)
-    return np.where(marginal, np.nan, right), row, omega, value
+    return np.where(marginal, np.nan, right)
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
@@ -209,23 +162,3 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
     row, omega, value = (np.concatenate(parts) for parts in zip(*done, strict=True))
     order = np.lexsort((omega, row))
     return row[order], omega[order], value[order], marginal
-
-
-def _highest(whole: QuasiPolynomials, den: QuasiPolynomials, row: Rows, omega: Floats, value: Complexes) -> Floats:
-    """Highest |S| = |D/(N + D)| of each loop, from its nodes, row by row; looked at ever more closely."""
-    row, omega, value = row[omega > 0], omega[omega > 0], value[omega > 0]
-    every = np.arange(den.longest.size)
-    if not every.size:
-        return np.zeros(0)
-    first, last = np.searchsorted(row, every), np.searchsorted(row, every, "right") - 1
-    size = np.abs(den.at(omega, row) / value)
-    top = np.lexsort((size, row))[last]
-    found, low, high = size[top], omega[np.maximum(top - 1, first)], omega[np.minimum(top + 1, last)]
-    for _ in range(_CLOSER):
-        grid = np.linspace(low, high, _CLOSE_GRID, axis=1)
-        of = np.repeat(every, _CLOSE_GRID)
-        size = np.abs(den.at(grid.ravel(), of) / whole.at(grid.ravel(), of)).reshape(grid.shape)
-        at = np.argmax(size, axis=1)
-        low, high = grid[every, np.maximum(at - 1, 0)], grid[every, np.minimum(at + 1, _CLOSE_GRID - 1)]
-        found = np.maximum(found, size[every, at])
-    return found

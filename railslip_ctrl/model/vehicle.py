@@ -216,6 +216,7 @@ class Vehicle(Record):
     resistance: Resistance = Field(description="travelling resistance of the quarter car")
     actuator: Actuator = Field(description="the brake")
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
+    speed_limit: float | None = quantity("m/s", "highest train speed", gt=0, default=None)
     source: str = Field("", description="where the numbers are from")
     notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
     # text, as a record is hashed; no property of the car, so that it is in no dump

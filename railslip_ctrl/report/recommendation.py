@@ -1,8 +1,8 @@
 """A design report computed, and its records.
 
-`design_report` tunes each structure over the envelope (`Selection`), runs the most robust designs and the seeking
-controller in their stops (`Trial`), takes the best by `Trial.rank`, and of that one looks at margins, limits, gains
-around it, stops with tolerances and, where it does not do, a faster brake (`DesignReport`).
+`design_report` tunes each linear structure over the envelope (`Selection`), runs the most robust of them and every kind
+that follows from the vehicle alone in the same stops (`Trial`), takes the best by `ordered`, and of that one looks at
+margins, limits, gains around it and, where none qualifies, what would help (`DesignReport`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import datetime
 import math
 import pickle
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.files import as_control
 from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.systems import PIController, has_step, linear_controller, linear_of
 from railslip_ctrl.controllers.user_step import StepControl
 from railslip_ctrl.core.errors import InputError, RailslipError
@@ -31,12 +32,14 @@ from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.assessment import limits_of
+from railslip_ctrl.design.catalogue import BY_RULE, controller_named, is_published, is_tuned_when_asked
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
+    Design,
     Selection,
     StructureChoice,
-    by_rule,
     hand_over_of,
+    held_slips,
     select,
 )
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, judge_points, margins_at
@@ -44,7 +47,7 @@ from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.adhesion import law_names
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
@@ -54,14 +57,16 @@ from railslip_ctrl.verification.verdict import NoLock, ReleasedRun, Verification
 from .stops import (
     RollingLoop,
     Stop,
+    as_reference,
     as_run,
     attainable_stops,
     braked,
+    harder_stops,
+    locks_at_once,
     operating_points,
     rolling_loops,
     stopping_distance,
     stops,
-    tolerance_stops,
 )
 
 if TYPE_CHECKING:
@@ -71,8 +76,12 @@ if TYPE_CHECKING:
 
 
 SEEKING = Seeking.kind
-LEVEL_KMH = 5.0
-"""Difference in the speeds from which designs are used that does not count."""
+TIE = 0.02
+"""Share by which mean stops, or worst Ms, may differ and count as equal: as seeds of the noise differ."""
+
+PREFERENCES = ("distance", "robustness")
+NOT_RUN = "not run further"
+"""The reason of a candidate that did not run the harder stops, as others are better in those as given."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +105,12 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class Trial:
-    """A choice in its own stops.
+    """A candidate in the report's stops.
 
-    `above_kmh` is the speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel
-    slides in its stops; None if from none. `lowest_kmh` is the lowest speed that is judged.
+    `above_kmh` is the speed, km/h, from which up it qualifies: robust by its margins, if it has any, and no wheel locks
+    in any stop; None if from none, with the `reason`. `lowest_kmh` is the lowest speed that is judged. `harder` are the
+    stops with errors and with a changing rail, those of `stops` are as given; a candidate that cannot win has not run
+    them.
     """
 
     choice: StructureChoice
@@ -107,24 +118,76 @@ class Trial:
     lowest_kmh: float
     control: Controller
     stops: tuple[Stop, ...]
+    harder: tuple[Stop, ...] = ()
+    reason: str = ""
+    robust_kmh: float | None = None  # from which up its margins are robust; 0 of a controller without any
 
     @property
     def judgement(self) -> Judgement | None:
-        """Its design's."""
+        """Its design's; None of a controller without margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
-        """Mean braking distance of its stops over all seeds, m; inf where one does not stop."""
-        distances = [stopping_distance(run) for stop in self.stops for run in stop.runs]
-        return sum(distances) / len(distances)
+        """Mean braking distance of all its stops over all seeds, m; inf where one does not stop."""
+        return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
 
-    def rank(self, lowest_kmh: float) -> tuple[bool, float, tuple[bool, float, float] | None, bool, float]:
-        """Smaller is better: used from the lowest speed, of none used the best judged, then without oscillation, then
-        the shortest stops. Little more than `lowest_kmh`, the lowest of all trials, is as good as that: a train goes a
-        few metres there."""
-        swings, tier = any(stop.swings for stop in self.stops), self.choice.tier if self.above_kmh is None else None
-        later = max((self.above_kmh or 0.0) - lowest_kmh, 0.0)
-        return self.above_kmh is None, later if later > LEVEL_KMH else 0.0, tier, swings, self.distance()
+    def distance_as_given(self) -> float:
+        """The same without the stops that are harder."""
+        return _mean(stopping_distance(run) for stop in self.stops for run in stop.runs)
+
+    @property
+    def air(self) -> float:
+        """Mean of the torque filled in over a stop, over the largest of the brake."""
+        return _mean(stop.air for stop in (*self.stops, *self.harder))
+
+    @property
+    def locked(self) -> int:
+        """Stops in which the wheel locks at a speed at which slip is controlled."""
+        return sum(stop.locked_from > self.control.controlled_from for stop in (*self.stops, *self.harder))
+
+    @cached_property
+    def worst_ms(self) -> float:
+        """Worst Ms with tolerances, or of operating points if these alone are judged, over the speeds in use; inf
+        where a loop is unstable, and of a controller without margins."""
+        if self.judgement is None:
+            return math.inf
+        speeds = self.judgement.points.speed_kmh
+        used = speeds >= max(self.lowest_kmh, self.judgement.hand_over_kmh) * (1 - 1e-9)
+        return float(self.judgement.run_ms[used].max(initial=0.0)) if used.any() else math.inf
+
+
+def _mean(values: Iterable[float]) -> float:
+    found = list(values)
+    return sum(found) / len(found) if found else math.inf
+
+
+def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
+    """The trials, the best first.
+
+    Those that qualify, by the mean stop: of all within `TIE` of the shortest the one with the least worst Ms, of equal
+    Ms the one that fills less. If robustness is preferred, by the worst Ms: of all within `TIE` of the least the one
+    with the shortest mean stop. Then those that do not qualify, by the stops as given in which a wheel locks, and their
+    mean.
+    """
+    first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
+    good = sorted((one for one in trials if one.above_kmh is not None), key=first)
+    limit = (1 + TIE) * first(good[0]) if good else 0.0
+    level = [one for one in good if first(one) <= limit]
+    level.sort(key=lambda one: (second(one), one.air))
+    rest = sorted((one for one in trials if one.above_kmh is None), key=_as_given)
+    return [*level, *good[len(level) :], *rest]
+
+
+def _worst(trial: Trial) -> float:
+    return trial.worst_ms
+
+
+def _as_given(trial: Trial) -> tuple[bool, int, float]:
+    return (
+        not trial.stops,
+        sum(one.locked_from > trial.control.controlled_from for one in trial.stops),
+        trial.distance_as_given(),
+    )
 
 
 @dataclass(frozen=True)
@@ -170,14 +233,11 @@ class Released:
 
 
 @dataclass(frozen=True)
-class FasterBrake:
-    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout at
-    the same slip, and if `reaches` comes to it, without a slide, in each of its stops: both tried."""
+class Remedy:
+    """The smallest change of the brake tried with which a controller qualifies, and that controller in its stops."""
 
-    factor: float
-    dead_time: float
-    lag: float
-    reaches: bool
+    words: str
+    trial: Trial
 
 
 @dataclass(frozen=True)
@@ -201,9 +261,9 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """As of a `Trial`."""
+        """As of a `Trial`, in stops as given."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
-        return None if any(stop.slides for stop in self.stops) else robust
+        return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
 
 @dataclass(frozen=True)
@@ -213,17 +273,15 @@ class DesignReport:
     envelope: Envelope  # what the design must hold, and its vehicle
     nominal: bool  # whether operating points alone are judged
     selection: Selection  # the candidates, the best first
-    # the choices robust from the lowest speed that any is, and the seeking controller, in their stops, the best first;
-    # of none robust, the best PI or PI-lead and it
-    trials: tuple[Trial, ...] = ()
-    control: Controller | None = None  # the recommended design as it runs: what `recommended.toml` says
-    # km/h: from there up it is robust, and handed over below it no wheel slides in its own stops
-    above_kmh: float | None = None
-    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all
+    trials: tuple[Trial, ...] = ()  # every candidate that ran, the best first
+    control: Controller | None = None  # the recommended one as it runs: what `recommended.toml` says
+    above_kmh: float | None = None  # of the best trial
+    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all; None without
+    # margins
     in_use: Judgement | None = None
     worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # of the recommended design
-    tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
+    harder_stops: tuple[Stop, ...] = ()  # with errors of sensors and brake, and on a changing rail
     held_elsewhere: tuple[HeldElsewhere, ...] = ()  # of the seeking controller
     rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # what the user gave
@@ -231,7 +289,8 @@ class DesignReport:
     curves: tuple[LawCurve, ...] = ()
     gains: GainMap | None = None
     responses: Responses | None = None
-    faster: FasterBrake | None = None
+    remedy: Remedy | None = None  # where no candidate qualifies
+    prefer: str = "distance"
     sliding: Sliding = Sliding(None)
     released: tuple[Released, ...] = ()  # the stops of the recommended design
     seconds: float = math.nan
@@ -245,7 +304,7 @@ class DesignReport:
     @property
     def best(self) -> StructureChoice | None:
         """The choice that is recommended."""
-        return self.selection.best
+        return self.trials[0].choice if self.trials else None
 
     @property
     def judgement(self) -> Judgement | None:
@@ -266,6 +325,16 @@ class DesignReport:
     def seeking(self) -> Trial | None:
         """The seeking controller; None where it has no gains."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
+
+    @property
+    def peer(self) -> Trial | None:
+        """The rule-based slide protection."""
+        return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
+
+    @property
+    def qualified(self) -> tuple[Trial, ...]:
+        """The candidates that qualify, the best first."""
+        return tuple(trial for trial in self.trials if trial.above_kmh is not None)
 
     def trial_of(self, choice: StructureChoice) -> Trial | None:
         """A choice in its stops; None of one that did not run."""
@@ -323,8 +392,19 @@ _CACHED = "conditions-predictive"
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
+NEARLY_UNSTABLE = 10.0
+"""Ms: the curve of L passes -1 at a tenth. With more at some tolerance a controller is not recommended."""
+
 FASTER = (0.75, 0.5, 0.25)
-"""Dead times and lags that are tried in turn where a design does not do, over the brake's."""
+"""Dead times and lags that are tried in turn where no candidate qualifies, over the brake's."""
+
+HELD_SHARE = 0.75
+"""Of the reference slip, that a kind with a rule holds: beside the peak, as tuned designs mostly do."""
+
+_RUN = 3  # linear designs that run, the most robust ones: the best of them by distance need not be the first
+_COMPLETE = 2  # candidates with the harder stops: the best, and the runner-up
+_NEAR = 0.1  # of the mean stop as given, or worst Ms, by which the harder stops may turn the order
+_LATEST = 0.5  # of the highest speed, for the hand-over: above, little of a stop is controlled
 
 _QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
 
@@ -336,6 +416,7 @@ def design_report(
     given: dict[str, Any] | None = None,
     sliding: bool = True,
     fresh: bool = False,
+    prefer: str = "distance",
     progress: Progress = lambda message: None,
     meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
@@ -347,9 +428,10 @@ def design_report(
     - sliding: decide the conditions of the predictive sliding-mode law too, and where the brake can be released
       without a lock, in another process where there are two cores; `fresh`: the conditions again, which an earlier
       report of the same vehicle may have kept.
+    - prefer: {"distance", "robustness"}; what decides between the candidates that qualify, see `ordered`.
     - progress: told what is done, a line at a time.
-    - meanwhile: given the report without what is still computed in the other process (gains around the design, stops
-      with tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
+    - meanwhile: given the report without what is still computed in the other process (gains around the design, what is
+      attainable) and without rivals: its pictures may be drawn by then.
 
     InputError: an envelope without points, or what is no controller.
     """
@@ -368,18 +450,18 @@ def design_report(
         sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
         here: Beside = submit if sent else partial
         progress(f"the best design over the envelope of {vehicle.name}")
-        seeking, plain = here(_seeking_trial, envelope, nominal), here(select, envelope, ("pi",))
+        plain = here(select, envelope, ("pi",))
+        others = [here(rule_trial, name, envelope, nominal, False) for name in _named(vehicle)]
         conditions: Callable[[], Sliding] = partial(Sliding, None, "not asked for")
         if sliding:
             before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
             conditions = submit(_verified, vehicle) if before is None else partial(Sliding, before)
         found = lead().choices if vehicle.actuator.lag > 0 else ()
-        trial = seeking()
         best = min(found, key=lambda choice: choice.rank, default=None)
         if best is not None and best.design is not None:
             found += lead((best.reference_factor,), _QUICK_FILTER).choices
         selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
-        report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
+        report = _designed(envelope, nominal, selection, (here, others), prefer, progress, meanwhile)
         no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
             if name not in rivals:
@@ -456,81 +538,217 @@ def _designed(
     envelope: Envelope,
     nominal: bool,
     selection: Selection,
-    beside: tuple[Beside, Trial | None],
+    beside: tuple[Beside, list[Callable[[], Trial | None]]],
+    prefer: str,
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """The report but for rivals and the sliding-mode law. `beside`: where to compute, the seeking trial."""
-    empty, (submit, seeking) = DesignReport(envelope, nominal, selection), beside
+    """The report but for rivals and the sliding-mode law. `beside`: where to compute, and trials that are computed."""
+    submit, others = beside
     progress("braking runs")
-    tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
-    others = [submit(_trial, one, nominal) for one in tied[1::2]]
-    submit(attainable_stops, _braked([] if seeking is None else [seeking]))  # asked for again below, and known by then
-    tried = [*(_trial(one, nominal) for one in tied[::2]), *(other() for other in others)]
-    if selection.best is None and (seeking is None or seeking.above_kmh is None):
-        blank = _unjudged(envelope)
-        progress("the brake that would do")
-        brake = _faster(envelope, selection.choices[0].structure, envelope, False)
-        found = replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
-        return found if seeking is None else replace(found, trials=(seeking,))
-    trials = [*tried, *([] if seeking is None else [seeking])]
-    lowest = min((trial.above_kmh for trial in trials if trial.above_kmh is not None), default=0.0)
-    trials.sort(key=lambda trial: trial.rank(lowest))
-    best, control = trials[0].choice, trials[0].control
-    selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
-    assert best.design is not None, "as its tier"
-    plain, judgement = control.system if isinstance(control, PI) else None, best.design.judgement
-    robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = trials[0].above_kmh is not None and (plain is None or (robust and best.reaches))
-    faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    in_use = restricted(judgement, max(trials[0].lowest_kmh, judgement.hand_over_kmh))
-    had = submit(attainable_stops, _braked(trials))
+    designed = [one for one in selection.choices if one.design is not None][:_RUN]
+    more = [submit(_linear_trial, one, nominal, False) for one in designed[1::2]]
+    trials = [_linear_trial(one, nominal, False) for one in designed[::2]]
+    trials = [*trials, *(one for get in (*more, *others) if (one := get()) is not None)]
+    trials = _decided(trials, envelope, nominal, prefer, submit)
+    best, control = trials[0], trials[0].control
+    told = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
+    had = submit(attainable_stops, [scenario for i in sorted(told) for scenario in _braked(trials[i])])  # as shown
+    remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
+    if best.above_kmh is None:
+        progress("what would help")
+        remedy = submit(_remedy, envelope, trials, nominal)
     progress("limits, gains around the design, responses")
+    judgement = best.judgement
+    in_use = judgement
+    if judgement is not None and (least := max(best.lowest_kmh, judgement.hand_over_kmh)) <= max(envelope.speeds):
+        in_use = restricted(judgement, least)
+    plain = control.system if isinstance(control, PI) else None
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
-    tolerances = (lambda: ()) if nominal else submit(tolerance_stops, trials[0].stops, control, judgement)
-    found = replace(
-        empty,
-        selection=selection,
+    shown = _unjudged(envelope) if judgement is None else judgement
+    found = DesignReport(
+        envelope,
+        nominal,
+        selection,
         trials=tuple(trials),
         control=control,
-        above_kmh=trials[0].above_kmh,
+        above_kmh=best.above_kmh,
         in_use=in_use,
-        worst_loops=_worst_loops(in_use),
-        stops=trials[0].stops,
-        held_elsewhere=tuple(_held_elsewhere(trials[0].stops, in_use)) if plain is None else (),
-        rolling=() if plain is None else rolling_loops(trials[0].stops, plain, judgement),
-        limits=_limits(judgement),
-        curves=tuple(map(_curve, laws_of(judgement))),
-        responses=None if plain is None else _responses(in_use.worst, plain),
+        worst_loops=() if in_use is None else _worst_loops(in_use),
+        stops=best.stops,
+        harder_stops=best.harder,
+        held_elsewhere=tuple(_held_elsewhere(best.stops, in_use)) if in_use is not None and plain is None else (),
+        rolling=() if plain is None or judgement is None else rolling_loops(best.stops, plain, judgement),
+        limits=_limits(shown),
+        curves=tuple(map(_curve, laws_of(shown))),
+        responses=None if plain is None or in_use is None else _responses(in_use.worst, plain),
+        prefer=prefer,
     )
     meanwhile(found)
-    if not enough:
-        progress("the brake that would do")
     attainable = iter(had())
-    trials = [replace(t, stops=tuple(replace(s, attainable=next(attainable)) for s in t.stops)) for t in trials]
-    found = replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
-    return replace(found, tolerance_stops=tolerances())
+    trials = [
+        replace(t, stops=tuple(replace(s, attainable=next(attainable)) for s in t.stops)) if i in told else t
+        for i, t in enumerate(trials)
+    ]
+    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
-def _braked(trials: Sequence[Trial]) -> list[Scenario]:
-    """Their stops, each with the largest torque of its brake."""
-    return [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops]
+def _decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
+    """The trials, the best first, of which those that can win have run the harder stops: from the best as given on
+    until `_COMPLETE` qualify, and all within `_NEAR` of the first. If none qualifies, the least bad and slide
+    protection have run them too."""
+    if nominal and any(one.above_kmh is not None for one in trials):
+        return ordered(trials, prefer)
+    key = Trial.distance_as_given if prefer == "distance" else _worst
+    waiting = sorted((one for one in trials if one.above_kmh is not None), key=key)
+    done = [one for one in trials if one.above_kmh is None]
+    good: list[Trial] = []
+    while waiting:
+        near = good and key(waiting[0]) <= (1 + _NEAR) * key(good[0])
+        if len(good) >= _COMPLETE and not near:
+            break
+        now, waiting = waiting[:2], waiting[2:]
+        later = [submit(_completed, one, envelope) for one in now[1:]]
+        ran = [_completed(now[0], envelope), *(get() for get in later)]
+        good += [one for one in ran if one.above_kmh is not None]
+        done += [one for one in ran if one.above_kmh is None]
+    better = "shorter stops" if prefer == "distance" else "less worst Ms"
+    reason = f"{NOT_RUN}: {_COMPLETE} with {better} qualify"
+    done += [replace(one, above_kmh=None, reason=reason) for one in waiting]
+    if good:
+        return ordered([*good, *done], prefer)
+    found = ordered([_with_stops(one, envelope) for one in done], prefer)
+    return [
+        _with_harder(one, envelope)
+        if not nominal and (one is found[0] or one.choice.structure == SlideProtection.kind)
+        else one
+        for one in found
+    ]
 
 
-def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial | None:
-    """The seeking controller in its stops, judged at the slips that it comes to; None of a brake without dead time."""
-    if envelope.vehicle.actuator.dead_time <= 0:
+def _completed(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the harder stops too; if it does not qualify then, that of a later hand-over."""
+    found = _with_harder(trial, envelope)
+    if found.above_kmh is not None:
+        return found
+    if trial.choice.structure in _named(envelope.vehicle):
+        return rule_trial(trial.choice.structure, envelope, False, True) or found
+    return _linear_trial(trial.choice, False, True)
+
+
+def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the stops as given, and what it lacks by them."""
+    if trial.stops:
+        return trial
+    judgement = trial.judgement or _unjudged(envelope)
+    return _concluded(replace(trial, stops=stops(trial.control, judgement)), judgement)
+
+
+def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the harder stops, and what it lacks by them."""
+    if trial.harder:
+        return trial
+    judgement = trial.judgement or _unjudged(envelope)
+    return _concluded(replace(trial, harder=harder_stops(trial.control, judgement)), judgement)
+
+
+def _named(vehicle: Vehicle) -> tuple[str, ...]:
+    """Names of the controllers of the package that are there for a vehicle without being tuned."""
+    own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
+    return (*BY_RULE, *own)
+
+
+def _braked(trial: Trial) -> list[Scenario]:
+    """Its stops, each with the largest torque of its brake."""
+    return [braked(stop.run.scenario, trial.control) for stop in trial.stops]
+
+
+def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
+    """A controller of the package by name in its stops, if `hard` the harder ones too; judged, if it has a loop, at
+    the envelope's slips, or those that it comes to. One that fades is handed over at a higher speed if it does not
+    qualify at its own. None of a brake for which there is no rule."""
+    try:
+        control = controller_named(name, envelope.vehicle)
+    except RailslipError:
         return None
-    design = by_rule(Seeking, envelope, nominal=nominal)
-    runs, robust = stops(design.controller, design.judgement), design.judgement.robust_from_kmh
-    lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
-    choice = StructureChoice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
-    return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.controller, runs)
+    if no_margins(control) and not control.follows_reference:
+        control = control.model_copy(update={"reference": None})
+        choice = StructureChoice(name, 1.0, None, no_margins(control))
+        return _trial(choice, control, _unjudged(envelope), 0.0, hard)
+    if control.follows_reference:
+        slips = held_slips(envelope, envelope.points(nominal=True))
+        held = slips or as_reference(operating_points(envelope.points(nominal=True)))
+        less = ReferenceSlip(dry=HELD_SHARE * held.dry, wet=HELD_SHARE * held.wet)
+        control, envelope = control.model_copy(update={"reference": less}), envelope.at(reference=less)
+    if reason := no_margins(control):
+        return _trial(StructureChoice(name, HELD_SHARE, None, reason), control, _unjudged(envelope), 0.0, hard)
+    found = _judged(name, control, envelope, nominal, hard)
+    if found.above_kmh is not None or "fade_speed" not in type(control).model_fields:
+        return found
+    for later in _handed_over_later(control, envelope, found.judgement):
+        if not locks_at_once(later, _unjudged(envelope), later.controlled_from, hard=hard):
+            other = _judged(name, later, envelope, nominal, hard)
+            if other.above_kmh is not None:
+                return other
+    return found
 
 
-def _trial(choice: StructureChoice, nominal: bool) -> Trial:
-    """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
-    is not robust, or the wheel slides."""
+def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
+    """A controller that fades and hands over, at each higher speed of an envelope at which it was judged robust, up to
+    `_LATEST` of the highest."""
+    robust = None if judged is None else judged.robust_from_kmh
+    for speed in sorted(envelope.speeds):
+        ratio = speed * KMH / control.controlled_from
+        if ratio > 1 + 1e-9 and robust is not None and robust <= speed <= _LATEST * max(envelope.speeds):
+            faster = {"hand_over_speed": speed * KMH, "fade_speed": ratio * control.fade_speed}
+            yield control.model_copy(update=faster)
+
+
+def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, hard: bool) -> Trial:
+    judgement = judge(envelope, control, nominal)
+    factor = HELD_SHARE if control.follows_reference else 1.0
+    choice = StructureChoice(name, factor, Design(control, judgement), reach_s=0.0, stop_s=0.0)
+    return _trial(choice, control, judgement, judgement.robust_from_kmh, hard)
+
+
+def _trial(
+    choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
+) -> Trial:
+    """A controller that is robust from a speed up, km/h, or from none; if its margins do, in its stops, and if `hard`
+    and no wheel locks there, in the harder ones too."""
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
+    found = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
+    if not found.reason:
+        found = _concluded(replace(found, stops=stops(control, judgement)), judgement)
+    if hard and not found.reason:
+        found = _concluded(replace(found, harder=harder_stops(control, judgement)), judgement)
+    return found
+
+
+def _concluded(trial: Trial, judgement: Judgement) -> Trial:
+    reason = "; ".join(_lacks(trial, judgement))
+    return replace(trial, above_kmh=None if reason else trial.robust_kmh, reason=reason)
+
+
+def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
+    """Why a trial does not qualify."""
+    over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
+    if robust is None:
+        yield "robust at no speed"
+    elif robust > max(over, min(judgement.envelope.speeds)) * (1 + 1e-9):
+        yield f"robust from {robust:g} km/h up, but it controls slip from {over:.3g} km/h"
+    elif trial.judgement is not None and trial.worst_ms > NEARLY_UNSTABLE:
+        worst = "unstable" if math.isinf(trial.worst_ms) else f"Ms {trial.worst_ms:.3g}, nearly unstable"
+        yield f"with tolerances {worst}"
+    if trial.locked:
+        yield f"a wheel locks in {trial.locked} of {len(trial.stops) + len(trial.harder)} stops"
+    if trial.stops and math.isinf(trial.distance()):
+        yield "a train does not stop"
+
+
+def _linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
+    """A choice, judged at the operating points alone if `nominal`, in its stops, if `hard` the harder ones too: handed
+    over above speeds at which it is not robust, or a wheel locks, up to `_LATEST` of the highest."""
     assert choice.design is not None, "a choice of the best tier is a design"
     design, judgement = choice.design, choice.design.judgement
     if nominal:
@@ -540,16 +758,19 @@ def _trial(choice: StructureChoice, nominal: bool) -> Trial:
     plain = design.controller.system
     robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
-    speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
+    latest = _LATEST * max(judgement.envelope.speeds)
+    later = [speed for speed in sorted(judgement.envelope.speeds) if lowest < speed <= latest]
     first = None
-    for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
+    for speed in [lowest, *(later if robust is not None else [])]:
         control = as_run(plain, judgement, speed if begins else 0.0)
-        runs = stops(control, judgement)
-        first = first or (control, runs)
-        if not any(stop.slides for stop in runs):
-            return Trial(choice, robust if robust is None else speed, speed, control, runs)
+        if first is not None and locks_at_once(control, judgement, speed * KMH, hard=hard):
+            continue
+        found = _trial(choice, control, judgement, None if robust is None else speed, hard)
+        first = first or found
+        if found.above_kmh is not None:
+            return replace(found, lowest_kmh=speed)
     assert first is not None
-    return Trial(choice, None, lowest, *first)
+    return first
 
 
 def _unjudged(envelope: Envelope) -> Judgement:
@@ -568,6 +789,12 @@ def no_margins(controller: Any) -> str:
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
+    found = _rival_alone(name, controller, envelope, nominal)
+    had = attainable_stops([stop.braked_scenario for stop in found.stops])
+    return replace(found, stops=tuple(replace(s, attainable=a) for s, a in zip(found.stops, had, strict=True)))
+
+
+def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
     if reason := no_margins(controller):
         blank = _unjudged(envelope)
         held = envelope.reference or blank.points.plants[0].point.law.reference
@@ -595,11 +822,11 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
-        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail)}
-        slips = tuple(sorted(slip for slip in here if not min(known) <= slip <= max(known)))
+        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail) and not math.isnan(stop.held)}
+        slips = tuple(sorted(slip for slip in here if not known or not min(known) <= slip <= max(known)))
         most = 0.0
         for slip in slips:
-            envelope = judged.envelope.at(rails=(rail,))
+            envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
             there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
             found = judge_points(envelope, judged.controller, there, nominal=True)
             mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
@@ -655,30 +882,19 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     return Responses(worst.point, LOAD_STEP, step, push)
 
 
-def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
-    """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
-    to it in its stops; with which the seeking controller may be used; None if none tried is."""
+def _remedy(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
+    """The faster brake with which a controller of a rule qualifies, tried from the smallest change on, the least bad
+    first. Less slip and a higher speed of hand-over were tried before: what runs has the largest slip and the least
+    speed that qualify."""
+    names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
+    old = envelope.vehicle.actuator
     for factor in FASTER:
-        old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
-        faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
-        if structure == SEEKING:
-            trial = _seeking_trial(faster, nominal=False)
-            if trial is not None and trial.above_kmh is not None:
-                return FasterBrake(factor, actuator.dead_time, actuator.lag, True)
-            continue
-        ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
-        found = select(ends, (structure,), (1.0,)).choices[0]
-        design = found.design
-        if design is None:
-            continue
-        judgement = judge(faster, design.judgement.controller)
-        if judgement.robust_from_kmh != min(envelope.speeds):
-            continue
-        runs = stops(as_run(design.judgement.controller.design, judgement, hand_over_of(judgement)), judgement)
-        reaches = all(stop.reached and not stop.slides for stop in runs)
-        if reaches or not reaching:
-            return FasterBrake(factor, actuator.dead_time, actuator.lag, reaches)
+        faster = envelope.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
+        for name in names:
+            found = rule_trial(name, faster, nominal, not nominal)
+            if found is not None and found.above_kmh is not None:
+                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", found)
     return None
 
 

@@ -502,7 +502,8 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
         shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
             _grid(ax, found.speeds_kmh, found.loads, worst)
-            if below := np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9)):  # from m/s
+            below = np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # from m/s
+            if 0 < below < found.speeds_kmh.size:
                 ax.axhline(below - 0.5, color="black", linestyle="--", linewidth=1.6)
             ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
             ax.grid(visible=False)
@@ -537,12 +538,13 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure
-        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, continuous time"
+        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, as it runs"
         drawings["map"] = lambda: ms_map_figure({"": judged.map}, title=title, hand_over_kmh=judged.hand_over_kmh)
         where = f"{report.vehicle.name}, {name}: loops at the worst points; continuous time"
         drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
-        if report.stops:
-            drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name, name)
+    if report.stops and report.best is not None:
+        structure = report.best.structure
+        drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name, structure)
     if report.gains is not None:
         gains = report.gains
         drawings["gains"] = lambda: _gains(gains, report.vehicle.name)
