@@ -26,8 +26,8 @@ from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
+from railslip_ctrl.report import candidates, recommendation
 from railslip_ctrl.report import design_report as pages
-from railslip_ctrl.report import recommendation
 from railslip_ctrl.report.design_json import design_report_json
 from railslip_ctrl.report.design_report import design_report_text, design_sections, first_page
 from railslip_ctrl.report.document import Paragraph
@@ -249,7 +249,7 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(veh
 @pytest.fixture(scope="module")
 def robust():
     """With the seeking controller beside, as if a wheel locked with it: the design taken is a PI-lead."""
-    made = recommendation.rule_trial
+    made = candidates.rule_trial
 
     def locked(name, *given):
         trial = made(name, *given)
@@ -257,7 +257,7 @@ def robust():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recommendation, "cpu_count", lambda: 1)  # all of it here, where the next line holds
-        patch.setattr(recommendation, "rule_trial", locked)
+        patch.setattr(candidates, "rule_trial", locked)
         return design_report(Envelope(PARK2008, speeds=(10, 100), loads="empty", lag=1.0), sliding=False)
 
 
@@ -311,11 +311,11 @@ def test_of_those_that_qualify_the_one_with_the_shortest_mean_stop_is_taken(robu
     assert first.choice is robust.best
     runs = [run for one in (*first.stops, *first.harder) for run in one.runs]
     assert first.distance() == pytest.approx(np.mean([run.braking_distance for run in runs]), rel=1e-12)
-    assert min(one.distance() for one in good) >= first.distance() / (1 + recommendation.TIE)
+    assert min(one.distance() for one in good) >= first.distance() / (1 + candidates.TIE)
     assert all(one.locked == 0 and one.judgement.robust_from_kmh is not None for one in good if one.judgement)
-    left = [one for one in robust.trials if one.reason.startswith(recommendation.NOT_RUN)]
+    left = [one for one in robust.trials if one.reason.startswith(candidates.NOT_RUN)]
     assert all(not one.harder and one.above_kmh is None for one in left)
-    limit = (1 + recommendation._NEAR) * first.distance_as_given() / (1 + recommendation.TIE)
+    limit = (1 + candidates._NEAR) * first.distance_as_given() / (1 + candidates.TIE)
     assert not left or min(one.distance_as_given() for one in left) > limit
     kinds = {one.choice.structure for one in robust.trials}
     assert kinds >= {"pi-lead", "predictive", "seeking", "slide-protection"}
@@ -327,10 +327,10 @@ def test_of_those_that_qualify_the_one_with_the_shortest_mean_stop_is_taken(robu
         return made
 
     far, near, robuster, saving = trial(104, 1.1, 1), trial(100, 3, 1), trial(101.9, 2, 1), trial(101.9, 2, 0.5)
-    assert recommendation.ordered([far, near, robuster, saving]) == [saving, robuster, near, far]
-    assert recommendation.ordered([far, near, saving, robuster], "robustness") == [far, saving, robuster, near]
+    assert candidates.ordered([far, near, robuster, saving]) == [saving, robuster, near, far]
+    assert candidates.ordered([far, near, saving, robuster], "robustness") == [far, saving, robuster, near]
     locks = replace(trial(50, 1, 1), above_kmh=None)
-    assert recommendation.ordered([locks, far]) == [far, locks]
+    assert candidates.ordered([locks, far]) == [far, locks]
 
 
 def numbers_of(text):
@@ -340,7 +340,7 @@ def numbers_of(text):
 def test_no_statement_contradicts_a_table_beside_it(robust):
     """What decides, the runner-up and the stops are those of the tables; a lock in a table is told, and captions say
     what is drawn."""
-    second = recommendation._with_harder(robust.trials[1], robust.envelope)
+    second = candidates._with_harder(robust.trials[1], robust.envelope)
     second = replace(second, above_kmh=10.0, reason="")  # or there is one alone
     robust = replace(robust, trials=(robust.trials[0], second, *robust.trials[2:]))
     first, lines, _ = told(robust)
@@ -361,10 +361,14 @@ def test_no_statement_contradicts_a_table_beside_it(robust):
             locked = sum(one.locks for one in here)
             assert (f"locks in {locked} of {len(here)}" in where) == bool(locked)
     # a tolerance that is nearly unstable is never under "USE"
-    assert best.worst_ms <= recommendation.NEARLY_UNSTABLE
+    assert best.worst_ms <= candidates.NEARLY_UNSTABLE
     wild = replace(best)
     wild.__dict__["worst_ms"] = 84.0
-    assert "nearly unstable" in "; ".join(recommendation._lacks(wild, best.judgement))
+    assert "nearly unstable" in "; ".join(candidates._lacks(wild, best.judgement))
+    near = replace(best)
+    near.__dict__["worst_ms"] = 19.0
+    assert not list(candidates._lacks(near, best.judgement))
+    assert "nearly unstable: Ms 19" in dict(first_page(replace(robust, trials=(near,))).lines)["Risk"]
     # the dashed line of the map is told where it is drawn, and there alone
     captions = {one.name: one.caption for one in first.pictures}
     figure = report_drawings(robust)["map"]()
@@ -421,7 +425,7 @@ def test_where_none_qualifies_the_least_bad_is_told_with_the_reason_and_what_was
     assert lines["Why"] == "A wheel locks in 3 of 42 stops."
     assert "; slide protection " in lines["Decides"]
     assert "none of the brakes tried" in lines["Would help"]
-    remedy = recommendation.Remedy("dead time 0.1 s and lag 0.3 s", robust.trials[0])
+    remedy = candidates.Remedy("dead time 0.1 s and lag 0.3 s", robust.trials[0])
     lines = dict(first_page(replace(lost, remedy=remedy)).lines)
     assert lines["Would help"].startswith("a brake with dead time 0.1 s and lag 0.3 s: PI-lead")
     assert len(design_report_text(lost, first, "").splitlines()) <= MOST_LINES

@@ -14,6 +14,7 @@ import click
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.folders import claimed
+from railslip_ctrl.report.candidates import PREFERENCES, no_margins
 from railslip_ctrl.report.design_json import design_report_json
 from railslip_ctrl.report.design_report import (
     RECOMMENDED,
@@ -25,7 +26,7 @@ from railslip_ctrl.report.document import WIDTH, width
 from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.pictures import Drawings, Pictures
-from railslip_ctrl.report.recommendation import PREFERENCES, DesignReport, design_report, no_margins
+from railslip_ctrl.report.recommendation import DesignReport, design_report
 
 from .margins import given_controller
 from .options import (

@@ -161,9 +161,12 @@ class Envelope(Record):
 
     @property
     def law_speed(self) -> float:
-        """v0 of the published laws, km/h: the initial speed, or the end of the range that they are published for."""
+        """v0 of the published laws, km/h: the initial speed, or, if that is the vehicle's speed limit, the end of the
+        range that they are published for."""
         low, high = INITIAL_SPEED_RANGE_KMH
-        return min(max(self.initial_speed, low), high)
+        limit = self.vehicle.speed_limit
+        follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
+        return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
         """Read the laws in files, to refuse with InputError now what `points` would refuse."""

@@ -10,7 +10,8 @@ from railslip_ctrl import __version__
 from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.design.envelope_tuning import StructureChoice
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.report.recommendation import DesignReport, Rival, Trial
+from railslip_ctrl.report.candidates import Trial
+from railslip_ctrl.report.recommendation import DesignReport, Rival
 from railslip_ctrl.report.stops import Stop
 
 from .design_report import used_from

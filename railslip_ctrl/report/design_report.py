@@ -18,17 +18,8 @@ from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import doubts
-from railslip_ctrl.report.recommendation import (
-    FASTER,
-    NEARLY_UNSTABLE,
-    NOT_RUN,
-    SEEKING,
-    TIE,
-    DesignReport,
-    Rival,
-    Trial,
-    longest,
-)
+from railslip_ctrl.report.candidates import FASTER, NEARLY_UNSTABLE, NOT_RUN, SEEKING, TIE, Trial
+from railslip_ctrl.report.recommendation import DesignReport, Rival, longest
 from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, SPEED_NOISE, TEETH, Stop
 
 from .document import (
@@ -63,6 +54,9 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
+TOLD = 10.0
+"""Ms with tolerances, above which the first page says so: a tenth of the loop's gain may make it unstable."""
+
 _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} % least worst Ms, then least air)",
     "robustness": f"least worst Ms (within {100 * TIE:g} % shortest mean stop, then least air)",
@@ -266,6 +260,9 @@ def _risks(report: DesignReport) -> Iterator[str]:
     """What may happen all the same."""
     least = 0.0 if report.control is None else report.control.controlled_from
     every = (*report.stops, *report.harder_stops)
+    worst = report.trials[0].worst_ms if report.trials else math.inf
+    if report.usable and not report.nominal and TOLD < worst < math.inf:
+        yield f"With tolerances it is nearly unstable: Ms {ms_text(worst)}."
     below_use = [stop for stop in every if stop.locks and stop.locked_from <= least]
     if swinging := dict.fromkeys(stop.law for stop in report.stops if stop.swings):
         yield f"With {' and '.join(swinging)} the wheel oscillates."
@@ -495,6 +492,12 @@ def _envelope(report: DesignReport) -> Section:
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
         load = f"the wheel load stays {short(car.wheel_load)} N: the vehicle has no other"
         told = (*told, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
+    begins, v0 = report.envelope.initial_speed, report.envelope.law_speed
+    if begins != v0:
+        told = (
+            f"Stops begin at {begins:g} km/h, and published laws are those of v0 = {v0:g} km/h, extrapolated",
+            *told,
+        )
     blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
