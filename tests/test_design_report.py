@@ -242,8 +242,9 @@ def test_no_random_point_of_an_envelope_is_worse_than_the_report_s_own_worst(veh
         place = rng.choice(envelope.laws), rng.choice(envelope.rails), speed, rng.choice(envelope.loads)
         loop = own_loop(found.vehicle, controller, *place, *factors, held, envelope.initial_speed)
         assert loop.is_stable() or worst[operating].margins is None
-        if loop.is_stable():
-            assert loop.margins().ms <= worst[operating].ms * (1 + 1e-6), (place, factors)
+        if loop.is_stable():  # of the seeking controller the sampled loop is judged, whose Ms is larger
+            most = worst[operating].run_ms if seeks else worst[operating].ms
+            assert loop.margins().ms <= most * (1 + 1e-6), (place, factors)
 
 
 @pytest.fixture(scope="module")

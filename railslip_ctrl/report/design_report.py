@@ -194,7 +194,10 @@ def _short(trial: Trial) -> str:
 
 
 def _metres(trial: Trial) -> str:
-    return "no stop" if math.isinf(trial.distance()) else f"{short(trial.distance())} m"
+    if math.isfinite(trial.distance()):
+        return f"{short(trial.distance())} m"
+    given = trial.distance_as_given()
+    return "no stop" if math.isinf(given) else f"{short(given)} m as given, else no stop"
 
 
 def _share(trial: Trial) -> str:
