@@ -175,9 +175,7 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
         ran = [_completed(now[0], envelope), *(get() for get in later)]
         good += [one for one in ran if one.above_kmh is not None]
         done += [one for one in ran if one.above_kmh is None]
-    better = "shorter stops" if prefer == "distance" else "less worst Ms"
-    reason = f"{NOT_RUN}: {_COMPLETE} with {better} qualify"
-    done += [replace(one, above_kmh=None, reason=reason) for one in waiting]
+    done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]
     if good:
         return ordered([*good, *done], prefer)
     found = ordered([_with_stops(one, envelope) for one in done], prefer)

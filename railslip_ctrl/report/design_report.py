@@ -10,7 +10,6 @@ from rich.console import RenderableType
 
 from railslip_ctrl import __version__
 from railslip_ctrl.controllers.linear import LinearControl
-from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.core.units import KMH, ms_down
 from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.design.envelope_tuning import StructureChoice
@@ -182,7 +181,7 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _not_run(report: DesignReport) -> int:
-    return sum(trial.reason.startswith(NOT_RUN) for trial in report.trials)
+    return sum(trial.reason == NOT_RUN for trial in report.trials)
 
 
 def _short(trial: Trial) -> str:
@@ -514,18 +513,19 @@ def _candidates(report: DesignReport) -> Section:
             why = choice.reason or "less robust than those that ran"
             rows.append((*_choice_cells(choice), *(NONE,) * 6, why))
     head = (
-        "Structure", "Slip, % of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h",
+        "Structure", "Slip, % of reference", "Stable from, km/h",
         "Robust from, km/h", "Worst Ms where stable", "Ms with tolerances", "Used from, km/h", "Mean stop, m",
         "As given, m", "Air, fillings", "Locks, stops", "Does not qualify",
     )  # fmt: skip
     text = (
         f"A candidate qualifies if it is robust from its hand-over up (Ms ≤ {ROBUST_MS:g}, and with every tolerance "
         f"Ms ≤ {NEARLY_UNSTABLE:g}) and locks no wheel there in any of these stops: {_which(report)} One "
-        "without margins is known by its stops alone. Designs that hold a reference are told the rail. Of those that "
+        "without margins is known by its stops alone. Not run further is what is worse in the stops as given "
+        "than two that qualify. Designs that hold a reference are told the rail. Of those that "
         f"qualify is taken: {_RANKED[report.prefer]}. Air is the torque filled in over a stop, over the largest."
     )
     shown = Table(head, rows, caption="What was tried, the best first.", wide=True)
-    return Section("candidates", "Candidates", (Paragraph(minus(text)), shown))
+    return Section("candidates", "Candidates", (Paragraph(text), shown))
 
 
 def _same(one: StructureChoice, other: StructureChoice) -> bool:
@@ -536,15 +536,13 @@ def _same(one: StructureChoice, other: StructureChoice) -> bool:
 
 def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
     """What it is, and its judgement."""
-    own = None if choice.design is None else choice.design.controller
-    told = (short(own.kp), short(own.ki)) if isinstance(own, PI) else (NONE, NONE)
     holds = choice.structure == "pi" or choice.structure == "pi-lead" or choice.reference_factor != 1.0
     slip = f"{100 * choice.reference_factor:g}" if holds else NONE
     if choice.design is None:
-        return _kind(choice), slip, *told, *(NONE,) * 3
+        return _kind(choice), slip, *(NONE,) * 3
     judged = choice.design.judgement
     speeds = (_speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
-    return _kind(choice), slip, *told, *speeds, worst_cells(judged.worst)[1]
+    return _kind(choice), slip, *speeds, worst_cells(judged.worst)[1]
 
 
 def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
