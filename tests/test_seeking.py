@@ -459,7 +459,7 @@ def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
     assert (found.stable.all(), min(found.points.speed_kmh)) == (True, 10.0)
     own = {round(3.6 * speed) for speed in (control.hand_over_speed, control.fade_speed)}
     assert own < set(np.round(found.points.speed_kmh, 6))
-    assert found.ms.max() < found.run_ms.max() <= 2
+    assert found.run_ms.max() <= 2
     hardest = {"laws": ("bristle",), "rails": ("dry",), "speeds": (10, 60, 100)}
     assert judge(Envelope(car).at(**hardest), control).stable.all()
 
