@@ -171,8 +171,10 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
         if len(good) >= _COMPLETE and not near:
             break
         now, waiting = waiting[:2], waiting[2:]
-        later = [submit(_completed, one, envelope) for one in now[1:]]
-        ran = [_completed(now[0], envelope), *(get() for get in later)]
+        # a kind by rule where it ran before: its compiled step is loaded there
+        here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
+        later = [submit(_completed, one, envelope) for one in now if one is not here]
+        ran = [_completed(here, envelope), *(get() for get in later)]
         good += [one for one in ran if one.above_kmh is not None]
         done += [one for one in ran if one.above_kmh is None]
     done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]

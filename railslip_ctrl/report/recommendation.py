@@ -11,7 +11,7 @@ import datetime
 import math
 import pickle
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
@@ -45,7 +45,6 @@ from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import PIGains, Rail, Vehicle
-from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.verification.verdict import NoLock, ReleasedRun, Verification
 
 from . import candidates
@@ -54,8 +53,7 @@ from .stops import (
     RollingLoop,
     Stop,
     as_run,
-    attainable_stops,
-    braked,
+    clairvoyant_stops,
     operating_points,
     rolling_loops,
     stops,
@@ -418,13 +416,12 @@ def _designed(
     submit, others = beside
     progress("braking runs")
     designed = [one for one in selection.choices if one.design is not None][: candidates.MOST_LINEAR]
-    more = [submit(candidates.linear_trial, one, nominal, False) for one in designed[1::2]]
-    trials = [candidates.linear_trial(one, nominal, False) for one in designed[::2]]
-    trials = [*trials, *(one for get in (*more, *others) if (one := get()) is not None)]
+    trials = [candidates.linear_trial(one, nominal, False) for one in designed]  # the kinds by rule run in the other
+    trials += [one for get in others if (one := get()) is not None]
     trials = candidates.decided(trials, envelope, nominal, prefer, submit)
     best, control = trials[0], trials[0].control
     told = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
-    had = submit(attainable_stops, [scenario for i in sorted(told) for scenario in _braked(trials[i])])  # as shown
+    had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(told) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
         progress("what would help")
@@ -456,23 +453,19 @@ def _designed(
         prefer=prefer,
     )
     meanwhile(found)
-    attainable = iter(had())
-    trials = [
-        replace(t, stops=tuple(replace(s, attainable=next(attainable)) for s in t.stops)) if i in told else t
-        for i, t in enumerate(trials)
-    ]
+    known = iter(had())
+    trials = [replace(one, stops=_told(one.stops, known)) if i in told else one for i, one in enumerate(trials)]
     return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
-def _braked(trial: Trial) -> list[Scenario]:
-    """Its stops, each with the largest torque of its brake."""
-    return [braked(stop.run.scenario, trial.control) for stop in trial.stops]
+def _told(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
+    """Stops with their bound and the attainable stop."""
+    return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
     found = _rival_alone(name, controller, envelope, nominal)
-    had = attainable_stops([stop.braked_scenario for stop in found.stops])
-    return replace(found, stops=tuple(replace(s, attainable=a) for s, a in zip(found.stops, had, strict=True)))
+    return replace(found, stops=_told(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops])))
 
 
 def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:

@@ -44,12 +44,12 @@ class Stop:
     load: str  # "empty" or "loaded"
     run: Run  # the longest of all seeds, recorded
     others: tuple[Run, ...]  # of the other seeds
-    bound: ClairvoyantStop | None  # what no controller of this brake beats; None where none is known
     held: float  # median of slip over the second half of the time under control, without the noise and the start
     reference: float  # the slip ratio to be held, or of a controller that has its `own_slip`, that of the law
     cut_out: float = 0.0  # m/s: below, the slip is not controlled
     errors: str = ""  # those of sensors and brake, or the change of rail, in words; empty: as given
-    attainable: ClairvoyantStop | None = None  # a stop without noise that one can have who knows the rail; or None
+    bound: ClairvoyantStop | None = None  # no controller of this brake stops sooner; None if not known or not asked for
+    attainable: ClairvoyantStop | None = None  # without noise, by a controller that knows the rail; None as of `bound`
     own_slip: bool = False  # whether the controller finds its slip, or is known by its step alone
     brake_torque: float = math.inf  # N*m, the largest, with which the bound is
     locked_from: float = 0.0  # m/s, the highest train speed at which the wheel was locked with some seed; 0: none
@@ -255,12 +255,12 @@ def stopping_distance(run: Run) -> float:
 
 
 def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = SEEDS, errors: str = "") -> Stop:
-    simulator, limited = Simulator(scenario, control), braked(scenario, control)
+    simulator = Simulator(scenario, control)
     every, held = max(round(LOG_PERIOD / simulator.period), 1), control.reference or scenario.adhesion.reference
     # without what is not shown, and much to be sent from another process
     runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
     run, cut_out = max(runs, key=stopping_distance), control.controlled_from
-    most = limited.limits.torque_max or math.inf
+    most = braked(scenario, control).limits.torque_max or math.inf
     found = Stop(
         control.label,
         scenario.adhesion.name,
@@ -268,7 +268,6 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         load,
         run,
         tuple(replace(one, signals=None) for one in runs if one is not run),
-        None if errors else _known(clairvoyant_stop, limited),
         _held(run, cut_out),
         math.nan if held is None else held.on(scenario.rail),
         cut_out,
@@ -325,9 +324,9 @@ def _limited(scenario: Scenario, most: float) -> Scenario:
     return scenario.with_changes(limits=limits)
 
 
-def attainable_stops(scenarios: Sequence[Scenario]) -> list[ClairvoyantStop | None]:
-    """What can be had in each by one who knows the rail; None where that is not known."""
-    return [_known(attainable_stop, scenario) for scenario in scenarios]
+def clairvoyant_stops(scenarios: Sequence[Scenario]) -> list[tuple[ClairvoyantStop | None, ClairvoyantStop | None]]:
+    """The bound of each stop, and the attainable stop; None where it is not known."""
+    return [(_known(clairvoyant_stop, scenario), _known(attainable_stop, scenario)) for scenario in scenarios]
 
 
 @lru_cache(64)
