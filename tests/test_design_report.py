@@ -32,9 +32,10 @@ from railslip_ctrl.report.design_json import design_report_json
 from railslip_ctrl.report.design_report import design_report_text, design_sections, first_page
 from railslip_ctrl.report.document import Paragraph
 from railslip_ctrl.report.page import page
+from railslip_ctrl.report.plots import style
 from railslip_ctrl.report.plots.designs import report_drawings
 from railslip_ctrl.report.recommendation import design_report, restricted
-from railslip_ctrl.report.stops import CHANGES, rolling_loops
+from railslip_ctrl.report.stops import CHANGES, laws_of_stops, rolling_loops, stop_scenario
 from railslip_ctrl.simulation import simulate, stop
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
@@ -352,8 +353,8 @@ def test_no_statement_contradicts_a_table_beside_it(robust):
     second = replace(second, above_kmh=10.0, reason="")  # or there is one alone
     robust = replace(robust, trials=(robust.trials[0], second, *robust.trials[2:]))
     first, lines, _ = told(robust)
-    rows = pages._candidates(robust).blocks[-1]
-    table = [dict(zip(rows.head, row, strict=True)) for row in rows.rows]
+    _, ran, rest = pages._candidates(robust).blocks
+    table = [dict(zip(ran.head, row, strict=True)) for row in ran.rows]
     best, other = robust.qualified[:2]
     assert f"mean stop {table[0]['Mean stop, m']} m" in lines["Decides"]
     assert f"mean stop {table[1]['Mean stop, m']} m" in lines["Runner-up"]
@@ -361,11 +362,17 @@ def test_no_statement_contradicts_a_table_beside_it(robust):
     assert f"{len(robust.qualified)} of {len(robust.trials)} candidates qualify" in lines["Decides"]
     assert numbers_of(lines["Stops"])[0] == len(robust.stops)
     assert all(law in lines["Stops"] for law in {one.law for one in (*robust.stops, *robust.harder_stops)})
-    assert "slide-protection" in [row["Structure"] for row in table]
+    assert "slide-protection" in [row["Candidate"] for row in table]
+    used = [row["Candidate"] for row in table if row["Used from, km/h"] != "–"]
+    assert len(used) == len(robust.qualified)
+    assert not {*used} & {row[0] for row in rest.rows}  # who qualifies has no reason why not
+    assert {row[0] for row in rest.rows} >= {row["Candidate"] for row in table} - {*used}
     every = (*robust.stops, *robust.harder_stops)
     for name, _, where in first.rows:
         if name.startswith("Stop, "):
             here = [one for one in every if one.rail == name.split(", ")[1]]
+            begins = {round(one.run.scenario.initial_speed * 3.6, 6) for one in here}
+            assert begins == {numbers_of(name)[0]}
             locked = sum(one.locks for one in here)
             assert (f"locks in {locked} of {len(here)}" in where) == bool(locked)
     # a tolerance that is nearly unstable is never under "USE"
@@ -420,6 +427,9 @@ def test_speeds_follow_from_the_vehicle_s_limit(limit):
     assert envelope.law_speed == min(limit, 140.0)
     law = next(plant.point.law for plant in envelope.points(nominal=True).plants if plant.point.law.name == "curve")
     assert law == published_law("curve", law.rail, envelope.law_speed, car.wheel_load)
+    blank = candidates.unjudged(envelope)
+    made = [stop_scenario(envelope, blank.points, name, "empty", "wet") for name in laws_of_stops(blank)]
+    assert {round(one.initial_speed * 3.6, 6) for one in made} == {limit}
     assert Envelope(car, speeds=(20, 60)).speeds == (20.0, 60.0)
 
 
@@ -576,6 +586,7 @@ UNSEEN = """return [...document.images].filter((one) => {
   const box = one.getBoundingClientRect();
   return !one.complete || one.naturalWidth === 0 || box.width < 100 || box.height < 50;
 }).map((one) => one.alt)"""
+SCALES = "return [...document.images].map((one) => one.getBoundingClientRect().width / one.naturalWidth)"
 LOADED = """return performance.getEntriesByType("resource").map((one) => one.name)
   .filter((name) => !name.startsWith("data:"))"""
 TORN = """const style = (names, key) => [...document.querySelectorAll(names)].map((one) => getComputedStyle(one)[key]);
@@ -622,6 +633,7 @@ def test_the_page_in_a_browser_fits_shows_every_figure_and_loads_nothing(show, w
     assert (run("return innerWidth"), run(WIDER), run(UNSEEN), run(LOADED)) == (width, False, [], [])
     assert run("return document.images.length") >= 4
     assert run(CUT) == []
+    assert style.SMALL * 4 / 3 * min(run(SCALES)) > 9.0  # pixels of the smallest letters
     run("document.querySelector('nav a[href=\"#stops\"]').click()")
     # the section is where the eye is; a pixel of rounding
     assert abs(run("return document.getElementById('stops').getBoundingClientRect().top")) < 2

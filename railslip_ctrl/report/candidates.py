@@ -95,7 +95,7 @@ class Trial:
 
     @property
     def air(self) -> float:
-        """Mean of the torque filled in over a stop, over the largest of the brake."""
+        """Mean of the torque filled in over a stop, over the vehicle's full brake torque."""
         return _mean(stop.air for stop in (*self.stops, *self.harder))
 
     @property
@@ -173,8 +173,9 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
         now, waiting = waiting[:2], waiting[2:]
         # a kind by rule where it ran before: its compiled step is loaded there
         here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
-        later = [submit(_completed, one, envelope) for one in now if one is not here]
-        ran = [_completed(here, envelope), *(get() for get in later)]
+        apart = {i: submit(_completed, one, envelope) for i, one in enumerate(now) if one is not here}
+        mine = _completed(here, envelope)
+        ran = [apart[i]() if i in apart else mine for i in range(len(now))]
         good += [one for one in ran if one.above_kmh is not None]
         done += [one for one in ran if one.above_kmh is None]
     done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]

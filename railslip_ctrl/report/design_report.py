@@ -505,27 +505,25 @@ def _envelope(report: DesignReport) -> Section:
 
 
 def _candidates(report: DesignReport) -> Section:
-    rows = []
-    for trial in report.trials:
-        rows.append((*_choice_cells(trial.choice), *_ran_cells(trial, report.nominal)))
-    for choice in report.selection.choices:
-        if not any(_same(choice, trial.choice) for trial in report.trials):
-            why = choice.reason or "less robust than those that ran"
-            rows.append((*_choice_cells(choice), *(NONE,) * 6, why))
-    head = (
-        "Structure", "Slip, % of reference", "Stable from, km/h",
-        "Robust from, km/h", "Worst Ms where stable", "Ms with tolerances", "Used from, km/h", "Mean stop, m",
-        "As given, m", "Air, fillings", "Locks, stops", "Does not qualify",
-    )  # fmt: skip
     text = (
         f"A candidate qualifies if it is robust from its hand-over up (Ms ≤ {ROBUST_MS:g}, and with every tolerance "
-        f"Ms ≤ {NEARLY_UNSTABLE:g}) and locks no wheel there in any of these stops: {_which(report)} One "
-        "without margins is known by its stops alone. Not run further is what is worse in the stops as given "
-        "than two that qualify. Designs that hold a reference are told the rail. Of those that "
-        f"qualify is taken: {_RANKED[report.prefer]}. Air is the torque filled in over a stop, over the largest."
+        f"Ms ≤ {NEARLY_UNSTABLE:g}) and no wheel locks there in any of these stops: {_which(report)} One "
+        "without margins is judged by its stops alone. Designs that hold a reference are given the rail. The best: "
+        f"{_RANKED[report.prefer]}. Air is the torque filled in over a stop, over the full brake torque."
     )
-    shown = Table(head, rows, caption="What was tried, the best first.", wide=True)
-    return Section("candidates", "Candidates", (Paragraph(text), shown))
+    ran = Table(
+        ("Candidate", "Used from, km/h", "Mean stop, m", "As given, m", "Ms with tolerances", "Air", "Locks in"),
+        [_ran_cells(trial, report.nominal) for trial in report.trials if trial.stops],
+        caption="Candidates in the stops, the best first; the mean of all stops, and of those as given.",
+        wide=True,
+    )
+    rows = [(*_choice_cells(one.choice), one.reason) for one in report.trials if one.reason]
+    for choice in report.selection.choices:
+        if not any(_same(choice, trial.choice) for trial in report.trials):
+            rows.append((*_choice_cells(choice), choice.reason or "less robust than those that ran"))
+    head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Does not qualify")
+    rest = Table(head, rows, caption="Candidates that do not qualify; not run further: better ones qualify.")
+    return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
 def _same(one: StructureChoice, other: StructureChoice) -> bool:
@@ -534,28 +532,29 @@ def _same(one: StructureChoice, other: StructureChoice) -> bool:
     return all(getattr(one, name) == getattr(other, name) for name in names)
 
 
+def _named(choice: StructureChoice) -> str:
+    """Its structure, and the share of the reference slip that it holds."""
+    holds = choice.structure in ("pi", "pi-lead") or choice.reference_factor != 1.0
+    return _kind(choice) + (f", {100 * choice.reference_factor:g} % slip" if holds else "")
+
+
 def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
     """What it is, and its judgement."""
-    holds = choice.structure == "pi" or choice.structure == "pi-lead" or choice.reference_factor != 1.0
-    slip = f"{100 * choice.reference_factor:g}" if holds else NONE
     if choice.design is None:
-        return _kind(choice), slip, *(NONE,) * 3
+        return _named(choice), *(NONE,) * 3
     judged = choice.design.judgement
     speeds = (_speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
-    return _kind(choice), slip, *speeds, worst_cells(judged.worst)[1]
+    return _named(choice), *speeds, worst_cells(judged.worst)[1]
 
 
 def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
-    """What its stops say; the mean stop is that of all of them."""
+    """A candidate in its stops; the mean of all of them is not known before the harder ones are run."""
     ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
-    given = trial.distance_as_given()
-    distances = ["no stop" if math.isinf(one) else short(one) for one in (trial.distance(), given)]
-    if not trial.stops:
-        return ms, _speed(used_from(trial)), *(NONE,) * 4, trial.reason
-    if not trial.harder and not nominal:
-        distances[0] = NONE
-    numbers = (*distances, f"{trial.air:.2f}", f"{trial.locked} of {len(trial.stops) + len(trial.harder)}")
-    return ms, _speed(used_from(trial)), *numbers, trial.reason or NONE
+    means = (trial.distance(), trial.distance_as_given())
+    whole, given = ("no stop" if math.isinf(one) else short(one) for one in means)
+    used = NONE if trial.above_kmh is None else _speed(used_from(trial))
+    locks = f"{trial.locked} of {len(trial.stops) + len(trial.harder)}"
+    return _named(trial.choice), used, whole if trial.harder or nominal else NONE, given, ms, f"{trial.air:.2f}", locks
 
 
 def _rivals(report: DesignReport) -> Section | None:

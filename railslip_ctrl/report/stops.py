@@ -53,7 +53,7 @@ class Stop:
     own_slip: bool = False  # whether the controller finds its slip, or is known by its step alone
     brake_torque: float = math.inf  # N*m, the largest, with which the bound is
     locked_from: float = 0.0  # m/s, the highest train speed at which the wheel was locked with some seed; 0: none
-    air: float = 0.0  # mean of the torque that was filled in, over the largest of the brake
+    air: float = 0.0  # mean of the torque that was filled in, over the vehicle's full brake torque
 
     @property
     def swings(self) -> bool:
@@ -275,7 +275,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         own_slip=not control.follows_reference,
         brake_torque=most,
         locked_from=max(_locked_from(one) for one in runs),
-        air=float(np.mean([_filled(one) for one in runs])) / most,
+        air=float(np.mean([_filled(one) for one in runs])) / full_brake_torque(scenario.vehicle),
     )
     return replace(found, run=replace(run, signals=None)) if errors else found
 
