@@ -1,6 +1,6 @@
-"""The candidates of a design report: what each is, the stops that it runs, what it lacks, and which is the best.
+"""The candidates of a design report, and their order.
 
-A candidate is first looked at by its margins, then in the stops as given, and if it can win in those that are harder.
+A candidate is judged by its margins, then by the stops as given, and, if it can still win, by the harder stops.
 """
 
 from __future__ import annotations
@@ -32,43 +32,43 @@ from .stops import Stop, as_reference, as_run, harder_stops, locks_at_once, oper
 SEEKING = Seeking.kind
 
 TIE = 0.02
-"""Share by which mean stops, or worst Ms, may differ and count as equal: as seeds of the noise differ."""
+"""Relative difference of two mean stops, or of two worst Ms, that counts as a tie."""
 
 PREFERENCES = ("distance", "robustness")
 
 NOT_RUN = "not run further"
-"""The reason of a candidate that did not run the harder stops, as others are better in those as given."""
+"""Reason of a candidate without harder stops: others are better in the stops as given."""
 
 NEARLY_UNSTABLE = 50.0
-"""Ms: 2 % of the loop's gain, as an error of the wheel's radius gives, may make it unstable. With more at some
-tolerance a controller is not recommended."""
+"""Largest worst Ms with tolerances, a ratio. |1 + L| is then at least 1/50: an error of 2 % in the loop gain, which a
+wheel radius wrong by that much gives, makes no loop unstable."""
 
 FASTER = (0.75, 0.5, 0.25)
-"""Dead times and lags that are tried in turn where no candidate qualifies, over the brake's."""
+"""Dead time and lag of the brakes that are tried if no candidate qualifies, over the vehicle's own."""
 
 HELD_SHARE = 0.75
-"""Of the reference slip, that a kind with a rule holds: beside the peak, as tuned designs mostly do."""
+"""Slip that a kind with a rule holds, over the reference slip: below the peak, as most tuned designs."""
 
-MOST_LINEAR = 3  # linear designs that run, the most robust ones: the best of them by distance need not be the first
+MOST_LINEAR = 3  # linear designs in the stops, the most robust ones: the first of them need not stop soonest
 
-_LATEST = 0.5  # of the highest speed, for the hand-over: above, little of a stop is controlled
+_LATEST = 0.5  # highest hand-over speed, over the highest speed: slip is controlled in 3/4 of the distance or more
 
-_COMPLETE = 2  # candidates with the harder stops: the best, and the runner-up
+_COMPLETE = 2  # qualified candidates after which no more run the harder stops: the best and the runner-up
 
-_NEAR = 0.1  # of the mean stop as given, or worst Ms, by which the harder stops may turn the order
+_NEAR = 0.1  # relative difference of mean stops as given, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Takes a function and its arguments; what gives the result, computed in another process, or when asked for."""
+"""Takes a function and its arguments, returns a function that gives the result; computed in another process, or on that
+call."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """A candidate in the report's stops.
 
-    `above_kmh` is the speed, km/h, from which up it qualifies: robust by its margins, if it has any, and no wheel locks
-    in any stop; None if from none, with the `reason`. `lowest_kmh` is the lowest speed that is judged. `harder` are the
-    stops with errors and with a changing rail, those of `stops` are as given; a candidate that cannot win has not run
-    them.
+    - above_kmh: speed, km/h, from which up it qualifies; None if it does not, with the `reason`.
+    - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
+    - stops: as given; harder: with errors, and on a changing rail. A candidate that cannot win has no harder stops.
     """
 
     choice: StructureChoice
@@ -336,9 +336,10 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """The faster brake with which a controller of a rule qualifies, tried from the smallest change on, the least bad
-    first. Less slip and a higher speed of hand-over were tried before: what runs has the largest slip and the least
-    speed that qualify."""
+    """The first of the `FASTER` brakes with which a kind by rule qualifies, the least bad kind first.
+
+    Less slip and a higher hand-over speed were tried before, by the tuning and by the trials.
+    """
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
     for factor in FASTER:

@@ -19,7 +19,8 @@ from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import doubts
 from railslip_ctrl.report.candidates import FASTER, NEARLY_UNSTABLE, NOT_RUN, SEEKING, TIE, Trial
 from railslip_ctrl.report.recommendation import DesignReport, Rival, longest
-from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, SPEED_NOISE, TEETH, Stop
+from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, TEETH, Stop
+from railslip_ctrl.simulation.population import SPEED_NOISE
 
 from .document import (
     NONE,

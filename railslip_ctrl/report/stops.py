@@ -29,6 +29,8 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, Event, Measurement, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.bound import ClairvoyantStop, attainable_stop, clairvoyant_stop
+from railslip_ctrl.simulation.population import GAIN, RADIUS, SPEED_NOISE, SPEED_SCALE
+from railslip_ctrl.simulation.population import TEETH as ENCODERS
 from railslip_ctrl.simulation.run import LOCKED_SHARE, REACHED_SHARE
 
 SLIDING = 0.5  #: slip ratio, halfway to a locked wheel
@@ -123,17 +125,25 @@ class RollingLoop:
 
 
 SEEDS = (0, 1)  #: of the noise; statistics over many are the campaign's
-NARROW = "polach"  #: a law whose peak of adhesion is narrow: stops are run on it too where no laws were chosen
+NARROW = "polach"
+"""Law with a narrow peak, in the stops if no laws were chosen. The default envelope is without it: it has no reference
+slip, and with tolerances no design that holds a share of its peak's slip is robust."""
 
 ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {"torque": (0.85, 1.15), "train speed": (0.98, 1.02), "radius": (0.98, 1.02)}
+    {
+        name: (1 - error, 1 + error)
+        for name, error in (("torque", GAIN), ("train speed", SPEED_SCALE), ("radius", RADIUS))
+    }
 )
-"""Factors on acting torque, measured train speed, and the wheel's radius, of which the controller believes 1."""
+"""Factors on acting torque, measured train speed and wheel radius, the ends of the population's; the controller assumes
+1."""
 
-SPEED_NOISE, TEETH = 0.05, 80.0
-"""Noise of the measured train speed, m/s, and teeth of the wheel's encoder, in half of the stops with errors."""
+TEETH = float(min(ENCODERS))
+"""Teeth of the wheel's encoder in half of the stops with errors, which have the population's speed noise too."""
 
-_WET, _DRY_AGAIN = 0.065, 0.155  # s^2/m, over the square of the first speed: 50 and 120 m at 100 km/h
+# places of the change, m, over the square of the initial speed, s^2/m: 50 and 120 m at 100 km/h, which is a quarter and
+# a half of a stop from any speed
+_WET, _DRY_AGAIN = 0.065, 0.155
 _TWO_LEVELS = np.array([[(i >> k & 1) for k in range(3)] for i in range(8)])
 _ARRAY = np.column_stack([_TWO_LEVELS, _TWO_LEVELS[:, [0, 0, 1]] ^ _TWO_LEVELS[:, [1, 2, 2]], _TWO_LEVELS.sum(1) % 2])
 # orthogonal array L8: seven errors at two levels in eight stops, every two of them in each combination twice
