@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import control as ct
 import numpy as np
 import pytest
-from project import changed
+from project import ROOT, changed
 from scipy.optimize import brentq
 
 from railslip_ctrl.controllers import seeking as step
@@ -672,3 +673,16 @@ def test_sampling_periods_of_others():
 def test_a_brake_without_lag():
     car = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.15, lag=0.0)})
     assert over(stop(car, "dry"), Seeking.for_vehicle(car), seeds=(0,)) < 0.08
+
+
+def test_the_factors_of_its_gains_are_those_of_the_design_and_of_the_page():
+    """Of the published vehicle, whose x is 1."""
+    car, g = PARK2008, CONTROL
+    theta, lag, weight = car.actuator.dead_time, car.actuator.lag, car.wheel_load * car.wheel.radius
+    switching = g.switching_gain * (theta + lag) / weight
+    own = [g.kappa * theta, g.reaching_rate * theta, switching, g.observer_time / theta, g.deceleration_time / theta]
+    text = (ROOT / "designs" / "seeking.py").read_text("utf-8").partition("The gains: ")[2].partition("\n")[0]
+    assert [float(one) for one in re.findall(r"\d\.\d+", text)] == pytest.approx(own, rel=1e-9)
+    page = (ROOT / "docs" / "theory" / "seeking.md").read_text("utf-8").partition("| gain | rule |")[2]
+    rules = [float(one) for one in re.findall(r"\| \$(\d\.\d+)", page)]
+    assert [*rules[:3], *rules[4:6]] == pytest.approx(own, rel=1e-9)  # the fourth is the layer's
