@@ -8,8 +8,8 @@ asserted in the tests:
   with a brake 30 % slower;
 - the worst there are 11 %, and 22 % with the slower brake, on bristle;
 - no wheel locks on these three laws;
-- polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it. There a change from dry to
-  wet costs 25 %, and wheels lock after it in one stop of ten at 90 m, more often with the slower brake;
+- polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it. A change from dry to
+  wet costs 25 % there; wheels lock after it in one stop of ten at 90 m, more often with the slower brake;
 - a change from dry to wet costs most: what the brake holds at that moment cannot be released within its dead time.
 
     python analysis/seeking_campaign.py [SEEDS, 16 unless given] [FIRST SEED, 0 unless given]

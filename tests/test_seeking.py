@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import control as ct
 import numpy as np
 import pytest
-from project import changed
+from project import ROOT, changed
 from scipy.optimize import brentq, lsq_linear
 
 from railslip_ctrl.controllers import seeking as step
@@ -482,17 +483,19 @@ def test_certificate_of_the_inner_loop(rail, slip, late):
     "name", ["", *(pytest.param(name, marks=pytest.mark.long) for name in ("coach", "desiro_classic"))]
 )
 def test_its_rules_are_robust_for_light_and_heavy_vehicles(name):
-    """Ms at most 2 at every operating point of the default envelope from 10 km/h up, as it runs too; stable with every
+    """Ms at most 2 at every operating point of the default envelope from 10 to 100 km/h, as it runs; stable with every
     tolerance where it is hardest, on dry bristle rail at the ends of the speeds."""
     car = load_vehicle(DESIGNS / f"{name}.toml") if name else PARK2008
     control = Seeking.for_vehicle(car)
-    found = judge(Envelope(car), control, nominal=True)
+    speeds = Envelope.model_fields["speeds"].default  # not those of a faster vehicle's limit
+    envelope = Envelope(car, speeds=speeds, initial_speed=max(speeds))
+    found = judge(envelope, control, nominal=True)
     assert (found.stable.all(), min(found.points.speed_kmh)) == (True, 10.0)
     own = {round(3.6 * speed) for speed in (control.hand_over_speed, control.fade_speed)}
     assert own < set(np.round(found.points.speed_kmh, 6))
-    assert found.ms.max() < found.run_ms.max() <= 2
+    assert found.run_ms.max() <= 2
     hardest = {"laws": ("bristle",), "rails": ("dry",), "speeds": (10, 60, 100)}
-    assert judge(Envelope(car).at(**hardest), control).stable.all()
+    assert judge(envelope.at(**hardest), control).stable.all()
 
 
 @pytest.mark.parametrize(("law", "rail"), [("curve", "dry"), ("curve", "wet"), ("beam", "wet"), ("bristle", "dry")])
@@ -686,3 +689,16 @@ def test_sampling_periods_of_others():
 def test_a_brake_without_lag():
     car = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.15, lag=0.0)})
     assert over(stop(car, "dry"), Seeking.for_vehicle(car), seeds=(0,)) < 0.08
+
+
+def test_the_factors_of_its_gains_are_those_of_the_design_and_of_the_page():
+    """Of the published vehicle, whose x is 1."""
+    car, g = PARK2008, CONTROL
+    theta, lag, weight = car.actuator.dead_time, car.actuator.lag, car.wheel_load * car.wheel.radius
+    switching = g.switching_gain * (theta + lag) / weight
+    own = [g.kappa * theta, g.reaching_rate * theta, switching, g.observer_time / theta, g.deceleration_time / theta]
+    text = (ROOT / "designs" / "seeking.py").read_text("utf-8").partition("The gains: ")[2].partition("\n")[0]
+    assert [float(one) for one in re.findall(r"\d\.\d+", text)] == pytest.approx(own, rel=1e-9)
+    page = (ROOT / "docs" / "theory" / "seeking.md").read_text("utf-8").partition("| gain | rule |")[2]
+    rules = [float(one) for one in re.findall(r"\| \$(\d\.\d+)", page)]
+    assert [*rules[:3], *rules[4:6]] == pytest.approx(own, rel=1e-9)  # the fourth is the layer's

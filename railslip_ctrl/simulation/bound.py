@@ -196,6 +196,12 @@ class _Path:
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
         """With the torque taken back at a time, s, and then a share of the slip left after some times `time`, s;
         infinite where that brings the slip nowhere to rest, or passes the limits of the brake."""
+        try:
+            return self._stop(switch, share, time)
+        except ValueError:  # of SciPy's search for an event, where the solution of a step ends on its other side
+            return ClairvoyantStop(math.inf, math.inf)
+
+    def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
         never = ClairvoyantStop(math.inf, math.inf)
         taken_back = self._driven(0.0)
 
