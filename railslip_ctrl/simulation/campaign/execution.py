@@ -330,19 +330,14 @@ def execute(
     InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
     cannot be reached or has another version.
     """
-    check_extra("campaign", "campaign")
-    if workers is not None and scheduler is not None:
-        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
-    count = cpu_count() if workers is None else workers
-    if count < 1:
-        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
+    made = workers_for(run_part, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
         tell(campaign.runs)
         return store
     # a cluster that is not there is found out before anything is written
-    with _workers(campaign, count, scheduler) as (submit, ahead), store.claimed() as store:
+    with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
         for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
             Simulator(campaign.scenario, controller).run()
@@ -361,31 +356,41 @@ def execute(
 
 # --- where parts are run --------------------------------------------------------------------------------------------
 
-Workers = tuple[Callable[[Part], "Future[Rows]"], int]
-"""What submits a part, and the number of parts that keeps every worker busy."""
+Work = Callable[[Any, Any, str], Any]
+"""What a worker does: of what all have in common, a task, and the version that the package must have there."""
+
+Workers = tuple[Callable[[Any], "Future[Any]"], int]
+"""What submits a task, and the number of tasks that keeps every worker busy."""
 
 
-def _workers(campaign: Campaign, count: int, scheduler: str | None) -> AbstractContextManager[Workers]:
+def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
+    """Where tasks are done: this process, more of them or a cluster, as of `execute`."""
+    check_extra("campaign", "campaign")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
+    count = cpu_count() if workers is None else workers
+    if count < 1:
+        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
     if scheduler is not None:
-        return _cluster(campaign, scheduler)
-    return nullcontext((partial(_at_once, campaign), 1)) if count == 1 else _processes(campaign, count)
+        return _cluster(work, shared, scheduler)
+    return nullcontext((partial(_at_once, work, shared), 1)) if count == 1 else _processes(work, shared, count)
 
 
-def _at_once(campaign: Campaign, part: Part) -> Future[Rows]:
-    done: Future[Rows] = Future()
-    done.set_result(run_part(campaign, part, __version__))
+def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
+    done: Future[Any] = Future()
+    done.set_result(work(shared, task, __version__))
     return done
 
 
 @contextmanager
-def _processes(campaign: Campaign, count: int) -> Iterator[Workers]:
+def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
     cache_folder()  # theirs too, where there is none but for this run
     try:
         with processes(count) as submit:
             for _ in range(count):
                 submit(_nothing)  # starts a process each
-            yield lambda part: submit(run_part, campaign, part, __version__), _AHEAD * count
+            yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
             "workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
@@ -398,7 +403,7 @@ def _nothing() -> None:
 
 
 @contextmanager
-def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
+def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
     check_extra("cluster", "--scheduler")
     from distributed import Client, KilledWorker
 
@@ -410,10 +415,10 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
         raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
     try:
         with client:
-            shared = client.scatter(campaign, broadcast=True, hash=False)
+            sent = client.scatter(shared, broadcast=True, hash=False)
             submit = client.get_executor(pure=False).submit
             ahead = _AHEAD * max(1, sum(client.nthreads().values()))
-            yield lambda part: submit(run_part, shared, part, __version__), ahead
+            yield lambda task: submit(work, sent, task, __version__), ahead
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
             f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
