@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ _PICTURES = ("distributions", "scatter")  # PNG
 )
 @option("--workers", "N", "Processes.", "one for each core", type=int)
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
+@preset("--device", "cpu|gpu", "Run on the processor's cores, or on a CUDA GPU (extra gpu).", "cpu")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "EVENT", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
@@ -67,6 +69,7 @@ def command(
     out: Path,
     workers: int | None,
     scheduler: str | None,
+    device: str,
     worst_by: str,
     number: int | None,
     rare: str | None,
@@ -85,11 +88,13 @@ def command(
     """
     check_extra("campaign", "campaign")
     check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
-    campaign = load_campaign(campaign_file, controllers=controller)
+    if device not in ("cpu", "gpu"):
+        raise InputError(f"--device: {device!r} is not allowed; choose cpu or gpu")
+    campaign = replace(load_campaign(campaign_file, controllers=controller), counted=device == "gpu")
     tell_remarks(campaign.scenario.vehicle)
     if rare is not None or confidence_levels:
         both = "with --rare or --confidence-levels"
-        refuse_given("worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)
+        refuse_given("device", "worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)
         spent: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "points": points, "progress": progress}
         if rare is None:
             _confidence_levels(campaign, out, spent, as_json=as_json)
@@ -105,7 +110,7 @@ def command(
         return
     check_measure(worst_by)
     with _bar(campaign.runs) as tell:
-        store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=tell)
+        store = execute(campaign, out, workers=workers, scheduler=scheduler, device=device, progress=tell)
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)

@@ -48,7 +48,10 @@ class InfeasibleDesignError(RailslipError, ValueError):
     """No controller of the asked structure meets the specification; the message says what can be met."""
 
 
-EXTRAS = {"campaign": ("pyarrow",), "cluster": ("distributed",), "html": ("latex2mathml",), "identify": ("pandas",)}
+EXTRAS = {
+    **{"campaign": ("pyarrow",), "cluster": ("distributed",), "gpu": ("numba_cuda",)},
+    **{"html": ("latex2mathml",), "identify": ("pandas",)},
+}
 """Packages that one command needs, by the extra of pyproject.toml that has them."""
 
 

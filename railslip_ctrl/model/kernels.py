@@ -78,7 +78,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
 # Only `run` allocates. Everything below it is put into it, without counting references to arrays at every call: three
 # times as fast, a few per cent from the same loop in C. Python calls `run` alone: wrappers for the others would take a
 # quarter of the time to compile.
-_COMPILED = """from numba import njit
+COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
 compiled = njit(nogil=True, error_model='numpy', **inlined)
@@ -99,7 +99,7 @@ def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> s
 
     Parts are texts as `plain` gives them. What Python calls is named `run` and marked `entry`.
     """
-    head = _HEAD.format(law=law.name, marker=_COMPILED if compiled else _INTERPRETED)
+    head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 

@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 from zipfile import BadZipFile
 
 import numpy as np
@@ -28,6 +28,7 @@ from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
+from .counted import Counted, normal
 from .scenario import LEAST_STEP, Event, Scenario, event_place
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
@@ -106,11 +107,11 @@ class Signals(NamedTuple):
 
 @by_content
 class Noise(NamedTuple):
-    """Random force and sensor noise of a run, standard normal; in place of its seed.
+    """Random force and sensor noise of a run, standard normal, ratios to their standard deviations.
 
     - force: a draw for each hold, 1-D.
-    - sensors: of train and wheel speed, a row a sample, (n, 2).
-    - seed: draws those that come after these.
+    - sensors: draws of train and wheel speed, a row a sample, array (n, 2).
+    - seed: of the draws that come after these.
     """
 
     force: Floats
@@ -118,12 +119,12 @@ class Noise(NamedTuple):
     seed: int = 0
 
     def save(self, path: Path) -> None:
-        """Write it as an .npz file of NumPy."""
+        """Write it to a `path` as an .npz file of NumPy."""
         np.savez(path, force=self.force, sensors=self.sensors, seed=self.seed)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file of `save`. InputError for another file."""
+        """Read a file of `save` from a `path`. InputError for another file."""
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
@@ -131,6 +132,10 @@ class Noise(NamedTuple):
             raise InputError(
                 f"{file_name(path)}: has no draws of a stop; give a seed, or a file that campaign --rare wrote"
             ) from None
+
+
+Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
+"""Where random force and sensor noise come from: a seed, by NumPy or by a counter, their draws, or None: none."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +234,7 @@ def simulate(
     scenario: Scenario,
     controller: Any,
     *,
-    seed: int | np.random.SeedSequence | Noise | None = 0,
+    seed: Draws = 0,
     record_every: int | None = 1,
     compiled: bool = True,
 ) -> Run:
@@ -262,22 +267,22 @@ class Simulator:
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
         number(f"controller {control.label}: period", self.period, "s", ge=LEAST_STEP, le=scenario.longest_time)
-        self._start = control.start(scenario.initial_speed, self.period)
-        self._plan = make_plan(scenario, control, self._start, self.period)
+        self.start = control.start(scenario.initial_speed, self.period)
+        self.plan = make_plan(scenario, control, self.start, self.period)
 
     @cached_property
     def _kernel(self) -> Any:
         return kernel(type(self.scenario.adhesion), self.controller.source_text(), compiled=self._compiled)
 
     @checked
-    def run(self, seed: int | np.random.SeedSequence | Noise | None = 0, *, record_every: int | None = None) -> Run:
+    def run(self, seed: Draws = 0, *, record_every: int | None = None) -> Run:
         """One run; `seed` and `record_every` as of `simulate`. InputError for one out of range."""
         if record_every is not None:
             number("record_every", record_every, ge=1, le=LARGEST_SPACING)
-        plan, kernel_ = self._plan, self._kernel
+        plan, kernel_ = self.plan, self._kernel
         forces, noise, hold = self._draw(seed)
         every = record_every or 0
-        start = self.controller.flat(self._start)
+        start = self.controller.flat(self.start)
         rows = (plan.samples + every - 1) // every + 1 if every else 0
         log = np.empty((rows, layout.COLUMNS + len(start)))
         y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
@@ -304,15 +309,16 @@ class Simulator:
             v, omega = y[layout.V], (y[layout.V] - y[layout.SIGMA]) / self.scenario.vehicle.wheel.radius
             ended = _OUTCOMES[status] is Outcome.NOT_FINITE
             call.check(float(summary[layout.END_TIME]), float(v), float(omega), x, ended=ended)
-        return self._result(seed, status, y, summary, log[:written] if every else None)
+        return self.result(seed, status, y, summary, log[:written] if every else None)
 
-    def _draw(self, seed: int | np.random.SeedSequence | Noise | None) -> tuple[Floats, Floats, float]:
+    def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
         """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         none = np.zeros(1), np.zeros((0, 2))
         if seed is None:
             return *none, 0.0
-        given, seed = (seed, seed.seed) if isinstance(seed, Noise) else (None, seed)
+        keys = seed if isinstance(seed, Counted) else None
+        given, seed = (seed, seed.seed) if isinstance(seed, Noise) else (None, 0 if isinstance(seed, Counted) else seed)
         if not isinstance(seed, np.random.SeedSequence):
             if not 0 <= seed < 2**63:
                 raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
@@ -324,19 +330,27 @@ class Simulator:
         forces, noise, hold = *none, 0.0
         if disturbances.random_force > 0:
             hold = disturbances.random_hold
-            forces = of_force.standard_normal(int(self._plan.samples * self.period / hold) + 2)
+            count = int(self.plan.samples * self.period / hold) + 2
+            forces = normal(*keys, np.arange(count), 0) if keys else of_force.standard_normal(count)
             if given is not None:
                 forces[: len(given.force)] = given.force[: len(forces)]
             forces *= disturbances.random_force
         if measurement.speed_noise > 0 or measurement.wheel_noise > 0:
             spread = np.array([measurement.speed_noise, measurement.wheel_noise])
-            noise = of_noise.standard_normal((self._plan.samples, 2))
+            size, places = (self.plan.samples, 2), np.arange(self.plan.samples)[:, None]
+            noise = normal(*keys, places, np.array([1, 2])) if keys else of_noise.standard_normal(size)
             if given is not None:
                 noise[: len(given.sensors)] = given.sensors[: len(noise)]
             noise *= spread
         return forces, noise, hold
 
-    def _result(self, seed: Any, status: int, y: Floats, summary: Floats, log: Floats | None) -> Run:
+    def result(self, seed: Any, status: int, y: Floats, summary: Floats, log: Floats | None) -> Run:
+        """The run that a kernel ended with.
+
+        - seed: what its draws came from.
+        - status: number of its outcome.
+        - y, summary, log: state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, as the kernel left them, SI.
+        """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
         starting, booked, final = (
@@ -346,12 +360,12 @@ class Simulator:
         def mean(i: int) -> float:
             return float(summary[i]) / time if time > 0 else math.nan
 
-        states = self.controller.logged(self._start)
+        states = self.controller.logged(self.start)
         return Run(
             scenario=self.scenario,
             controller=self.controller,
             seed=GIVEN_DRAWS
-            if isinstance(seed, Noise)
+            if isinstance(seed, Noise | Counted)
             else None
             if seed is None or isinstance(seed, np.random.SeedSequence)
             else int(seed),

@@ -91,7 +91,7 @@ class Event(NamedTuple):
             )
         unit = _MEASURES[found[1]][0]
         threshold = to_unit(found[2], unit, name=f"event: {found[1]}", text_needs_unit=unit != "1")
-        return cls(found[1], number(f"event: {found[1]}", threshold, unit, ge=0.0))
+        return cls(found[1], number(f"event: {found[1]}", threshold, "" if unit == "1" else unit, ge=0.0))
 
 
 class Drawn(NamedTuple):
@@ -168,8 +168,12 @@ class Stops:
 
 @by_content
 class Tail(NamedTuple):
-    """Probability of exceeding `x` (1-D, in the measure's unit) with its interval; `plain`: of the independent stops
-    alone, by Wilson, rows of (x, share, low, high)."""
+    """Probability of what is worse than each value.
+
+    - x: values, 1-D, in the measure's unit.
+    - value, low, high: probability and its interval, arrays of one length, ratios.
+    - plain: of the independent stops alone, Wilson's: rows of (x, share, low, high), (n, 4), ratios.
+    """
 
     x: Floats
     value: Floats
@@ -193,11 +197,13 @@ class RareEvent:
     """Probability of an event in a campaign's stops, by subset simulation.
 
     - probability, variation: estimate with its 95 % interval, and its coefficient of variation.
-    - importance, importance_variation: by importance sampling at the design point; None where that has none.
+    - importance, importance_variation: the same by importance sampling; the latter is a ratio. None where no stop met
+      the event.
     - levels, accepted: values on the way, in the event's unit, and the share of moves accepted at each.
-    - shares, directions: of each quantity and of the noise in what makes the event likely; and by how many standard
-      deviations, on average, a quantity is off in the event.
+    - shares: share of each quantity, and of the noise, in the mean of the event's inputs.
+    - directions: number of standard deviations that a quantity is off, on average, in the event.
     - stop: the most likely one found; None if none was.
+    - tail: of the event's measure, in its unit.
     - stops: number of simulated stops.
     - warnings: why the numbers cannot be trusted; empty where nothing was found.
     """
@@ -235,7 +241,15 @@ class Factor(NamedTuple):
 
 @dataclass(frozen=True)
 class ConfidenceLevels:
-    """Factors for `EBCL`; `nominal`: mean deceleration of the nominal stop, m/s^2; `tail` over the factor, falling."""
+    """Table of Kdry_rst over the confidence levels of ETCS.
+
+    - campaign: what varies.
+    - nominal: mean deceleration of the nominal stop, m/s^2.
+    - factors: one for each of `EBCL`.
+    - tail: probability of a smaller factor.
+    - stops: number of simulated stops.
+    - warnings: why the numbers cannot be trusted; empty where nothing was found.
+    """
 
     campaign: Campaign
     nominal: float
@@ -268,7 +282,8 @@ def work(shared: tuple[Campaign, str], task: Task, version: str) -> dict[str, An
     key = (_SEED, kinds.index(task.kind), task.number)
     rng = np.random.default_rng(np.random.SeedSequence(shared[0].seed, spawn_key=key))
     if task.kind == "pilot":
-        levels = subset.pilot(stops, stops.dimension, task.threshold, rng, fresh=1, smallest=task.smallest)
+        count, smallest = task.points // 2, task.smallest
+        levels = subset.pilot(stops, stops.dimension, task.threshold, rng, count=count, fresh=1, smallest=smallest)
         return {"levels": np.array(levels).reshape(-1, 2)}
     if task.kind == "importance":
         value = subset.importance(stops, task.given, task.threshold, rng, count=_ABOUT)
@@ -305,7 +320,7 @@ class _Study:
             found = self._done(tasks)
             self.unresolved = sum(int(one.pop("unresolved")) for one in found)
             self.repeats = [subset.Repeat(**one) for one in found]
-            self.calls = subset.PILOT * (1 + len(self.levels)) + sum(int(one.calls) for one in self.repeats)
+            self.calls = self.points // 2 * (1 + len(self.levels)) + sum(int(one.calls) for one in self.repeats)
             yield self
 
     def importance(self, centre: Floats) -> Floats:
@@ -463,7 +478,9 @@ def confidence_levels(
     repeats: int = REPEATS,
     progress: Callable[[str], None] = lambda message: None,
 ) -> ConfidenceLevels:
-    """The factor Kdry_rst of the deceleration for ETCS confidence levels 0 to 9; arguments as of `rare_event`.
+    """The factor Kdry_rst of the deceleration for ETCS confidence levels 0 to 9.
+
+    - campaign, folder, workers, scheduler, points, repeats, progress: as of `rare_event`.
 
     Returns ratios with 95 % intervals, and the whole tail. InputError as of `rare_event`, and for a nominal run that
     does not stop.

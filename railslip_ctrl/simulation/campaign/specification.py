@@ -29,6 +29,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.design.catalogue import controller_named, default_column, held_reference
 from railslip_ctrl.model.vehicle import PIGains, Record
+from railslip_ctrl.simulation.counted import Counted
 from railslip_ctrl.simulation.paths import Place, members, numbers, replaced
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 
@@ -316,7 +317,7 @@ class SampledRun:
     values: dict[str, float]
     scenario: Scenario
     controllers: tuple[Controller, ...]
-    seed: np.random.SeedSequence
+    seed: np.random.SeedSequence | Counted
 
 
 @dataclass(frozen=True)
@@ -326,7 +327,8 @@ class Campaign:
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
     `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
     behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
-    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. With `counted` random force and sensor noise are drawn by
+    a counter, as a GPU does.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -338,6 +340,7 @@ class Campaign:
     quantities: tuple[Quantity, ...] = ()
     seed: int = 0
     sampling: Sampling = Sampling.RANDOM
+    counted: bool = False
 
     def __post_init__(self) -> None:
         vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
@@ -390,7 +393,8 @@ class Campaign:
     def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
-        return SampledRun(values, *self.with_values(values.values()), seed)
+        draws = Counted(*seed.generate_state(2).tolist()) if self.counted else seed
+        return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
         """The sampled values of run number i alone, by name; InputError for a number out of range.
@@ -455,7 +459,7 @@ class Campaign:
         return found
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Numbers by path that a value for each quantity changes, SI: 0 of the scenario, i of controller i from 1."""
+        """Numbers by path, SI, that `values`, one for each quantity, change: 0 of the scenario, i of controller i."""
         found: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -463,7 +467,7 @@ class Campaign:
         return found
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Scenario and controllers with a value for each quantity. InputError for one that a record refuses."""
+        """Scenario and controllers with `values`, SI, one a quantity. InputError for one that a record refuses."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)

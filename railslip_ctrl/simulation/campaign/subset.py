@@ -27,9 +27,6 @@ SHARE = 0.1
 ACCEPTED = 0.35
 """Share of moves that the pilot's steps aim at; [Papaioannou2015] has 0.44, which takes 15 % more calls at 1e-9."""
 
-PILOT = 500
-"""Points of the pilot: its levels need not be exact."""
-
 _KEPT = 20  # points of the event that a repeat keeps
 _PAIRS = 40  # of such points, whose middle is looked at
 _FARTHEST = 1.5  # of the mean of the event's points: the event begins before
@@ -83,18 +80,21 @@ def pilot(
     threshold: float,
     rng: np.random.Generator,
     *,
+    count: int,
     fresh: int = 0,
     smallest: float = 1e-12,
 ) -> tuple[Level, ...]:
     """Levels on the way to the event, or to probabilities `smallest`; they end where the values rise no more.
 
+    Of `count` points: half of a repeat's will do, as the levels need not be exact.
+
     The last `fresh` coordinates are drawn anew in every move: their values need not be remembered.
     """
-    points = rng.standard_normal((PILOT, dimension))
+    points = rng.standard_normal((count, dimension))
     values, levels, step, reached = limit_state(points), list[Level](), 0.8, 1.0
     while np.mean(values > threshold) < SHARE and reached > 1.001 * smallest / SHARE:
         places, counts = np.unique(values, return_counts=True)
-        shares = np.cumsum(counts[::-1])[::-1] / PILOT
+        shares = np.cumsum(counts[::-1])[::-1] / count
         if len(places) == 1:
             break
         k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / SHARE))))  # of a discrete outcome the nearest share
