@@ -58,9 +58,11 @@ _PICTURES = ("distributions", "scatter")  # PNG
 @preset("--device", "cpu|gpu", "Run on the processor's cores, or on a CUDA GPU (extra gpu).", "cpu")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
-@option("--rare", "EVENT", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
+@option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
 @switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
-@preset("--points", "N", "With --rare or --confidence-levels: stops in each level of each repeat.", POINTS, type=int)
+@preset(
+    "--points", "N", "With --rare or --confidence-levels: number of stops in each level of a repeat.", POINTS, type=int
+)
 @switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(

@@ -3,8 +3,8 @@
 Imports every room but `cli`. Begin with `design_report`, which lays out what `recommendation` tunes and judges and
 what `stops` runs. `document` has the blocks that text and HTML render, `export` turns records into JSON and writes
 files, `page` and `templates/` make an HTML page, `plots/` the figures, which `pictures` writes. What a command
-prints: `text` (linearize, margins, tune), `derivation`, `verification`, `simulation`, `campaign`, `identification`,
-`reproduction`.
+prints: `text` (linearize, margins, tune), `derivation`, `verification`, `simulation`, `campaign` and `rare`,
+`identification`, `reproduction`.
 """
 
 from .export import linear_plant_json, margins_json

@@ -4,7 +4,8 @@ Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin wi
 what a run is and reads its files, `paths` finds numbers in it. `kernel` is the integration loop: its source text is
 assembled with those of an adhesion law and a controller and compiled by Numba, so that neither costs a call. `bound`
 has the stop that no controller can beat, and compares runs with it; `campaign` makes many; `population` draws random
-vehicles and rails; `embedded` writes a controller's C99 program.
+vehicles and rails; `embedded` writes a controller's C99 program. `gpu` runs stops on a CUDA device, with the draws of
+`counted`.
 """
 
 from __future__ import annotations

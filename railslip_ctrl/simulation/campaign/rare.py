@@ -370,7 +370,7 @@ class _Study:
         )
         curves = subset.pooled(np.array([one.exceeded(x, self.levels) for one in self.repeats]))
         first = np.sort(rows[0])[::-1]
-        ranks = np.unique(np.geomspace(1, len(first), 40).astype(int))
+        ranks = np.unique(np.geomspace(1, len(first) / 2, 30).astype(int))
         plain = np.array([(first[rank - 1], *share(int(rank), len(first))) for rank in ranks])
         return Tail(x, curves.value, curves.low, curves.high, plain)
 
