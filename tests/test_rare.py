@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from project import script
 from scipy import integrate, stats
 
 from railslip_ctrl import Campaign, InputError, confidence_levels, rare_event, simulate
@@ -283,3 +284,14 @@ def test_the_command_writes_a_stop_that_simulate_repeats(tmp_path, railslip):
     run_cli(*spent, "--confidence-levels")
     assert len((out / "confidence.csv").read_text().splitlines()) == 11
     assert (out / "tail.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
+def test_three_methods_agree_on_the_vehicles():
+    """Few stops; with 1200 points of a level, and 49 200 plain stops, they agree too (docstring of the script)."""
+    for found in script("analysis/rare_events.py").run(stops=400, points=100).values():
+        assert 1e-11 < found.event.probability.value < 1e-7
+        assert abs(math.log(found.event.importance.value / 1e-9)) < math.log(3.0)
+        for _, plain, rare in found.plain:
+            assert plain.low < rare.high
+            assert rare.low < plain.high
