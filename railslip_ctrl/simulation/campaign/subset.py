@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from railslip_ctrl.core.arguments import Floats
-from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.records import by_content, dataclass
 
 from .statistics import CONFIDENCE
 
@@ -167,6 +167,7 @@ def _conditional(
     return every, valued, step, float(np.mean(accepted)) if accepted else 1.0
 
 
+@by_content
 class Pooled(NamedTuple):
     """Mean of independent estimates, bounds of its interval, and its coefficient of variation; each of one shape."""
 
@@ -191,6 +192,7 @@ def pooled(estimates: Floats) -> Pooled:
 # --- what makes the event likely --------------------------------------------------------------------------------------
 
 
+@by_content
 class Direction(NamedTuple):
     """Mean of the event's points, each group's as far as the repeats agree on it, and the groups' shares of it.
 
