@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,6 +25,8 @@ from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.simulation.counted import Counted
+from railslip_ctrl.simulation.gpu import check_device
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .specification import Campaign, described
@@ -42,6 +45,7 @@ FORMAT = 2
 
 # a part is what a kill costs and what one message of a worker carries: short, but never thousands of files
 _FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
+_GPU_PART = 100_000  # runs: as many as keep a GPU busy
 _AHEAD = 3  # parts in the queue for each worker: none waits, and memory does not grow with the runs
 _REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
@@ -138,6 +142,25 @@ def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
     if version != __version__:
         raise InputError(f"scheduler: a worker has version {__version__} in place of {version}; install the same there")
     return [row for i in range(*part) for row in run_rows(campaign, i)]
+
+
+def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
+    """As `run_part`, on this machine's GPU."""
+    from railslip_ctrl.simulation.gpu import run_batch
+
+    assert version == __version__, "it runs in this process"
+    rows = {i: dict[str, Run | None](dict.fromkeys(campaign.controller_names)) for i in range(*part)}
+    for k, name in enumerate(campaign.controller_names):
+        ready: dict[int, tuple[Simulator, Counted]] = {}
+        for i in rows:
+            with suppress(InputError):
+                case = campaign.case(i)
+                assert isinstance(case.seed, Counted), "as `execute` has it"
+                ready[i] = Simulator(case.scenario, case.controllers[k]), case.seed
+        if ready:
+            for i, run in zip(ready, run_batch(*zip(*ready.values(), strict=True)), strict=True):
+                rows[i][name] = run
+    return [row(i, campaign.values(i), name, run) for i, found in rows.items() for name, run in found.items()]
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -314,37 +337,41 @@ def execute(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    device: str = "cpu",
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
     """Run what of a `campaign` is not in its `folder` yet, which is made or resumed, and return its store, complete.
 
-    The rows depend on none of the options:
+    The rows depend on none of the options but `device`:
 
     - `workers`: number of processes; left out, one for each core; 1 runs in this process.
     - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead; they need this
       package in the same version, and no common file system.
+    - `device`: "gpu" runs it on this machine's CUDA GPU, from random numbers by a counter (`Campaign.counted`).
     - `part_runs`: number of runs from one checkpoint to the next; left out, by the number of runs.
     - `progress`: told the number of runs that are done, first of those that were already there.
 
     InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
     cannot be reached or has another version.
     """
-    check_extra("campaign", "campaign")
-    if workers is not None and scheduler is not None:
-        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
-    count = cpu_count() if workers is None else workers
-    if count < 1:
-        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
+    if device == "gpu":
+        if workers is not None or scheduler is not None:
+            raise InputError("--device: gpu runs in this process; leave workers and scheduler out")
+        check_device()
+        campaign, workers, part_runs = replace(campaign, counted=True), 1, part_runs or min(campaign.runs, _GPU_PART)
+    made = workers_for(gpu_part if device == "gpu" else run_part, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
         tell(campaign.runs)
         return store
     # a cluster that is not there is found out before anything is written
-    with _workers(campaign, count, scheduler) as (submit, ahead), store.claimed() as store:
+    with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
-        for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
+        for controller in (
+            campaign.controllers if device == "cpu" else ()
+        ):  # while the workers start: each kernel is compiled once
             Simulator(campaign.scenario, controller).run()
         waiting: dict[Future[Rows], Part] = {}
         parts = (part for part in store.parts() if not store.path(part).is_file())
@@ -361,31 +388,41 @@ def execute(
 
 # --- where parts are run --------------------------------------------------------------------------------------------
 
-Workers = tuple[Callable[[Part], "Future[Rows]"], int]
-"""What submits a part, and the number of parts that keeps every worker busy."""
+Work = Callable[[Any, Any, str], Any]
+"""What a worker does: of what all have in common, a task, and the version that the package must have there."""
+
+Workers = tuple[Callable[[Any], "Future[Any]"], int]
+"""What submits a task, and the number of tasks that keeps every worker busy."""
 
 
-def _workers(campaign: Campaign, count: int, scheduler: str | None) -> AbstractContextManager[Workers]:
+def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
+    """Where tasks are done: this process, more of them or a cluster, as of `execute`."""
+    check_extra("campaign", "campaign")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
+    count = cpu_count() if workers is None else workers
+    if count < 1:
+        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
     if scheduler is not None:
-        return _cluster(campaign, scheduler)
-    return nullcontext((partial(_at_once, campaign), 1)) if count == 1 else _processes(campaign, count)
+        return _cluster(work, shared, scheduler)
+    return nullcontext((partial(_at_once, work, shared), 1)) if count == 1 else _processes(work, shared, count)
 
 
-def _at_once(campaign: Campaign, part: Part) -> Future[Rows]:
-    done: Future[Rows] = Future()
-    done.set_result(run_part(campaign, part, __version__))
+def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
+    done: Future[Any] = Future()
+    done.set_result(work(shared, task, __version__))
     return done
 
 
 @contextmanager
-def _processes(campaign: Campaign, count: int) -> Iterator[Workers]:
+def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
     cache_folder()  # theirs too, where there is none but for this run
     try:
         with processes(count) as submit:
             for _ in range(count):
                 submit(_nothing)  # starts a process each
-            yield lambda part: submit(run_part, campaign, part, __version__), _AHEAD * count
+            yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
             "workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
@@ -398,7 +435,7 @@ def _nothing() -> None:
 
 
 @contextmanager
-def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
+def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
     check_extra("cluster", "--scheduler")
     from distributed import Client, KilledWorker
 
@@ -410,10 +447,10 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
         raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
     try:
         with client:
-            shared = client.scatter(campaign, broadcast=True, hash=False)
+            sent = client.scatter(shared, broadcast=True, hash=False)
             submit = client.get_executor(pure=False).submit
             ahead = _AHEAD * max(1, sum(client.nthreads().values()))
-            yield lambda part: submit(run_part, shared, part, __version__), ahead
+            yield lambda task: submit(work, sent, task, __version__), ahead
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
             f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
@@ -453,7 +490,8 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     """Run number `i` (from 0) of a `campaign` again, with its time series, a row every sample.
 
     InputError for a number out of range, values that were refused, or numbers other than those stored in the
-    campaign's `folder`, if it has that run (another processor or NumPy may round differently).
+    campaign's `folder`, if it has that run (another processor or NumPy may round differently); a run of a GPU is
+    compared to 1e-9.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
@@ -461,9 +499,13 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
         for column, value in before.items():
-            if again[column] != value:
+            if again[column] != value and not (campaign.counted and _close(again[column], value)):
                 raise InputError(
                     f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
                     "campaign ran, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))
+
+
+def _close(one: Any, other: Any) -> bool:
+    return isinstance(one, float) and isinstance(other, float) and math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)
