@@ -94,8 +94,8 @@ def main() -> None:
     arguments = [int(argument) for argument in sys.argv[1:]]
     for name, found in run(*arguments).items():
         event = found.event
-        print(f"{name}: {event}, coefficient of variation {100 * event.variation:.0f} %, {found.seconds:.0f} s")
-        value, low, high = event.importance or (np.nan,) * 3
+        print(f"{name}: {event}, coefficient of variation {100 * event.probability.variation:.0f} %, {found.seconds:.0f} s")
+        value, low, high, _ = event.importance or (np.nan,) * 4
         print(f"  importance sampling {value:.3g} [{low:.2g}, {high:.2g}]")
         for distance, plain, rare in found.plain:
             texts = ("{:.3g} [{:.2g}, {:.2g}]".format(*one) for one in (plain, rare))

@@ -6,32 +6,23 @@ import csv
 import math
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 
 from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.user_files import read_toml
-from railslip_ctrl.report.campaign import campaign_json, campaign_text, headed, replay_json, replay_text
-from railslip_ctrl.report.export import FileContent, check_directory, json_text
+from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.report.export import check_directory, json_text
 from railslip_ctrl.report.pictures import Drawings, write_results
-from railslip_ctrl.report.rare import (
-    confidence_csv,
-    confidence_json,
-    confidence_text,
-    rare_json,
-    rare_text,
-    stop_toml,
-    tail_csv,
-)
+from railslip_ctrl.report.rare import files_of, json_of, text_of
 from railslip_ctrl.simulation.campaign.execution import execute, replay
-from railslip_ctrl.simulation.campaign.rare import POINTS, rare_event
+from railslip_ctrl.simulation.campaign.rare import POINTS, ConfidenceLevels, RareEvent, rare_event
 from railslip_ctrl.simulation.campaign.rare import confidence_levels as confidence_levels_of
-from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
+from railslip_ctrl.simulation.campaign.specification import Campaign, Device, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
@@ -60,9 +51,7 @@ _PICTURES = ("distributions", "scatter")  # PNG
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
 @switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
-@preset(
-    "--points", "N", "With --rare or --confidence-levels: number of stops in each level of a repeat.", POINTS, type=int
-)
+@preset("--points", "N", "With either: number of stops in each level of a repeat.", POINTS, type=int)
 @switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(
@@ -90,18 +79,18 @@ def command(
     """
     check_extra("campaign", "campaign")
     check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
-    if device not in ("cpu", "gpu"):
+    if device not in set(Device):
         raise InputError(f"--device: {device!r} is not allowed; choose cpu or gpu")
-    campaign = replace(load_campaign(campaign_file, controllers=controller), counted=device == "gpu")
+    campaign = replace(load_campaign(campaign_file, controllers=controller), device=Device(device))
+    if campaign.device is Device.GPU:
+        refuse_given("workers", "scheduler", because="with --device gpu")
     tell_remarks(campaign.scenario.vehicle)
     if rare is not None or confidence_levels:
         both = "with --rare or --confidence-levels"
         refuse_given("device", "worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)
-        spent: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "points": points, "progress": progress}
-        if rare is None:
-            _confidence_levels(campaign, out, spent, as_json=as_json)
-        else:
-            _rare(campaign, rare, out, spent, scenario=_scenario_from(campaign_file, out), as_json=as_json)
+        estimate = confidence_levels_of if rare is None else partial(rare_event, event=rare)
+        found = estimate(campaign, folder=out, workers=workers, scheduler=scheduler, points=points, progress=progress)
+        _show_rare(found, out, _scenario_from(campaign_file, out), as_json=as_json)
         return
     refuse_given("points", because="without --rare or --confidence-levels")
     if number is None:
@@ -112,7 +101,7 @@ def command(
         return
     check_measure(worst_by)
     with _bar(campaign.runs) as tell:
-        store = execute(campaign, out, workers=workers, scheduler=scheduler, device=device, progress=tell)
+        store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=tell)
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
@@ -124,50 +113,16 @@ def command(
     progress(f"wrote {count} files to {out}")
 
 
-def _rare(campaign: Campaign, text: str, out: Path, spent: dict[str, Any], *, scenario: str, as_json: bool) -> None:
-    found = rare_event(campaign, text, folder=out, **spent)
-    results: dict[str, FileContent] = {"rare.txt": rare_text(found), "rare.json": json_text(rare_json(found))}
-    results["tail.csv"] = tail_csv(found.tail, f"{found.event.measure} [{found.event.unit}]")
-    if found.stop is not None:
-        results |= {"stop.toml": stop_toml(found, scenario), "stop.npz": found.stop.drawn.noise.save}
-        with suppress(InputError):  # a step of the user's has no file of its own
-            results["controller.toml"] = found.stop.drawn.controller.toml
-
+def _show_rare(found: RareEvent | ConfidenceLevels, out: Path, scenario: str, *, as_json: bool) -> None:
     def figures() -> Drawings:
         from railslip_ctrl.report.plots.runs import tail_figure
 
-        label = headed(found.event.measure, found.event.unit)
-        return {"tail": tail_figure(found.tail, str(found), label, {found.event.threshold: str(found.event)})}
+        return {"tail": tail_figure(found)}
 
     try:
-        count = write_results(out, results, figures, ["png"])
+        count = write_results(out, files_of(found, scenario), figures, ["png"])
     finally:
-        show(as_json, lambda: rare_json(found), lambda: rare_text(found))
-    progress(f"wrote {count} files to {out}")
-    if found.stop is not None:
-        controller = out / "controller.toml" if "controller.toml" in results else "THE-CONTROLLER-OF-THE-CAMPAIGN"
-        files = (f"--scenario {out / 'stop.toml'}", f"--controller {controller}", f"--seed {out / 'stop.npz'}")
-        progress(f"the most likely failing stop: railslip simulate {' '.join(files)}")
-
-
-def _confidence_levels(campaign: Campaign, out: Path, spent: dict[str, Any], *, as_json: bool) -> None:
-    found = confidence_levels_of(campaign, folder=out, **spent)
-    results: dict[str, FileContent] = {
-        "confidence.txt": confidence_text(found),
-        "confidence.json": json_text(confidence_json(found)),
-        "confidence.csv": confidence_csv(found),
-        "tail.csv": tail_csv(found.tail, "kdry_rst [1]"),
-    }
-
-    def figures() -> Drawings:
-        from railslip_ctrl.report.plots.runs import tail_figure
-
-        return {"tail": tail_figure(found.tail, f"Kdry_rst: {campaign.scenario.name}", "deceleration over nominal (-)")}
-
-    try:
-        count = write_results(out, results, figures, ["png"])
-    finally:
-        show(as_json, lambda: confidence_json(found), lambda: confidence_text(found))
+        show(as_json, lambda: json_of(found), lambda: text_of(found))
     progress(f"wrote {count} files to {out}")
 
 

@@ -38,8 +38,6 @@ _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
 
 LARGEST_SPACING = 2**31  #: samples between rows of a record; more than any run has
-
-
 GIVEN_DRAWS = -1  #: `Run.seed` of a run whose draws were given
 
 
@@ -314,43 +312,16 @@ class Simulator:
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
         """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
-        none = np.zeros(1), np.zeros((0, 2))
+        spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
-            return *none, 0.0
-        keys = seed if isinstance(seed, Counted) else None
-        given, seed = (seed, seed.seed) if isinstance(seed, Noise) else (None, 0 if isinstance(seed, Counted) else seed)
-        if not isinstance(seed, np.random.SeedSequence):
-            if not 0 <= seed < 2**63:
-                raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
-            seed = np.random.SeedSequence(seed)
-        of_force, of_noise = (
-            np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)))
-            for i in range(2)
-        )
-        forces, noise, hold = *none, 0.0
-        if disturbances.random_force > 0:
-            hold = disturbances.random_hold
-            count = int(self.plan.samples * self.period / hold) + 2
-            forces = normal(*keys, np.arange(count), 0) if keys else of_force.standard_normal(count)
-            if given is not None:
-                forces[: len(given.force)] = given.force[: len(forces)]
-            forces *= disturbances.random_force
-        if measurement.speed_noise > 0 or measurement.wheel_noise > 0:
-            spread = np.array([measurement.speed_noise, measurement.wheel_noise])
-            size, places = (self.plan.samples, 2), np.arange(self.plan.samples)[:, None]
-            noise = normal(*keys, places, np.array([1, 2])) if keys else of_noise.standard_normal(size)
-            if given is not None:
-                noise[: len(given.sensors)] = given.sensors[: len(noise)]
-            noise *= spread
-        return forces, noise, hold
+            return np.zeros(1), np.zeros((0, 2)), 0.0
+        hold = disturbances.random_hold if disturbances.random_force > 0 else 0.0
+        holds = int(self.plan.samples * self.period / hold) + 2 if hold else 0
+        force, noise = _standard(seed, holds, self.plan.samples if spread.any() else 0)
+        return disturbances.random_force * force, spread * noise, hold
 
-    def result(self, seed: Any, status: int, y: Floats, summary: Floats, log: Floats | None) -> Run:
-        """The run that a kernel ended with.
-
-        - seed: what its draws came from.
-        - status: number of its outcome.
-        - y, summary, log: state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, as the kernel left them, SI.
-        """
+    def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
+        """The run of draws (`seed`) with a `status`, state `y`, `summary` and `log` as the kernel left them, SI."""
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
         starting, booked, final = (
@@ -361,14 +332,13 @@ class Simulator:
             return float(summary[i]) / time if time > 0 else math.nan
 
         states = self.controller.logged(self.start)
+        kept = GIVEN_DRAWS if isinstance(seed, Noise) else None
+        if not (seed is None or isinstance(seed, np.random.SeedSequence | Counted | Noise)):
+            kept = int(seed)
         return Run(
             scenario=self.scenario,
             controller=self.controller,
-            seed=GIVEN_DRAWS
-            if isinstance(seed, Noise | Counted)
-            else None
-            if seed is None or isinstance(seed, np.random.SeedSequence)
-            else int(seed),
+            seed=kept,
             outcome=_OUTCOMES[status],
             braking_time=time,
             braking_distance=float(y[layout.DISTANCE]),
@@ -411,6 +381,23 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
     v, sigma = log[:, layout.V], log[:, layout.SIGMA]
     logged = {name: log[:, column] for name, column in _COLUMNS.items()}
     return Signals(**logged, slip=sigma / v, wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius)
+
+
+def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, samples: int) -> tuple[Floats, Floats]:
+    """Standard normal draws: of the random force, and of the sensors, (samples, 2)."""
+    if isinstance(seed, Counted):
+        return normal(*seed, np.arange(holds), 0), normal(*seed, np.arange(samples)[:, None], np.array([1, 2]))
+    if isinstance(seed, Noise):
+        force, sensors = _standard(seed.seed, holds, samples)
+        force[: len(seed.force)], sensors[: len(seed.sensors)] = seed.force[:holds], seed.sensors[:samples]
+        return force, sensors
+    if not isinstance(seed, np.random.SeedSequence):
+        if not 0 <= seed < 2**63:
+            raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
+        seed = np.random.SeedSequence(seed)
+    children = [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)) for i in range(2)]
+    of_force, of_noise = map(np.random.default_rng, children)
+    return of_force.standard_normal(holds), of_noise.standard_normal((samples, 2))
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:

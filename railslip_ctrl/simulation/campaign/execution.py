@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -25,11 +24,10 @@ from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
-from railslip_ctrl.simulation.counted import Counted
-from railslip_ctrl.simulation.gpu import check_device
+from railslip_ctrl.simulation.gpu import run_batch
 from railslip_ctrl.simulation.run import Run, Simulator
 
-from .specification import Campaign, described
+from .specification import Campaign, Device, described
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -137,30 +135,31 @@ class Part(NamedTuple):
     stop: int
 
 
-def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+def check_version(version: str) -> None:
+    """InputError where this worker's package has another version."""
     if version != __version__:
         raise InputError(f"scheduler: a worker has version {__version__} in place of {version}; install the same there")
+
+
+def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
+    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+    check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
     """As `run_part`, on this machine's GPU."""
-    from railslip_ctrl.simulation.gpu import run_batch
-
-    assert version == __version__, "it runs in this process"
-    rows = {i: dict[str, Run | None](dict.fromkeys(campaign.controller_names)) for i in range(*part)}
+    check_version(version)
+    found: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
-        ready: dict[int, tuple[Simulator, Counted]] = {}
-        for i in rows:
+        ready: dict[tuple[int, str], tuple[Simulator, Any]] = {}
+        for i in range(*part):
             with suppress(InputError):
                 case = campaign.case(i)
-                assert isinstance(case.seed, Counted), "as `execute` has it"
-                ready[i] = Simulator(case.scenario, case.controllers[k]), case.seed
-        if ready:
-            for i, run in zip(ready, run_batch(*zip(*ready.values(), strict=True)), strict=True):
-                rows[i][name] = run
-    return [row(i, campaign.values(i), name, run) for i, found in rows.items() for name, run in found.items()]
+                ready[i, name] = Simulator(case.scenario, case.controllers[k]), case.seed
+        found |= dict(zip(ready, run_batch([*ready.values()]) if ready else (), strict=True))
+    names = campaign.controller_names
+    return [row(i, campaign.values(i), name, found.get((i, name))) for i in range(*part) for name in names]
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -337,30 +336,26 @@ def execute(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    device: str = "cpu",
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
     """Run what of a `campaign` is not in its `folder` yet, which is made or resumed, and return its store, complete.
 
-    The rows depend on none of the options but `device`:
+    The rows depend on none of the options:
 
     - `workers`: number of processes; left out, one for each core; 1 runs in this process.
     - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead; they need this
       package in the same version, and no common file system.
-    - `device`: "gpu" runs it on this machine's CUDA GPU, from random numbers by a counter (`Campaign.counted`).
     - `part_runs`: number of runs from one checkpoint to the next; left out, by the number of runs.
     - `progress`: told the number of runs that are done, first of those that were already there.
 
     InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
     cannot be reached or has another version.
     """
-    if device == "gpu":
-        if workers is not None or scheduler is not None:
-            raise InputError("--device: gpu runs in this process; leave workers and scheduler out")
-        check_device()
-        campaign, workers, part_runs = replace(campaign, counted=True), 1, part_runs or min(campaign.runs, _GPU_PART)
-    made = workers_for(gpu_part if device == "gpu" else run_part, campaign, workers, scheduler)
+    on_gpu = campaign.device is Device.GPU
+    if on_gpu:
+        workers, part_runs = 1, part_runs or _GPU_PART
+    made = workers_for(gpu_part if on_gpu else run_part, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
@@ -369,9 +364,7 @@ def execute(
     # a cluster that is not there is found out before anything is written
     with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
-        for controller in (
-            campaign.controllers if device == "cpu" else ()
-        ):  # while the workers start: each kernel is compiled once
+        for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
             Simulator(campaign.scenario, controller).run()
         waiting: dict[Future[Rows], Part] = {}
         parts = (part for part in store.parts() if not store.path(part).is_file())
@@ -499,7 +492,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
         for column, value in before.items():
-            if again[column] != value and not (campaign.counted and _close(again[column], value)):
+            if again[column] != value and not (campaign.device is Device.GPU and _close(again[column], value)):
                 raise InputError(
                     f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
                     "campaign ran, with the same versions"

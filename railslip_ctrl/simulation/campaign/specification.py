@@ -241,16 +241,23 @@ class Sampling(StrEnum):
     SOBOL = "sobol"
 
 
+class Device(StrEnum):
+    """Where runs are made."""
+
+    CPU = "cpu"
+    GPU = "gpu"
+
+
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
     """Point number i of the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
-        return _rng(seed, i, _DRAW).random(dimensions)
+        return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
         point: Floats = _latin_hypercube(dimensions, runs, seed)[i]
     else:
         from scipy.stats import qmc
 
-        points = qmc.Sobol(dimensions, rng=_rng(seed, _DESIGN))
+        points = qmc.Sobol(dimensions, rng=stream(seed, _DESIGN))
         if i:  # SciPy has no way forward by nothing
             points.fast_forward(i)
         point = points.random(1)[0]
@@ -262,11 +269,12 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
     """All points: each depends on every other, so that they are made together (8 bytes a number)."""
     from scipy.stats import qmc
 
-    points: Floats = qmc.LatinHypercube(dimensions, rng=_rng(seed, _DESIGN)).random(runs)
+    points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
     return points
 
 
-def _rng(seed: int, *key: int) -> np.random.Generator:
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of a seed's child."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
@@ -327,8 +335,8 @@ class Campaign:
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
     `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
     behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
-    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. With `counted` random force and sensor noise are drawn by
-    a counter, as a GPU does.
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` gpu the runs are of a CUDA
+    GPU, and random force and sensor noise by a counter.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -340,7 +348,7 @@ class Campaign:
     quantities: tuple[Quantity, ...] = ()
     seed: int = 0
     sampling: Sampling = Sampling.RANDOM
-    counted: bool = False
+    device: Device = Device.CPU
 
     def __post_init__(self) -> None:
         vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
@@ -380,7 +388,10 @@ class Campaign:
     @cached_property
     def fingerprint(self) -> str:
         """A hash of everything that the results depend on."""
-        return hashlib.sha256(json.dumps(described(self), sort_keys=True).encode()).hexdigest()
+        content = described(self)
+        if self.device is Device.CPU:  # folders from before there was another keep theirs
+            del content["device"]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def place(self, path: str) -> Place:
         """The number at a path, as in `Quantity`; InputError, with the nearest path, for none."""
@@ -393,7 +404,7 @@ class Campaign:
     def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
-        draws = Counted(*seed.generate_state(2).tolist()) if self.counted else seed
+        draws = Counted(*seed.generate_state(2).tolist()) if self.device is Device.GPU else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
