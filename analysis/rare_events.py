@@ -9,7 +9,7 @@ end, and a plain campaign, of another stream of random numbers, its beginning. A
 - 49 200 plain stops of the published vehicle agree from one in two to one in 5 000;
 - adhesion has nine tenths of the share, mass one tenth, the brake and the random force next to nothing.
 
-    python analysis/rare_events.py [STOPS of the plain campaign, 2000 unless given] [POINTS of a level, 1200]
+    python analysis/rare_events.py [STOPS of the plain campaign, 2000 unless given] [POINTS of a level, 1000]
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def varied(vehicle: rs.Vehicle) -> Campaign:
     return Campaign(scenario, (rs.Seeking.for_vehicle(vehicle),), 1, quantities, seed=1)
 
 
-def run(stops: int = 2000, points: int = 1200, workers: int = 2) -> dict[str, Found]:
+def run(stops: int = 2000, points: int = 1000, workers: int = 2) -> dict[str, Found]:
     """Both vehicles."""
     vehicles = {"published": rs.PARK2008, "coach": rs.load_vehicle(ROOT / "designs" / "vehicles" / "coach.toml")}
     found = {}
@@ -94,7 +94,9 @@ def main() -> None:
     arguments = [int(argument) for argument in sys.argv[1:]]
     for name, found in run(*arguments).items():
         event = found.event
-        print(f"{name}: {event}, coefficient of variation {100 * event.probability.variation:.0f} %, {found.seconds:.0f} s")
+        print(
+            f"{name}: {event}, coefficient of variation {100 * event.probability.variation:.0f} %, {found.seconds:.0f} s"
+        )
         value, low, high, _ = event.importance or (np.nan,) * 4
         print(f"  importance sampling {value:.3g} [{low:.2g}, {high:.2g}]")
         for distance, plain, rare in found.plain:

@@ -64,8 +64,8 @@ def test_what_a_gpu_cannot_run_is_refused(monkeypatch):
     monkeypatch.setattr(gpu, "check_device", lambda: None)
     step = rs.Simulator(brief(), lambda t, v, omega: 1000.0)
     assert isinstance(step.controller, StepControl)
-    with pytest.raises(rs.InputError, match="is a Python step, which a GPU has not; leave --device out"):
-        next(gpu.run_batch([step], [Counted(0, 0)]))
+    with pytest.raises(rs.InputError, match="is a Python step; leave --device out"):
+        next(gpu.run_batch([(step, Counted(0, 0))]))
 
 
 @needs_gpu
@@ -80,8 +80,8 @@ def test_a_thousand_stops_on_a_gpu_are_those_of_the_cpu():
 def test_a_gpu_makes_150_000_seeking_stops_a_second():
     """Of 18 s, integrated at 1 ms, on an H100 or H200; with one stop's quantities, so that only the device works."""
     stop = rs.Simulator(rs.stop(rs.PARK2008, "wet"), rs.Seeking.for_vehicle(rs.PARK2008))
-    launch = gpu.Launch([stop] * 200_000, [Counted(i, 0) for i in range(200_000)])
-    launch.run()  # compiles
+    launched = gpu.launch([(stop, Counted(i, 0)) for i in range(200_000)])
+    launched()  # compiles
     begun = time.perf_counter()
-    launch.run()
+    launched()
     assert 200_000 / (time.perf_counter() - begun) > 150_000

@@ -120,12 +120,12 @@ def test_estimates_are_without_bias_and_intervals_hold(name, estimated):
 @pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in CASES if "5000" not in name or "1e-06" in name])
 def test_bias_and_coverage(name, estimated):
-    """Over 200 estimates, and 40 of 5 000 inputs. Run once, 200 of these gave what the page of rare events says."""
+    """Over 200 estimates; over 40 of 5 000 inputs, which take seconds each."""
     count = 40 if "5000" in name else 200
     bias, error, inside = study(estimated, CASES[name], count)
     print(f"{name}: bias {bias:+.4f} +- {error:.4f}, inside {inside:.3f}")
     assert abs(bias) < max(0.05, 3.0 * error)
-    assert 0.90 - (count < 200) * 0.1 <= inside <= 1.0
+    assert 0.90 - (count < 200) * 0.1 <= inside <= 0.98 + (count < 200) * 0.02
 
 
 # --- what makes it likely, and where the estimate cannot be trusted ---------------------------------------------------
@@ -276,6 +276,17 @@ def test_campaigns_without_a_probability_are_refused(changes, words):
 
 
 @pytest.mark.long
+def test_a_dask_cluster_gives_the_same_numbers(tmp_path):
+    from distributed import LocalCluster
+
+    spent = {"points": 100, "repeats": 3}
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
+        there = rare_event(CAMPAIGN, EVENT, folder=tmp_path, workers=None, scheduler=cluster.scheduler_address, **spent)
+    assert there == rare_event(CAMPAIGN, EVENT, **spent)
+    assert len(list(tmp_path.glob("rare-*/*.npz"))) == 7
+
+
+@pytest.mark.long
 def test_an_event_that_no_stop_meets():
     found = rare_event(CAMPAIGN, "slip > 1.5", points=100, repeats=3)
     assert found.probability.value == 0.0
@@ -308,7 +319,7 @@ def test_the_command_writes_a_stop_that_simulate_repeats(tmp_path, railslip):
 
 @pytest.mark.long
 def test_three_methods_agree_on_the_vehicles():
-    """Few stops; with 1200 points of a level, and 49 200 plain stops, they agree too (docstring of the script)."""
+    """Few stops; with 1000 points of a level, and 49 200 plain stops, they agree too (docstring of the script)."""
     for found in script("analysis/rare_events.py").run(stops=400, points=100).values():
         assert 1e-11 < found.event.probability.value < 1e-7
         assert abs(math.log(found.event.importance.value / 1e-9)) < math.log(3.0)

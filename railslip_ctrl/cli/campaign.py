@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -22,7 +23,7 @@ from railslip_ctrl.report.rare import files_of, json_of, text_of
 from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.rare import POINTS, ConfidenceLevels, RareEvent, rare_event
 from railslip_ctrl.simulation.campaign.rare import confidence_levels as confidence_levels_of
-from railslip_ctrl.simulation.campaign.specification import Campaign, Device, load_campaign
+from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
@@ -60,7 +61,7 @@ def command(
     out: Path,
     workers: int | None,
     scheduler: str | None,
-    device: str,
+    device: Literal["cpu", "gpu"],
     worst_by: str,
     number: int | None,
     rare: str | None,
@@ -79,11 +80,11 @@ def command(
     """
     check_extra("campaign", "campaign")
     check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
-    if device not in set(Device):
+    if device not in ("cpu", "gpu"):
         raise InputError(f"--device: {device!r} is not allowed; choose cpu or gpu")
-    campaign = replace(load_campaign(campaign_file, controllers=controller), device=Device(device))
-    if campaign.device is Device.GPU:
+    if device == "gpu":
         refuse_given("workers", "scheduler", because="with --device gpu")
+    campaign = replace(load_campaign(campaign_file, controllers=controller), device=device)
     tell_remarks(campaign.scenario.vehicle)
     if rare is not None or confidence_levels:
         both = "with --rare or --confidence-levels"

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -85,7 +87,7 @@ def files_of(found: Found, scenario: str) -> dict[str, FileContent]:
         changes = found.campaign.changes(found.stop.values.values()).get(0, {})
         numbers = (f"{json.dumps(path)} = {value!r}" for path, value in changes.items())
         files["stop.toml"] = "\n".join([f"extends = {json.dumps(scenario)}", "", "[changes]  # SI", *numbers]) + "\n"
-        files["stop.npz"] = found.stop.noise.save
+        files["stop.npz"] = partial(np.savez, **found.stop.noise._asdict())
         with suppress(InputError):  # a step of the user's has no file of its own
             files["controller.toml"] = found.stop.run.controller.toml
     return files

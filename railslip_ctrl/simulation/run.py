@@ -116,20 +116,14 @@ class Noise(NamedTuple):
     sensors: Floats
     seed: int = 0
 
-    def save(self, path: Path) -> None:
-        """Write it to a `path` as an .npz file of NumPy."""
-        np.savez(path, force=self.force, sensors=self.sensors, seed=self.seed)
-
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file of `save` from a `path`. InputError for another file."""
+        """Read a `path` that `numpy.savez` wrote. InputError for another file."""
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
         except (OSError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
-            raise InputError(
-                f"{file_name(path)}: has no draws of a stop; give a seed, or a file that campaign --rare wrote"
-            ) from None
+            raise InputError(f"{file_name(path)}: has no draws; give a seed, or what campaign --rare wrote") from None
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None

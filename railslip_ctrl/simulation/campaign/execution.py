@@ -27,7 +27,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.simulation.gpu import run_batch
 from railslip_ctrl.simulation.run import Run, Simulator
 
-from .specification import Campaign, Device, described
+from .specification import Campaign, described
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -352,10 +352,10 @@ def execute(
     InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
     cannot be reached or has another version.
     """
-    on_gpu = campaign.device is Device.GPU
-    if on_gpu:
-        workers, part_runs = 1, part_runs or _GPU_PART
-    made = workers_for(gpu_part if on_gpu else run_part, campaign, workers, scheduler)
+    work: Work = run_part
+    if campaign.device == "gpu":
+        work, workers, part_runs = gpu_part, 1, part_runs or _GPU_PART
+    made = workers_for(work, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
@@ -492,7 +492,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
         for column, value in before.items():
-            if again[column] != value and not (campaign.device is Device.GPU and _close(again[column], value)):
+            if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
                     f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
                     "campaign ran, with the same versions"

@@ -11,9 +11,9 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,9 +37,8 @@ EBCL = range(10)  #: confidence levels of the emergency brake deceleration of ET
 FORCE, SENSORS = "random force", "sensor noise"
 
 _REMEMBERED = 2.0
-_ABOUT = 1000  # stops about the design point for each repeat
 _MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # without a warning
-_DISAGREE = 2.6  # standard deviations: chance reaches them in 1 of 100
+_DISAGREE = 3.5  # standard deviations: by Student's law of 8 repeats chance reaches them in 1 of 100
 _SHOWN = 8  # failing stops among which that of least noise is looked for
 _STREAM = 2**32 - 2  # of the campaign's seed; no run has this number
 
@@ -260,21 +259,13 @@ class ConfidenceLevels:
 # --- the work ---------------------------------------------------------------------------------------------------------
 
 
-class Task(NamedTuple):
-    """A pilot, a repeat or an importance sample, by its kind and number, and what it is `given`."""
-
-    kind: str
-    number: int
-    given: tuple[Any, ...]
-
-
-def work(shared: tuple[Campaign, Event], task: Task, version: str) -> dict[str, Any]:
-    """Arrays of a finished task by name; what a worker does."""
+def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
+    """Arrays by name of a finished task, which is one of `_KINDS`, its number, and what it is given."""
     check_version(version)
-    campaign, event = shared
+    (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
-    rng = stream(campaign.seed, _STREAM, list(_KINDS).index(task.kind), task.number)
-    found = _KINDS[task.kind][0](stops, stops.inputs, rng, event.threshold, *task.given)
+    rng = stream(campaign.seed, _STREAM, list(_KINDS).index(kind), i)
+    found = _KINDS[kind][0](stops, stops.inputs, rng, event.threshold, *given)
     return {**found._asdict(), "counts": stops.counts}
 
 
@@ -291,14 +282,13 @@ class _Study:
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
         """With workers, pilot and repeats are done."""
-        campaign, event = self.stops.campaign, self.event
+        campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
-        self._progress, self._folder = progress, None
-        claim = nullcontext() if folder is None else claimed(Path(folder))
-        with workers_for(work, (campaign, event), workers, scheduler) as (self._submit, _), claim:
-            if folder is not None:
-                self._folder = Path(folder) / f"rare-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
-                self._folder.mkdir(exist_ok=True)
+        where = TemporaryDirectory() if folder is None else nullcontext(folder)
+        made = workers_for(work, (campaign, event), workers, scheduler)
+        with where as name, made as (self._submit, _), claimed(Path(name)):
+            self._folder = Path(name) / f"rare-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
+            self._folder.mkdir(exist_ok=True)
             smallest = 1e-9 if math.isinf(event.threshold) else 1e-12
             (levels,) = self.done("pilot", 1, smallest, self.points // 2)
             self.repeats = self.done("repeat", self.number, tuple(levels), self.points)
@@ -306,18 +296,14 @@ class _Study:
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
         """The results of `count` tasks of a kind, some of them from the folder."""
-        tasks = [Task(kind, i, given) for i in range(count)]
-        paths = [None if self._folder is None else self._folder / f"{kind}-{i}.npz" for i in range(count)]
-        waiting: list[dict[str, Any] | Future[Any]] = [
-            self._submit(task) if path is None or not path.is_file() else dict(np.load(path))
-            for task, path in zip(tasks, paths, strict=True)
-        ]
+        paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
+        waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
-        for i, (path, one) in enumerate(zip(paths, waiting, strict=True)):
-            result = one if isinstance(one, dict) else one.result()
-            if path is not None and not path.is_file():
+        for i, path in enumerate(paths):
+            if path in waiting:
                 with staged(path.parent) as new:
-                    np.savez_compressed(new / path.name, **result)
+                    np.savez_compressed(new / path.name, **waiting[path].result())
+            result = dict(np.load(path))
             self._progress(f"{kind} {i + 1} of {count}")
             self.stops.counts += result.pop("counts")
             found.append(_KINDS[kind][1](**result))
@@ -379,7 +365,7 @@ def rare_event(
     - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
     - folder: where finished repeats are kept, and resumed; left out, nothing is kept.
     - workers, scheduler: processes, or a Dask scheduler, as of `execute`; the numbers depend on neither.
-    - points: number of stops in each level of a repeat.
+    - points: number of stops in each level of a repeat, and about the design point for each.
     - repeats: number of independent repeats, which give the interval.
     - progress: told what is done.
 
@@ -404,7 +390,7 @@ def rare_event(
                     f"the event is not one region about its mean: between {100 * between:.0f} % of pairs of its stops "
                     "there is none of it; a region that no repeat has met is missing from the probability"
                 )
-            values = np.array([one.value for one in study.done("importance", repeats, centre, _ABOUT)])
+            values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)
             off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
             if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):

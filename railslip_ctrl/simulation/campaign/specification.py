@@ -241,13 +241,6 @@ class Sampling(StrEnum):
     SOBOL = "sobol"
 
 
-class Device(StrEnum):
-    """Where runs are made."""
-
-    CPU = "cpu"
-    GPU = "gpu"
-
-
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
     """Point number i of the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
@@ -335,8 +328,8 @@ class Campaign:
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
     `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
     behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
-    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` gpu the runs are of a CUDA
-    GPU, and random force and sensor noise by a counter.
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` "gpu" random force and noise are
+    drawn by a counter.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -348,7 +341,7 @@ class Campaign:
     quantities: tuple[Quantity, ...] = ()
     seed: int = 0
     sampling: Sampling = Sampling.RANDOM
-    device: Device = Device.CPU
+    device: Literal["cpu", "gpu"] = "cpu"
 
     def __post_init__(self) -> None:
         vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
@@ -389,7 +382,7 @@ class Campaign:
     def fingerprint(self) -> str:
         """A hash of everything that the results depend on."""
         content = described(self)
-        if self.device is Device.CPU:  # folders from before there was another keep theirs
+        if self.device == "cpu":  # folders from before there was another keep theirs
             del content["device"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -404,7 +397,7 @@ class Campaign:
     def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
-        draws = Counted(*seed.generate_state(2).tolist()) if self.device is Device.GPU else seed
+        draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
