@@ -5,7 +5,8 @@ dead time vary, and a random force acts. Subset simulation has the whole tail of
 end, and a plain campaign, of another stream of random numbers, its beginning. Answers, of one seed:
 
 - the published vehicle exceeds 368 m, the coach 370 m, with a probability of 1e-9; nominal are 256 and 258 m;
-- importance sampling has 1.2e-9 for both, inside the intervals of subset simulation;
+- importance sampling has 1.1e-9 for the published vehicle, with a coefficient of variation of 5 %, and subset simulation
+  1.5e-9, with 28 %: 84 101 stops;
 - 49 200 plain stops of the published vehicle agree from one in two to one in 5 000;
 - adhesion has nine tenths of the share, mass one tenth, the brake and the random force next to nothing.
 
@@ -94,11 +95,13 @@ def main() -> None:
     arguments = [int(argument) for argument in sys.argv[1:]]
     for name, found in run(*arguments).items():
         event = found.event
-        print(
-            f"{name}: {event}, coefficient of variation {100 * event.probability.variation:.0f} %, {found.seconds:.0f} s"
-        )
-        value, low, high, _ = event.importance or (np.nan,) * 4
-        print(f"  importance sampling {value:.3g} [{low:.2g}, {high:.2g}]")
+        print(f"{name}: {event}, {found.seconds:.0f} s")
+        for method, one in (("subset simulation", event.subset), ("importance sampling", event.importance)):
+            if one is not None:
+                value, low, high, variation = map(float, one)
+                print(
+                    f"  {method} {value:.3g} [{low:.2g}, {high:.2g}], coefficient of variation {100 * variation:.0f} %"
+                )
         for distance, plain, rare in found.plain:
             texts = ("{:.3g} [{:.2g}, {:.2g}]".format(*one) for one in (plain, rare))
             print(f"  over {distance:.1f} m: plain {' rare '.join(texts)}")

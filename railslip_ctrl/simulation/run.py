@@ -315,7 +315,11 @@ class Simulator:
         return disturbances.random_force * force, spread * noise, hold
 
     def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
-        """The run of draws (`seed`) with a `status`, state `y`, `summary` and `log` as the kernel left them, SI."""
+        """The run that a kernel ended with.
+
+        - seed, status: what its draws came from, and the number of its outcome.
+        - y, summary, log: state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, as the kernel left them, SI.
+        """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
         starting, booked, final = (
