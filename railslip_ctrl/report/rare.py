@@ -47,9 +47,7 @@ def _event(found: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
         if one is not None
     ]
     shares = sorted(found.shares.items(), key=lambda item: -item[1])
-    means = {name: f"{mean:+.2f}" for name, mean in found.directions.items()}
-    cells = [(name, f"{100.0 * share:.1f}", means.get(name, "-")) for name, share in shares]
-    table = Table(("what makes it likely", "share, %", "mean in it, std"), cells)
+    table = Table(("what makes it likely", "share, %"), [(name, f"{100.0 * share:.1f}") for name, share in shares])
     if found.stop is None:
         return facts, table, []
     run, rows = found.stop.run, [(name, fixed(value)) for name, value in found.stop.values.items()]
@@ -66,7 +64,7 @@ def json_of(found: Found) -> dict[str, Any]:
     own = {"version": __version__, **exported(found, "stops", "warnings", hash="campaign.fingerprint")}
     if isinstance(found, ConfidenceLevels):
         return own | exported(found, "factors", nominal_deceleration="nominal")
-    names = ("probability", "subset", "importance", "levels", "accepted", "shares", "directions")
+    names = ("probability", "subset", "importance", "levels", "shares")
     stop = found.stop and {
         **exported(found.stop, "distance", "values"),
         **exported(found.stop.run, "outcome", "braking_distance", "braking_time", "max_slip"),

@@ -153,9 +153,6 @@ class Stops:
         return math.inf
 
 
-# --- results ----------------------------------------------------------------------------------------------------------
-
-
 @by_content
 class Tail(NamedTuple):
     """Probability of what is worse than each value.
@@ -189,9 +186,8 @@ class RareEvent:
     - probability: `importance` if that varies less and there is no warning, else `subset`.
     - subset, importance: by each method, with 95 % interval and coefficient of variation, ratios; importance sampling
       has none if no stop met the event.
-    - levels, accepted: values on the way, in the event's unit, and the share of moves accepted at each.
+    - levels: values on the way, in the event's unit.
     - shares: share of each quantity, and of the noise, in the mean of the event's inputs.
-    - directions: number of standard deviations that a quantity is off, on average, in the event.
     - stop: the most likely one found; None if none was.
     - tail: of the event's measure, in its unit.
     - stops: number of simulated stops.
@@ -204,9 +200,7 @@ class RareEvent:
     subset: Pooled
     importance: Pooled | None
     levels: tuple[float, ...]
-    accepted: tuple[float, ...]
     shares: dict[str, float]
-    directions: dict[str, float]
     stop: FailingStop | None
     tail: Tail
     stops: int
@@ -254,9 +248,6 @@ class ConfidenceLevels:
         """The least factor, in a line."""
         last = self.factors[-1]
         return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
-
-
-# --- the work ---------------------------------------------------------------------------------------------------------
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
@@ -377,8 +368,7 @@ def rare_event(
         found, warnings = study.repeats, study.warnings()
         estimates = np.array([one.probability(threshold) for one in found])
         by_subset = subset.pooled(estimates)
-        means = np.array([one.mean for one in found])
-        mean, shares = subset.direction(means, stops.groups.values())
+        mean, shares = subset.direction(np.array([one.mean for one in found]), stops.groups.values())
         if by_subset.value == 0.0:
             by_subset = by_subset._replace(high=study.reached)
         else:
@@ -401,7 +391,6 @@ def rare_event(
         probability = importance if importance is not None and better else by_subset
         if probability.variation > _MOST_VARIATION:
             warnings.append(f"the coefficient of variation is {100 * probability.variation:.0f} %; give more points")
-    places = {name: place.start for name, place in stops.groups.items() if place.stop - place.start == 1}
     return RareEvent(
         campaign=campaign,
         event=study.event,
@@ -409,9 +398,7 @@ def rare_event(
         subset=by_subset,
         importance=importance,
         levels=tuple(found[0].thresholds.tolist()),
-        accepted=tuple(np.mean([one.accepted for one in found], axis=0).tolist()),
         shares=dict(zip(stops.groups, shares.tolist(), strict=True)),
-        directions={name: float(means[:, place].mean()) for name, place in places.items()},
         stop=stop,
         tail=study.tail(),
         stops=int(stops.counts[0]),
