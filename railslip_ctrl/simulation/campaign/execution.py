@@ -24,7 +24,7 @@ from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
-from railslip_ctrl.simulation.gpu import run_batch
+from railslip_ctrl.simulation.gpu import check_device, run_batch
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .specification import Campaign, described
@@ -354,6 +354,7 @@ def execute(
     """
     work: Work = run_part
     if campaign.device == "gpu":
+        check_device()
         work, workers, part_runs = gpu_part, 1, part_runs or _GPU_PART
     made = workers_for(work, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
