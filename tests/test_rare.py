@@ -318,7 +318,7 @@ def test_the_command_writes_a_stop_that_simulate_repeats(tmp_path, railslip):
 
 @pytest.mark.long
 def test_three_methods_agree_on_the_vehicles():
-    """Few stops; with 1000 points of a level, and 49 200 plain stops, they agree too (docstring of the script)."""
+    """With few stops, so that the methods agree within a factor of three."""
     for found in script("analysis/rare_events.py").run(stops=400, points=100).values():
         assert 1e-11 < found.event.probability.value < 1e-7
         assert abs(math.log(found.event.importance.value / 1e-9)) < math.log(3.0)
