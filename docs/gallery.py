@@ -23,8 +23,11 @@ FOLDERS = ("designs", "analysis")
 THUMBNAIL = (480, 360)
 """Pixels into which a picture is fitted for the first page of the gallery."""
 
-NUMBERS = {"RUNS": "200", "SEEDS": "16", "CURVES": "8", "FIRST": "0", "SPREAD": "0"}
-"""Arguments of the scripts here: few runs and seeds, so that the site is built in minutes, and no spread."""
+NUMBERS = {
+    **{"RUNS": "200", "SEEDS": "16", "CURVES": "8", "FIRST": "0", "SPREAD": "0"},
+    **{"STOPS": "400", "POINTS": "100"},
+}
+"""Arguments of the scripts here: few runs, seeds and stops, so that the site is built in minutes, and no spread."""
 
 _PRINTED = "printed.txt"
 _DONE = "done"

@@ -92,6 +92,9 @@ from .simulation import simulate as simulate
 from .simulation import stop as stop
 from .simulation.bound import RunComparison as RunComparison
 from .simulation.bound import compare_runs as compare_runs
+from .simulation.campaign.rare import confidence_levels as confidence_levels
+from .simulation.campaign.rare import rare_event as rare_event
+from .simulation.campaign.specification import Campaign as Campaign
 from .simulation.campaign.statistics import campaign as campaign
 from .simulation.embedded import save_c as save_c
 from .simulation.scenario import load_scenario as load_scenario

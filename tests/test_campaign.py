@@ -1,5 +1,6 @@
 """Campaigns: what is drawn and where it goes; the same rows whatever runs them, nothing lost by a kill; statistics."""
 
+import hashlib
 import json
 import math
 import os
@@ -27,7 +28,7 @@ from railslip_ctrl.simulation import Outcome, built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Choice, Grid, Store, execute, replay, statistics, summarise
 from railslip_ctrl.simulation.campaign import specification as drawn
 from railslip_ctrl.simulation.campaign.execution import MANIFEST, MEASURES, REFUSED, Part, run_part, run_rows
-from railslip_ctrl.simulation.campaign.specification import LogNormal, Normal, Quantity, Triangular, Uniform
+from railslip_ctrl.simulation.campaign.specification import LogNormal, Normal, Quantity, Triangular, Uniform, described
 from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Moments, quantile, share
 
 BRIEF = {"initial_speed": 30 / 3.6, "final_speed": 27 / 3.6, "longest_time": 20.0, "events": ()}
@@ -170,6 +171,9 @@ def test_the_hash_is_of_everything_that_matters():
         {"scenario": SHORT.with_changes(adhesion_factor=0.9)},
     )
     assert len({replace(base, **change).fingerprint for change in ({}, {}, *changes)}) == 8
+    assert replace(base, device="gpu").fingerprint != base.fingerprint
+    before = {name: value for name, value in described(base).items() if name != "device"}  # older folders go on
+    assert hashlib.sha256(json.dumps(before, sort_keys=True).encode()).hexdigest() == base.fingerprint
 
 
 def test_a_file_gives_the_campaign(tmp_path):

@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike
 from project import changed
 
 import railslip_ctrl
-from railslip_ctrl import DeadTimeLoop, PIController, RailslipError, built_in_scenario, linearize, operating_point
+from railslip_ctrl import (
+    Campaign,
+    DeadTimeLoop,
+    PIController,
+    RailslipError,
+    built_in_scenario,
+    linearize,
+    operating_point,
+)
 from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.design.envelope import Envelope
@@ -79,7 +87,8 @@ VALID: dict[str, object] = {
     "path": "law.toml", "plant": PLANT, "plants": [PLANT], "point": POINT, "rail": Rail.DRY, "reference_slip": 0.1,
     "region": REGION, "regions": [REGION], "seeds": [0], "source": "stop", "slip": 0.1, "speed": 27.0,
     "scenario": built_in_scenario("park2008"), "speed_kmh": 100.0, "vehicle": PARK2008, "kp": [1.0], "ki": [1.0],
-    "derivative_filter": 0.1, "system": PI,
+    "derivative_filter": 0.1, "system": PI, "event": "lock",
+    "campaign": Campaign(built_in_scenario("park2008"), (published_controller("pi"),), 1),
 }  # fmt: skip
 """What the arguments without a default may be, by name; and of a function of its own where it means another thing."""
 

@@ -185,7 +185,7 @@ def small_perturbation(gain: float, extra: float, end: float) -> tuple[DeadTimeL
     simulator, every = sim.Simulator(base, controller), 10
     held = controller.model_copy(update={"initial_torque": torque})
     memory = np.array(controller.flat(held.start(point.speed, simulator.period)))
-    plan, kernel = simulator._plan, simulator._kernel
+    plan, kernel = simulator.plan, simulator._kernel
     y, summary = np.zeros(layout.STATES), np.empty(layout.SUMMARY)
     y[list(start)] = list(start.values())
     log = np.empty((plan.samples // every + 2, layout.COLUMNS + len(memory)))

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import click
 
 from railslip_ctrl.core.errors import InputError, check_extra
+from railslip_ctrl.core.user_files import read_toml
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.export import check_directory, json_text
 from railslip_ctrl.report.pictures import Drawings, write_results
+from railslip_ctrl.report.rare import files_of, json_of, text_of
 from railslip_ctrl.simulation.campaign.execution import execute, replay
+from railslip_ctrl.simulation.campaign.rare import POINTS, ConfidenceLevels, RareEvent, rare_event
+from railslip_ctrl.simulation.campaign.rare import confidence_levels as confidence_levels_of
 from railslip_ctrl.simulation.campaign.specification import Campaign, load_campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
@@ -40,8 +47,12 @@ _PICTURES = ("distributions", "scatter")  # PNG
 )
 @option("--workers", "N", "Processes.", "one for each core", type=int)
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
+@preset("--device", "cpu|gpu", "Run on the processor's cores, or on a CUDA GPU (extra gpu).", "cpu")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
+@option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
+@switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
+@preset("--points", "N", "With either: number of stops in each level of a repeat.", POINTS, type=int)
 @switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(
@@ -50,8 +61,12 @@ def command(
     out: Path,
     workers: int | None,
     scheduler: str | None,
+    device: Literal["cpu", "gpu"],
     worst_by: str,
     number: int | None,
+    rare: str | None,
+    confidence_levels: bool,
+    points: int,
     internal: bool,
     as_json: bool,
 ) -> None:
@@ -65,8 +80,20 @@ def command(
     """
     check_extra("campaign", "campaign")
     check_directory(out, [*_REPORT, *(f"{name}.png" for name in _PICTURES)])
-    campaign = load_campaign(campaign_file, controllers=controller)
+    if device not in ("cpu", "gpu"):
+        raise InputError(f"--device: {device!r} is not allowed; choose cpu or gpu")
+    if device == "gpu":
+        refuse_given("workers", "scheduler", because="with --device gpu")
+    campaign = replace(load_campaign(campaign_file, controllers=controller), device=device)
     tell_remarks(campaign.scenario.vehicle)
+    if rare is not None or confidence_levels:
+        both = "with --rare or --confidence-levels"
+        refuse_given("device", "worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)
+        estimate = confidence_levels_of if rare is None else partial(rare_event, event=rare)
+        found = estimate(campaign, folder=out, workers=workers, scheduler=scheduler, points=points, progress=progress)
+        _show_rare(found, out, _scenario_from(campaign_file, out), as_json=as_json)
+        return
+    refuse_given("points", because="without --rare or --confidence-levels")
     if number is None:
         refuse_given("internal", because="without --replay")
     else:
@@ -85,6 +112,25 @@ def command(
     finally:
         show(as_json, lambda: content, lambda: campaign_text(summary))
     progress(f"wrote {count} files to {out}")
+
+
+def _show_rare(found: RareEvent | ConfidenceLevels, out: Path, scenario: str, *, as_json: bool) -> None:
+    def figures() -> Drawings:
+        from railslip_ctrl.report.plots.runs import tail_figure
+
+        return {"tail": tail_figure(found)}
+
+    try:
+        count = write_results(out, files_of(found, scenario), figures, ["png"])
+    finally:
+        show(as_json, lambda: json_of(found), lambda: text_of(found))
+    progress(f"wrote {count} files to {out}")
+
+
+def _scenario_from(campaign_file: Path, out: Path) -> str:
+    """The scenario of a campaign's file as a file in another folder names it."""
+    named = str(read_toml(campaign_file)["scenario"])
+    return os.path.relpath(campaign_file.parent / named, out) if named.lower().endswith(".toml") else named
 
 
 def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_json: bool) -> None:

@@ -22,7 +22,7 @@ from railslip_ctrl.design.catalogue import (
 from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.pictures import Drawings, write_results
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
-from railslip_ctrl.simulation import Run, Scenario, Simulator
+from railslip_ctrl.simulation import Noise, Run, Scenario, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from . import options
@@ -54,7 +54,7 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     "--period", "s", "The controller's sampling period, s.", "every step; slide-protection 0.01", ge=LEAST_STEP
 )
 @options.gain_options("Table 4's")
-@preset("--seed", "N", "Seed of the random force and of the sensor noise.", "0")
+@preset("--seed", "N|FILE", "Seed of the random force and of the sensor noise, or draws that campaign wrote.", "0")
 @switch("--no-noise", "No random force and no sensor noise.")
 @path_option("--csv", "FILE", "Write the time series.")
 @switch("--internal", "Write the controller's internal state into the time series too.")
@@ -100,7 +100,10 @@ def command(
         check_file(csv, "--csv")
     if out is not None:
         check_directory(out, _FILES)
-    noise = None if no_noise else options.whole_number("--seed", seed, 0, LARGEST_SEED)
+    noise: int | Noise | None = None
+    if not no_noise:
+        drawn = seed.lower().endswith(".npz")
+        noise = Noise.load(Path(seed)) if drawn else options.whole_number("--seed", seed, 0, LARGEST_SEED)
     scenario = cases.run_scenario()
     law_speed = cases.law_speed(scenario.initial_speed)
     controller, column = _chosen(scenario, law_speed, slip=cases.slip, **control)

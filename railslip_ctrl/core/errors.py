@@ -48,7 +48,10 @@ class InfeasibleDesignError(RailslipError, ValueError):
     """No controller of the given structure meets the specification; the message names one that can be met."""
 
 
-EXTRAS = {"campaign": ("pyarrow",), "cluster": ("distributed",), "html": ("latex2mathml",), "identify": ("pandas",)}
+EXTRAS = {
+    **{"campaign": ("pyarrow",), "cluster": ("distributed",), "gpu": ("numba_cuda",)},
+    **{"html": ("latex2mathml",), "identify": ("pandas",)},
+}
 """Packages of each extra in pyproject.toml that `check_extra` looks for."""
 
 

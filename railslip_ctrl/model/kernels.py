@@ -78,7 +78,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
 # Only `run` allocates memory. All other functions are inlined into it without reference counts of arrays: three times
 # as fast, within a few per cent of the same loop in C. Python calls only `run`; wrappers for the others would take a
 # quarter of the compile time.
-_COMPILED = """from numba import njit
+COMPILED = """from numba import njit
 
 inlined = {'forceinline': True, '_nrt': False, 'no_cpython_wrapper': True, 'no_cfunc_wrapper': True}
 compiled = njit(nogil=True, error_model='numpy', **inlined)
@@ -99,7 +99,7 @@ def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> s
 
     Parts are texts as `plain` returns them. Python calls the function named `run`, which is marked `entry`.
     """
-    head = _HEAD.format(law=law.name, marker=_COMPILED if compiled else _INTERPRETED)
+    head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 

@@ -5,7 +5,7 @@ judges and what `stops` runs. `candidates` ranks the controllers by these stops,
 JSON. `document` has the blocks that text and HTML render, `export` turns records into JSON and writes files, `page` and
 `templates/` make an HTML page, `plots/` the figures, which `pictures` writes, `design_files` the files of a design
 shaped by hand. What a command prints: `text` (linearize, margins, tune), `derivation`, `verification`, `simulation`,
-`campaign`, `identification`, `reproduction`.
+`campaign` and `rare`, `identification`, `reproduction`.
 """
 
 from .export import linear_plant_json, margins_json

@@ -15,7 +15,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import named_law
 from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
-from railslip_ctrl.simulation.run import events_log
+from railslip_ctrl.simulation.run import GIVEN_DRAWS, events_log
 
 from .document import Facts, Table, fixed, heading, render
 from .export import exported, law_json, law_words, number, plain, source_of
@@ -183,6 +183,7 @@ def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
 def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
     controller, reference = run.controller, run.controller.reference
     noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
+    noise = "draws from a file" if run.seed == GIVEN_DRAWS else noise
     return [
         ("Controller", controller.described()),
         ("Controller's limits", controller.limits_described()),

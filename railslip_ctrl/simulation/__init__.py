@@ -1,15 +1,16 @@
 """Braking runs: scenarios, results; campaigns of many runs, and the stop that no controller can beat.
 
 Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says
-what a run is and reads its files; `kernel` is the integration loop: its source text is assembled with those of an
-adhesion law and a controller and compiled by Numba, so that neither costs a call. `bound` has the stop that no
-controller can beat, and compares runs with it; `campaign` makes many; `population` draws random vehicles and rails;
-`embedded` writes a controller's C99 program.
+what a run is and reads its files, `paths` finds numbers in it. `kernel` is the integration loop: its source text is
+assembled with those of an adhesion law and a controller and compiled by Numba, so that neither costs a call. `bound`
+has the stop that no controller can beat, and compares runs with it; `campaign` makes many; `population` draws random
+vehicles and rails; `embedded` writes a controller's C99 program. `gpu` runs stops on a CUDA device, with the draws of
+`counted`.
 """
 
 from __future__ import annotations
 
-from .run import Energies, Outcome, Run, Signals, Simulator, simulate
+from .run import Energies, Noise, Outcome, Run, Signals, Simulator, simulate
 from .scenario import (
     Beliefs,
     BrakeLimits,
@@ -23,6 +24,6 @@ from .scenario import (
 )
 
 __all__ = [
-    "Beliefs", "BrakeLimits", "Disturbances", "Energies", "Event", "Measurement", "Outcome", "Run", "Scenario",
-    "Signals", "Simulator", "built_in_scenario", "published_scenario", "simulate", "stop",
+    "Beliefs", "BrakeLimits", "Disturbances", "Energies", "Event", "Measurement", "Noise", "Outcome", "Run",
+    "Scenario", "Signals", "Simulator", "built_in_scenario", "published_scenario", "simulate", "stop",
 ]  # fmt: skip

@@ -8,7 +8,8 @@ from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self, TypeAlias
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from railslip_ctrl.core.arguments import Floats, Integers, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import by_content, dataclass
 from railslip_ctrl.core.units import KMH, shown
+from railslip_ctrl.core.user_files import file_name
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.model.kernels import module_of, module_text, plain
@@ -26,6 +28,7 @@ from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import GRAVITY, Rail
 
 from . import kernel as layout
+from .counted import Counted, normal
 from .scenario import LEAST_STEP, Event, Scenario, event_place
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
@@ -35,6 +38,7 @@ _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
 
 LARGEST_SPACING = 2**31  #: samples between rows of a record; more than any run has
+GIVEN_DRAWS = -1  #: `Run.seed` of a run whose draws were given
 
 
 class Outcome(StrEnum):
@@ -99,11 +103,38 @@ class Signals(NamedTuple):
     measured_wheel_speed: Floats
 
 
+@by_content
+class Noise(NamedTuple):
+    """Random force and sensor noise of a run, standard normal, ratios to their standard deviations.
+
+    - force: a draw for each hold, 1-D.
+    - sensors: draws of train and wheel speed, a row a sample, array (n, 2).
+    - seed: of the draws that come after these.
+    """
+
+    force: Floats
+    sensors: Floats
+    seed: int = 0
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read a `path` that `numpy.savez` wrote. InputError for another file."""
+        try:
+            with np.load(path) as file:
+                return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
+        except (OSError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
+            raise InputError(f"{file_name(path)}: has no draws; give a seed, or what campaign --rare wrote") from None
+
+
+Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
+"""Where random force and sensor noise come from: a seed, by NumPy or by a counter, their draws, or None: none."""
+
+
 @dataclass(frozen=True)
 class Run:
     """A braking run.
 
-    - scenario, controller, seed: what was run.
+    - scenario, controller, seed: what was run; `GIVEN_DRAWS` for draws that were given.
     - outcome: only `STOPPED` is a stop; else the numbers are those up to `braking_time`.
     - braking_time, braking_distance, final_speed: s, m, m/s.
     - energies: the balance.
@@ -195,7 +226,7 @@ def simulate(
     scenario: Scenario,
     controller: Any,
     *,
-    seed: int | np.random.SeedSequence | None = 0,
+    seed: Draws = 0,
     record_every: int | None = 1,
     compiled: bool = True,
 ) -> Run:
@@ -204,7 +235,8 @@ def simulate(
     - scenario: the run: vehicle, rail, adhesion law, speeds and disturbances, SI.
     - controller: Controller, linear system, step object or function; what commands the brake torque, N*m, at its own
       period: see `step_objects.as_control`.
-    - seed: of the random force and the measurement noise; a run repeats with its seed. None: without any.
+    - seed: of the random force and the measurement noise; a run repeats with its seed. None: without any. A
+      `Noise` has the draws themselves.
     - record_every: samples from one row of `signals` to the next; None records none.
     - compiled: false runs the same in the interpreter, hundreds of times slower.
 
@@ -227,22 +259,22 @@ class Simulator:
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
         number(f"controller {control.label}: period", self.period, "s", ge=LEAST_STEP, le=scenario.longest_time)
-        self._start = control.start(scenario.initial_speed, self.period)
-        self._plan = make_plan(scenario, control, self._start, self.period)
+        self.start = control.start(scenario.initial_speed, self.period)
+        self.plan = make_plan(scenario, control, self.start, self.period)
 
     @cached_property
     def _kernel(self) -> Any:
         return kernel(type(self.scenario.adhesion), self.controller.source_text(), compiled=self._compiled)
 
     @checked
-    def run(self, seed: int | np.random.SeedSequence | None = 0, *, record_every: int | None = None) -> Run:
+    def run(self, seed: Draws = 0, *, record_every: int | None = None) -> Run:
         """One run; `seed` and `record_every` as of `simulate`. InputError for one out of range."""
         if record_every is not None:
             number("record_every", record_every, ge=1, le=LARGEST_SPACING)
-        plan, kernel_ = self._plan, self._kernel
+        plan, kernel_ = self.plan, self._kernel
         forces, noise, hold = self._draw(seed)
         every = record_every or 0
-        start = self.controller.flat(self._start)
+        start = self.controller.flat(self.start)
         rows = (plan.samples + every - 1) // every + 1 if every else 0
         log = np.empty((rows, layout.COLUMNS + len(start)))
         y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
@@ -269,34 +301,25 @@ class Simulator:
             v, omega = y[layout.V], (y[layout.V] - y[layout.SIGMA]) / self.scenario.vehicle.wheel.radius
             ended = _OUTCOMES[status] is Outcome.NOT_FINITE
             call.check(float(summary[layout.END_TIME]), float(v), float(omega), x, ended=ended)
-        return self._result(seed, status, y, summary, log[:written] if every else None)
+        return self.result(seed, status, y, summary, log[:written] if every else None)
 
-    def _draw(self, seed: int | np.random.SeedSequence | None) -> tuple[Floats, Floats, float]:
+    def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
         """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
-        none = np.zeros(1), np.zeros((0, 2))
+        spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
-            return *none, 0.0
-        if not isinstance(seed, np.random.SeedSequence):
-            if not 0 <= seed < 2**63:
-                raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
-            seed = np.random.SeedSequence(seed)
-        of_force, of_noise = (
-            np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)))
-            for i in range(2)
-        )
-        forces, noise, hold = *none, 0.0
-        if disturbances.random_force > 0:
-            hold = disturbances.random_hold
-            forces = disturbances.random_force * of_force.standard_normal(
-                int(self._plan.samples * self.period / hold) + 2
-            )
-        if measurement.speed_noise > 0 or measurement.wheel_noise > 0:
-            spread = np.array([measurement.speed_noise, measurement.wheel_noise])
-            noise = spread * of_noise.standard_normal((self._plan.samples, 2))
-        return forces, noise, hold
+            return np.zeros(1), np.zeros((0, 2)), 0.0
+        hold = disturbances.random_hold if disturbances.random_force > 0 else 0.0
+        holds = int(self.plan.samples * self.period / hold) + 2 if hold else 0
+        force, noise = _standard(seed, holds, self.plan.samples if spread.any() else 0)
+        return disturbances.random_force * force, spread * noise, hold
 
-    def _result(self, seed: Any, status: int, y: Floats, summary: Floats, log: Floats | None) -> Run:
+    def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
+        """The run that a kernel ended with.
+
+        - seed, status: what its draws came from, and the number of its outcome.
+        - y, summary, log: state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, as the kernel left them, SI.
+        """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
         starting, booked, final = (
@@ -306,11 +329,14 @@ class Simulator:
         def mean(i: int) -> float:
             return float(summary[i]) / time if time > 0 else math.nan
 
-        states = self.controller.logged(self._start)
+        states = self.controller.logged(self.start)
+        kept = GIVEN_DRAWS if isinstance(seed, Noise) else None
+        if not (seed is None or isinstance(seed, np.random.SeedSequence | Counted | Noise)):
+            kept = int(seed)
         return Run(
             scenario=self.scenario,
             controller=self.controller,
-            seed=None if seed is None or isinstance(seed, np.random.SeedSequence) else int(seed),
+            seed=kept,
             outcome=_OUTCOMES[status],
             braking_time=time,
             braking_distance=float(y[layout.DISTANCE]),
@@ -353,6 +379,23 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
     v, sigma = log[:, layout.V], log[:, layout.SIGMA]
     logged = {name: log[:, column] for name, column in _COLUMNS.items()}
     return Signals(**logged, slip=sigma / v, wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius)
+
+
+def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, samples: int) -> tuple[Floats, Floats]:
+    """Standard normal draws: of the random force, and of the sensors, (samples, 2)."""
+    if isinstance(seed, Counted):
+        return normal(*seed, np.arange(holds), 0), normal(*seed, np.arange(samples)[:, None], np.array([1, 2]))
+    if isinstance(seed, Noise):
+        force, sensors = _standard(seed.seed, holds, samples)
+        force[: len(seed.force)], sensors[: len(seed.sensors)] = seed.force[:holds], seed.sensors[:samples]
+        return force, sensors
+    if not isinstance(seed, np.random.SeedSequence):
+        if not 0 <= seed < 2**63:
+            raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
+        seed = np.random.SeedSequence(seed)
+    children = [np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)) for i in range(2)]
+    of_force, of_noise = map(np.random.default_rng, children)
+    return of_force.standard_normal(holds), of_noise.standard_normal((samples, 2))
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:

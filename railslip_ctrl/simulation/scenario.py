@@ -12,11 +12,13 @@ from railslip_ctrl.controllers.base import LEAST_PERIOD
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
-from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
+from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law, named_law
 from railslip_ctrl.model.adhesion.base import RANDOM_FORCE, RANDOM_SHARE
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
+
+from .paths import numbers, replaced
 
 LEAST_STEP = LEAST_PERIOD  #: s, of the integration
 LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
@@ -314,6 +316,7 @@ class _Keys(Scenario):
     extends: str | None = None
     loaded: bool = False
     inertia_scale: float | None = quantity("1", "factor on M, J and B", gt=0, default=None)
+    changes: dict[str, float] = Field({}, description='numbers by path, SI, changed last: "vehicle.wheel.radius"')
 
 
 @checked
@@ -342,7 +345,11 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
         content[table] = {**extended, **keys[table]}
     content |= _vehicle_and_law(keys, base, path)
     read = validated(_Keys, content, where)
-    return Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
+    made = Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
+    for name in read.changes:
+        if name not in (known := numbers(made)):
+            raise InputError(f"{where}: changes: {name!r} is no number of the scenario; {close_match(name, known)}")
+    return replaced(made, read.changes, where) if read.changes else made
 
 
 def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:

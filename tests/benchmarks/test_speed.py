@@ -147,7 +147,7 @@ def c_loop(folder: Path, simulator: Simulator, seed: int) -> Callable[[], np.nda
     source, library = Path(__file__).with_name("braking_run.c"), folder / "run.so"
     subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
     run = ctypes.CDLL(str(library)).run
-    plan, scenario = simulator._plan, simulator.scenario
+    plan, scenario = simulator.plan, simulator.scenario
     forces, _, hold = simulator._draw(seed)
     s, event = plan.settings, scenario.events[0]
     settings = np.array(

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import Floats
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.report.campaign import measure_head, quantity_heads
+from railslip_ctrl.report.campaign import headed, measure_head, quantity_heads
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.bound import RunComparison
 from railslip_ctrl.simulation.campaign.execution import Replay, measured
+from railslip_ctrl.simulation.campaign.rare import ConfidenceLevels, RareEvent
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
 from railslip_ctrl.simulation.run import events_log
 
@@ -325,3 +326,22 @@ def _dotted(head: str) -> str:
     """A column's name and unit as on an axis."""
     words = head.replace("_", " ").replace("*", "·")
     return words if "(" in head else f"{words} (-)"
+
+
+def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:
+    """Probability of what is worse than each value, its interval, and plain Monte Carlo where that reaches."""
+    tail, figure = found.tail, style.new_figure(3.6, str(found))
+    ax = style.panels(figure)[0, 0]
+    reached = tail.value > 0.0
+    x, value, low, high = (column[reached] for column in tail[:4])
+    ax.fill_between(x, low, high, color="0.8", linewidth=0, label="95 % interval")
+    ax.plot(x, value, label="subset simulation", **style.line_style(0))
+    place, share, least, most = tail.plain.T
+    errors = np.array([share - least, most - share])
+    ax.errorbar(place, share, errors, label="plain Monte Carlo", markersize=3, linewidth=0.8, **style.mark_style(1))
+    ax.set_yscale("log")
+    ax.set_ylim(max(float(value.min(initial=1.0)), 1e-12) / 3.0, 1.5)
+    ax.set_xlabel(_dotted(headed(*found.measured)))
+    ax.set_ylabel("probability of worse (-)")
+    style.legend_of_figure(figure, ax, columns=4)
+    return figure

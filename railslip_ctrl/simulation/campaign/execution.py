@@ -24,6 +24,7 @@ from railslip_ctrl.core.errors import InputError, check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.simulation.gpu import check_device, run_batch
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .specification import Campaign, described
@@ -42,6 +43,7 @@ FORMAT = 2
 
 # a part is what a kill costs and what one message of a worker carries: short, but never thousands of files
 _FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
+_GPU_PART = 100_000  # runs: as many as keep a GPU busy
 _AHEAD = 3  # parts in the queue for each worker: none waits, and memory does not grow with the runs
 _REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
@@ -133,11 +135,31 @@ class Part(NamedTuple):
     stop: int
 
 
-def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+def check_version(version: str) -> None:
+    """InputError where this worker's package has another version."""
     if version != __version__:
         raise InputError(f"scheduler: a worker has version {__version__} in place of {version}; install the same there")
+
+
+def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
+    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+    check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
+
+
+def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
+    """As `run_part`, on this machine's GPU."""
+    check_version(version)
+    found: dict[tuple[int, str], Run] = {}
+    for k, name in enumerate(campaign.controller_names):
+        ready: dict[tuple[int, str], tuple[Simulator, Any]] = {}
+        for i in range(*part):
+            with suppress(InputError):
+                case = campaign.case(i)
+                ready[i, name] = Simulator(case.scenario, case.controllers[k]), case.seed
+        found |= dict(zip(ready, run_batch([*ready.values()]) if ready else (), strict=True))
+    names = campaign.controller_names
+    return [row(i, campaign.values(i), name, found.get((i, name))) for i in range(*part) for name in names]
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -330,19 +352,18 @@ def execute(
     InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
     cannot be reached or has another version.
     """
-    check_extra("campaign", "campaign")
-    if workers is not None and scheduler is not None:
-        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
-    count = cpu_count() if workers is None else workers
-    if count < 1:
-        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
+    work: Work = run_part
+    if campaign.device == "gpu":
+        check_device()
+        work, workers, part_runs = gpu_part, 1, part_runs or _GPU_PART
+    made = workers_for(work, campaign, workers, scheduler)
     tell = progress or (lambda runs: None)
     store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
         tell(campaign.runs)
         return store
     # a cluster that is not there is found out before anything is written
-    with _workers(campaign, count, scheduler) as (submit, ahead), store.claimed() as store:
+    with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
         for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
             Simulator(campaign.scenario, controller).run()
@@ -361,31 +382,41 @@ def execute(
 
 # --- where parts are run --------------------------------------------------------------------------------------------
 
-Workers = tuple[Callable[[Part], "Future[Rows]"], int]
-"""What submits a part, and the number of parts that keeps every worker busy."""
+Work = Callable[[Any, Any, str], Any]
+"""What a worker does: of what all have in common, a task, and the version that the package must have there."""
+
+Workers = tuple[Callable[[Any], "Future[Any]"], int]
+"""What submits a task, and the number of tasks that keeps every worker busy."""
 
 
-def _workers(campaign: Campaign, count: int, scheduler: str | None) -> AbstractContextManager[Workers]:
+def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
+    """Where tasks are done: this process, more of them or a cluster, as of `execute`."""
+    check_extra("campaign", "campaign")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
+    count = cpu_count() if workers is None else workers
+    if count < 1:
+        raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
     if scheduler is not None:
-        return _cluster(campaign, scheduler)
-    return nullcontext((partial(_at_once, campaign), 1)) if count == 1 else _processes(campaign, count)
+        return _cluster(work, shared, scheduler)
+    return nullcontext((partial(_at_once, work, shared), 1)) if count == 1 else _processes(work, shared, count)
 
 
-def _at_once(campaign: Campaign, part: Part) -> Future[Rows]:
-    done: Future[Rows] = Future()
-    done.set_result(run_part(campaign, part, __version__))
+def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
+    done: Future[Any] = Future()
+    done.set_result(work(shared, task, __version__))
     return done
 
 
 @contextmanager
-def _processes(campaign: Campaign, count: int) -> Iterator[Workers]:
+def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
     """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
     cache_folder()  # theirs too, where there is none but for this run
     try:
         with processes(count) as submit:
             for _ in range(count):
                 submit(_nothing)  # starts a process each
-            yield lambda part: submit(run_part, campaign, part, __version__), _AHEAD * count
+            yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
             "workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
@@ -398,7 +429,7 @@ def _nothing() -> None:
 
 
 @contextmanager
-def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
+def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
     check_extra("cluster", "--scheduler")
     from distributed import Client, KilledWorker
 
@@ -410,10 +441,10 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
         raise InputError(f"scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
     try:
         with client:
-            shared = client.scatter(campaign, broadcast=True, hash=False)
+            sent = client.scatter(shared, broadcast=True, hash=False)
             submit = client.get_executor(pure=False).submit
             ahead = _AHEAD * max(1, sum(client.nthreads().values()))
-            yield lambda part: submit(run_part, shared, part, __version__), ahead
+            yield lambda task: submit(work, sent, task, __version__), ahead
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
             f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
@@ -453,7 +484,8 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     """Run number `i` (from 0) of a `campaign` again, with its time series, a row every sample.
 
     InputError for a number out of range, values that were refused, or numbers other than those stored in the
-    campaign's `folder`, if it has that run (another processor or NumPy may round differently).
+    campaign's `folder`, if it has that run (another processor or NumPy may round differently); a run of a GPU is
+    compared to 1e-9.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
@@ -461,9 +493,13 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
         for column, value in before.items():
-            if again[column] != value:
+            if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
                     f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
                     "campaign ran, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))
+
+
+def _close(one: Any, other: Any) -> bool:
+    return isinstance(one, float) and isinstance(other, float) and math.isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)

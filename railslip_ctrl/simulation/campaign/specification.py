@@ -8,13 +8,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum, StrEnum
 from functools import cached_property, lru_cache, partial
 from itertools import accumulate, chain, count
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -29,6 +29,8 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.design.catalogue import controller_named, default_column, held_reference
 from railslip_ctrl.model.vehicle import PIGains, Record
+from railslip_ctrl.simulation.counted import Counted
+from railslip_ctrl.simulation.paths import Place, members, numbers, replaced
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 
 T = TypeVar("T")
@@ -242,13 +244,13 @@ class Sampling(StrEnum):
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
     """Point number i of the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
-        return _rng(seed, i, _DRAW).random(dimensions)
+        return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
         point: Floats = _latin_hypercube(dimensions, runs, seed)[i]
     else:
         from scipy.stats import qmc
 
-        points = qmc.Sobol(dimensions, rng=_rng(seed, _DESIGN))
+        points = qmc.Sobol(dimensions, rng=stream(seed, _DESIGN))
         if i:  # SciPy has no way forward by nothing
             points.fast_forward(i)
         point = points.random(1)[0]
@@ -260,73 +262,16 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
     """All points: each depends on every other, so that they are made together (8 bytes a number)."""
     from scipy.stats import qmc
 
-    points: Floats = qmc.LatinHypercube(dimensions, rng=_rng(seed, _DESIGN)).random(runs)
+    points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
     return points
 
 
-def _rng(seed: int, *key: int) -> np.random.Generator:
+def stream(seed: int, *key: int) -> np.random.Generator:
+    """Random numbers of a seed's child."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-# --- numbers inside records, by dotted path: "vehicle.actuator.lag", "events.0.time" --------------------------------
-
-
-class Place(NamedTuple):
-    """A number in a record: its value (None where the record has none there) and unit ("" where nobody says it)."""
-
-    value: float | None
-    unit: str
-
-
-def _members(record: Any) -> dict[str, Any]:
-    """The members of a record or tuple, by name; none of anything else."""
-    if isinstance(record, tuple):
-        return {str(i): value for i, value in enumerate(record)}
-    if isinstance(record, BaseModel):
-        return {name: getattr(record, name) for name in type(record).model_fields}
-    return {one.name: getattr(record, one.name) for one in fields(record)} if is_dataclass(record) else {}
-
-
-def numbers(record: Any, prefix: str = "") -> dict[str, Place]:
-    """Every number in a record, its records and its tuples, by path; those that are left out but could be given too."""
-    units: dict[str, str] = {}  # of members that are, or may be, a number
-    if isinstance(record, Record):
-        units = record.units()
-    elif is_dataclass(record):
-        units = {one.name: "" for one in fields(record) if str(one.type) in ("float", "float | None")}
-    found: dict[str, Place] = {}
-    for name, value in _members(record).items():
-        if isinstance(value, bool):
-            continue
-        if isinstance(value, (int, float)) or (value is None and name in units):
-            found[prefix + name] = Place(None if value is None else float(value), units.get(name, ""))
-        else:
-            found |= numbers(value, f"{prefix}{name}.")
-    return found
-
-
-def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """The record with other numbers at some of its paths, checked as a new one.
-
-    InputError, which names the record by `where`, for a number that it refuses.
-    """
-    new: dict[str, Any] = {}
-    inner: dict[str, dict[str, float]] = {}
-    for path, value in changes.items():
-        head, _, rest = path.partition(".")
-        if rest:
-            inner.setdefault(head, {})[rest] = value
-        else:
-            new[head] = value
-    members = _members(record)
-    for head, deeper in inner.items():
-        new[head] = replaced(members[head], deeper, f"{where}.{head}".lstrip("."))
-    if isinstance(record, tuple):
-        return tuple({**members, **new}.values())
-    if isinstance(record, BaseModel):
-        given = {name: value for name, value in members.items() if value is not None}  # None: left out, and stays so
-        return validated(type(record), {**given, **new}, where or "campaign")
-    return replace(record, **new)
+# --- as plain data ---------------------------------------------------------------------------------------------------
 
 
 def described(value: Any) -> Any:
@@ -341,7 +286,7 @@ def described(value: Any) -> Any:
         return value.fingerprint
     if not isinstance(value, BaseModel) and not is_dataclass(value):
         raise InputError(f"campaign: {type(value).__name__} cannot be written down; give records and numbers")
-    return {"kind": type(value).__name__, **{name: described(member) for name, member in _members(value).items()}}
+    return {"kind": type(value).__name__, **{name: described(member) for name, member in members(value).items()}}
 
 
 # --- the campaign ---------------------------------------------------------------------------------------------------
@@ -373,7 +318,7 @@ class SampledRun:
     values: dict[str, float]
     scenario: Scenario
     controllers: tuple[Controller, ...]
-    seed: np.random.SeedSequence
+    seed: np.random.SeedSequence | Counted
 
 
 @dataclass(frozen=True)
@@ -383,7 +328,8 @@ class Campaign:
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
     `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
     behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
-    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
+    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` "gpu" random force and noise are
+    drawn by a counter.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
@@ -395,6 +341,7 @@ class Campaign:
     quantities: tuple[Quantity, ...] = ()
     seed: int = 0
     sampling: Sampling = Sampling.RANDOM
+    device: Literal["cpu", "gpu"] = "cpu"
 
     def __post_init__(self) -> None:
         vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
@@ -434,7 +381,10 @@ class Campaign:
     @cached_property
     def fingerprint(self) -> str:
         """A hash of everything that the results depend on."""
-        return hashlib.sha256(json.dumps(described(self), sort_keys=True).encode()).hexdigest()
+        content = described(self)
+        if self.device == "cpu":  # folders from before there was another keep theirs
+            del content["device"]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def place(self, path: str) -> Place:
         """The number at a path, as in `Quantity`; InputError, with the nearest path, for none."""
@@ -447,7 +397,8 @@ class Campaign:
     def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
-        return SampledRun(values, *self._with_values(values.values()), seed)
+        draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
+        return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
         """The sampled values of run number i alone, by name; InputError for a number out of range.
@@ -511,13 +462,18 @@ class Campaign:
                 found[-1].append((owner, path, scale))
         return found
 
-    def _with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        changes: dict[int, dict[str, float]] = {}
+    def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
+        """Numbers by path, SI, that `values`, one for each quantity, change: 0 of the scenario, i of controller i."""
+        found: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
-                changes.setdefault(owner, {})[path] = value * scale
+                found.setdefault(owner, {})[path] = value * scale
+        return found
+
+    def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
+        """Scenario and controllers with `values`, SI, one a quantity. InputError for one that a record refuses."""
         records: list[Any] = [self.scenario, *self.controllers]
-        for owner, change in changes.items():
+        for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
         scenario, nominal = records[0], self.scenario
         if scenario.beliefs != nominal.beliefs:  # the controllers believe the nominal vehicle, whatever is drawn of it
@@ -544,7 +500,7 @@ class Campaign:
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
-                self._with_values((*middle[:k], end, *middle[k + 1 :]))
+                self.with_values((*middle[:k], end, *middle[k + 1 :]))
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:

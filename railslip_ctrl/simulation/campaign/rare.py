@@ -1,0 +1,442 @@
+"""Probability of a rare event over a campaign's quantities, its random force and its sensor noise.
+
+All of them are standard normal inputs of a stop: a quantity is its distribution's value at Phi(z). The last input is
+the seed of noise later than `_REMEMBERED` times the nominal stop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from railslip_ctrl import __version__
+from railslip_ctrl.core.arguments import Floats, checked, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import claimed, staged
+from railslip_ctrl.core.records import by_content, dataclass
+from railslip_ctrl.core.units import shown, to_unit
+from railslip_ctrl.simulation.run import LOCKED_SHARE, Noise, Outcome, Run, Simulator
+
+from . import subset
+from .execution import check_version, workers_for
+from .specification import Campaign, Grid, described, stream
+from .statistics import Estimate, share
+from .subset import Pooled
+
+REPEATS, POINTS = 8, 1000  #: independent estimates, and stops in a level of each
+EBCL = range(10)  #: confidence levels of the emergency brake deceleration of ETCS: 0 is 50 %, n is 1 - 10^-n
+FORCE, SENSORS = "random force", "sensor noise"
+
+_REMEMBERED = 2.0
+_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # without a warning
+_DISAGREE = 3.5  # standard deviations: by Student's law of 8 repeats chance reaches them in 1 of 100
+_SHOWN = 8  # failing stops among which that of least noise is looked for
+_STREAM = 2**32 - 2  # of the campaign's seed; no run has this number
+
+_MEASURES: dict[str, tuple[str, Callable[[Run], float]]] = {
+    "distance": ("m", lambda run: run.braking_distance if run.stopped else math.inf),
+    "time": ("s", lambda run: run.braking_time if run.stopped else math.inf),
+    "slip": ("1", lambda run: run.max_slip),
+    "deceleration": ("m/s^2", lambda run: -_deceleration(run)),
+}
+_KINDS: dict[str, tuple[Any, Any]] = {
+    "pilot": (subset.pilot, subset.Levels),
+    "repeat": (subset.repeat, subset.Repeat),
+    "importance": (subset.importance, subset.Sampled),
+}
+
+
+def _deceleration(run: Run) -> float:
+    """Mean over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 of a run that did not stop."""
+    scenario = run.scenario
+    change = scenario.initial_speed**2 - scenario.final_speed**2
+    return change / (2.0 * run.braking_distance) if run.stopped else 0.0
+
+
+class Event(NamedTuple):
+    """A `measure` of a stop above a `threshold`, in the measure's unit."""
+
+    measure: str
+    threshold: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of the threshold."""
+        return _MEASURES[self.measure][0]
+
+    def __str__(self) -> str:
+        """As `read` reads it."""
+        return f"{self.measure} > {self.threshold:g} {self.unit}".removesuffix(" 1")
+
+    @classmethod
+    def read(cls, text: str) -> Event:
+        """An event as "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock". InputError for another text."""
+        if text.strip() == "lock":
+            return cls("slip", 1.0 - LOCKED_SHARE)
+        found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)
+        if found is None:
+            raise InputError(
+                f'event: {shown(text)} is not allowed; give lock, or a bound: "distance > 420 m", "time > 20 s", '
+                '"slip > 0.5"'
+            )
+        name, unit = f"event: {found[1]}", _MEASURES[found[1]][0]
+        threshold = to_unit(found[2], unit, name=name, text_needs_unit=unit != "1")
+        return cls(found[1], number(name, threshold, "" if unit == "1" else unit, ge=0.0))
+
+
+class Stops:
+    """The limit state of a campaign's stops: a measure of each, +inf where a stop has none.
+
+    `groups` are the places of each quantity, and of the random force and the sensors' noise if there is any; `counts`
+    are the numbers of stops, and of those that were refused or broken off. InputError for a campaign of several
+    controllers, of a grid, or without anything random.
+    """
+
+    def __init__(self, campaign: Campaign, measure: str) -> None:
+        self.campaign, self.read, self.counts = campaign, _MEASURES[measure][1], np.zeros(2, dtype=int)
+        if len(campaign.controllers) > 1:
+            raise InputError(f"controllers: {len(campaign.controllers)} given; a rare event is of one, give it alone")
+        for quantity in campaign.quantities:
+            if isinstance(quantity.distribution, Grid):
+                raise InputError(f"quantity: {quantity.name!r} is a grid, which has no probability; give a choice")
+        simulator = Simulator(campaign.scenario, campaign.controllers[0])
+        self.nominal = simulator.run(None)
+        force, noise = campaign.scenario.disturbances, campaign.scenario.measurement
+        remembered = _REMEMBERED * self.nominal.braking_time
+        forces = math.ceil(remembered / force.random_hold) if force.random_force > 0 else 0
+        sensed = math.ceil(remembered / simulator.period) if max(noise.speed_noise, noise.wheel_noise) > 0 else 0
+        sizes = {**dict.fromkeys(campaign.quantity_units, 1), FORCE: forces, SENSORS: 2 * sensed}
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self.groups = {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends, strict=True) if n}
+        self.inputs = ends[-1] + 1
+        if not self.groups:
+            raise InputError("quantity: nothing is random; give a quantity, a random force or sensor noise")
+
+    def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
+        """Values of the quantities, by name, and noise of a point."""
+        from scipy.special import ndtr
+
+        quantities = self.campaign.quantities
+        shares = ndtr(point[: len(quantities)]).tolist()
+        values = {one.name: one.distribution.at(u) for one, u in zip(quantities, shares, strict=True)}
+        force, sensors = (point[self.groups.get(name, slice(0, 0))] for name in (FORCE, SENSORS))
+        return values, Noise(force, sensors.reshape(-1, 2), int(point[-1:].view(np.int64)[0]) & (2**63 - 1))
+
+    def run(self, point: Floats, record_every: int | None = None) -> Run:
+        """The stop of a point. InputError for values that a record refuses."""
+        values, noise = self.drawn(point)
+        scenario, (controller,) = self.campaign.with_values(values.values())
+        return Simulator(scenario, controller).run(noise, record_every=record_every)
+
+    def __call__(self, points: Floats) -> Floats:
+        """Values of points (n, inputs), (n,)."""
+        return np.array([self._value(point) for point in points])
+
+    def _value(self, point: Floats) -> float:
+        self.counts[0] += 1
+        try:
+            run = self.run(point)
+        except InputError:
+            run = None
+        if run is not None and run.outcome in (Outcome.STOPPED, Outcome.OUT_OF_TIME):
+            return self.read(run)
+        self.counts[1] += 1
+        return math.inf
+
+
+@by_content
+class Tail(NamedTuple):
+    """Probability of what is worse than each value.
+
+    - x: values, 1-D, in the measure's unit.
+    - value, low, high: probability and its interval, arrays of one length, ratios.
+    - plain: of the independent stops alone, Wilson's: rows of (x, share, low, high), (n, 4), ratios.
+    """
+
+    x: Floats
+    value: Floats
+    low: Floats
+    high: Floats
+    plain: Floats
+
+
+@by_content
+class FailingStop(NamedTuple):
+    """The most likely failing stop found: standard deviations from the medians of all inputs, its draws, its run."""
+
+    distance: float
+    values: dict[str, float]
+    noise: Noise
+    run: Run
+
+
+@dataclass(frozen=True)
+class RareEvent:
+    """Probability of an event in a campaign's stops.
+
+    - probability: `importance` if that varies less and there is no warning, else `subset`.
+    - subset, importance: by each method, with 95 % interval and coefficient of variation, ratios; importance sampling
+      has none if no stop met the event.
+    - levels: values on the way, in the event's unit.
+    - shares: share of each quantity, and of the noise, in the mean of the event's inputs.
+    - stop: the most likely one found; None if none was.
+    - tail: of the event's measure, in its unit.
+    - stops: number of simulated stops.
+    - warnings: why the numbers cannot be trusted; empty where nothing was found.
+    """
+
+    campaign: Campaign
+    event: Event
+    probability: Pooled
+    subset: Pooled
+    importance: Pooled | None
+    levels: tuple[float, ...]
+    shares: dict[str, float]
+    stop: FailingStop | None
+    tail: Tail
+    stops: int
+    warnings: tuple[str, ...]
+
+    @property
+    def measured(self) -> tuple[str, str]:
+        """Name and unit of the tail's values."""
+        return self.event.measure, self.event.unit
+
+    def __str__(self) -> str:
+        """The estimate, in a line."""
+        value, low, high, _ = self.probability
+        return f"P({self.event}) = {value:.3g} [{low:.2g}, {high:.2g}], {self.stops} stops"
+
+
+class Factor(NamedTuple):
+    """Kdry_rst of a level: the ratio to the nominal deceleration that stops fall short of with the `probability`."""
+
+    level: int
+    probability: float
+    factor: Estimate
+
+
+@dataclass(frozen=True)
+class ConfidenceLevels:
+    """Table of Kdry_rst over the confidence levels of ETCS.
+
+    - nominal: mean deceleration of the nominal stop, m/s^2.
+    - factors: one for each of `EBCL`.
+    - tail: probability of a smaller factor.
+    - campaign, stops, warnings, measured: as of `RareEvent`.
+    """
+
+    measured = "Kdry_rst", "1"
+
+    campaign: Campaign
+    nominal: float
+    factors: tuple[Factor, ...]
+    tail: Tail
+    stops: int
+    warnings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """The least factor, in a line."""
+        last = self.factors[-1]
+        return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
+
+
+def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
+    """Arrays by name of a finished task, which is one of `_KINDS`, its number, and what it is given."""
+    check_version(version)
+    (campaign, event), (kind, i, given) = shared, task
+    stops = Stops(campaign, event.measure)
+    rng = stream(campaign.seed, _STREAM, list(_KINDS).index(kind), i)
+    found = _KINDS[kind][0](stops, stops.inputs, rng, event.threshold, *given)
+    return {**found._asdict(), "counts": stops.counts}
+
+
+class _Study:
+    """The stops of a campaign at work on an event: tasks are done once, and kept in a folder if there is one."""
+
+    def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
+        number("points", points, ge=100)
+        number("repeats", repeats, ge=3)
+        self.event, self.points, self.number, self.stops = event, points, repeats, Stops(campaign, event.measure)
+
+    @contextmanager
+    def at_work(
+        self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
+    ) -> Iterator[None]:
+        """With workers, pilot and repeats are done."""
+        campaign, event, self._progress = self.stops.campaign, self.event, progress
+        what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
+        where = TemporaryDirectory() if folder is None else nullcontext(folder)
+        made = workers_for(work, (campaign, event), workers, scheduler)
+        with where as name, made as (self._submit, _), claimed(Path(name)):
+            self._folder = Path(name) / f"rare-{hashlib.sha256(what.encode()).hexdigest()[:12]}"
+            self._folder.mkdir(exist_ok=True)
+            smallest = 1e-9 if math.isinf(event.threshold) else 1e-12
+            (levels,) = self.done("pilot", 1, smallest, self.points // 2)
+            self.repeats = self.done("repeat", self.number, tuple(levels), self.points)
+            yield
+
+    def done(self, kind: str, count: int, *given: Any) -> list[Any]:
+        """The results of `count` tasks of a kind, some of them from the folder."""
+        paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
+        waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
+        found = []
+        for i, path in enumerate(paths):
+            if path in waiting:
+                with staged(path.parent) as new:
+                    np.savez_compressed(new / path.name, **waiting[path].result())
+            result = dict(np.load(path))
+            self._progress(f"{kind} {i + 1} of {count}")
+            self.stops.counts += result.pop("counts")
+            found.append(_KINDS[kind][1](**result))
+        return found
+
+    def tail(self) -> Tail:
+        """Over the values of every level."""
+        rows = np.concatenate([one.values for one in self.repeats], axis=1)
+        finite = [row[np.isfinite(row)] for row in rows]
+        x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
+        first = np.sort(rows[0])[::-1]
+        ranks = np.unique(np.geomspace(1, len(first) / 2, 30).astype(int))
+        plain = np.array([(first[rank - 1], *share(int(rank), len(first))) for rank in ranks])
+        return Tail(x, *subset.pooled(np.array([one.exceeded(x) for one in self.repeats]))[:3], plain)
+
+    def warnings(self) -> list[str]:
+        """What is wrong with levels and outcomes."""
+        found, threshold = [], self.event.threshold
+        if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
+            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have a value of others")
+        if (low := np.mean([one.accepted for one in self.repeats], axis=0).min(initial=1.0)) < _LEAST_ACCEPTED:
+            found.append(f"the levels stall: at one only {100 * low:.1f} % of the moves are accepted; give more points")
+        if not any(one.probability(threshold) for one in self.repeats) and math.isfinite(threshold):
+            found.append(f"the levels stall: no stop met the event; its probability is below {self.reached:.1g}")
+        total, unresolved = self.stops.counts
+        if unresolved:
+            found.append(f"{unresolved} of {total} stops were refused or broken off; they count as the event")
+        return found
+
+    @property
+    def reached(self) -> float:
+        """Probability of the last level."""
+        return float(np.mean([np.prod(one.shares) for one in self.repeats]))
+
+    def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
+        """Points that may be on the way to the design point: the `mean`, then those `kept`, with ever more noise."""
+        yield mean
+        count = len(self.stops.campaign.quantities)
+        nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
+        for scale in np.linspace(0.0, 1.0, _SHOWN):
+            yield from np.hstack([nearest[:, :count], scale * nearest[:, count:]])
+
+
+@checked
+def rare_event(
+    campaign: Campaign,
+    event: str,
+    *,
+    folder: str | Path | None = None,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    points: int = POINTS,
+    repeats: int = REPEATS,
+    progress: Callable[[str], None] = lambda message: None,
+) -> RareEvent:
+    """Probability of an event over a campaign's quantities, random force and sensor noise.
+
+    - campaign: of one controller and no grid; its number of runs and its sampling do not matter.
+    - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
+    - folder: where finished repeats are kept, and resumed; left out, nothing is kept.
+    - workers, scheduler: processes, or a Dask scheduler, as of `execute`; the numbers depend on neither.
+    - points: number of stops in each level of a repeat, and about the design point for each.
+    - repeats: number of independent repeats, which give the interval.
+    - progress: told what is done.
+
+    Returns the probability with its interval, in a `RareEvent`. InputError for another event or campaign.
+    """
+    study = _Study(campaign, Event.read(event), points, repeats)
+    stops, threshold, importance, stop = study.stops, study.event.threshold, None, None
+    with study.at_work(folder, workers, scheduler, progress):
+        found, warnings = study.repeats, study.warnings()
+        estimates = np.array([one.probability(threshold) for one in found])
+        by_subset = subset.pooled(estimates)
+        mean, shares = subset.direction(np.array([one.mean for one in found]), stops.groups.values())
+        if by_subset.value == 0.0:
+            by_subset = by_subset._replace(high=study.reached)
+        else:
+            kept = np.concatenate([one.points for one, p in zip(found, estimates, strict=True) if p > 0.0])
+            centre = subset.design_point(stops, study.candidates(mean, kept), threshold)
+            between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
+            if between > _MOST_APART:
+                warnings.append(
+                    f"the event is not one region about its mean: between {100 * between:.0f} % of pairs of its stops "
+                    "there is none of it; a region that no repeat has met is missing from the probability"
+                )
+            values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
+            importance = subset.pooled(values)
+            off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
+            if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):
+                warnings.append(f"the methods disagree: importance sampling has {importance.value:.3g}")
+            run = stops.run(centre, record_every=1)
+            stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
+        better = importance is not None and importance.variation < by_subset.variation and not warnings
+        probability = importance if importance is not None and better else by_subset
+        if probability.variation > _MOST_VARIATION:
+            warnings.append(f"the coefficient of variation is {100 * probability.variation:.0f} %; give more points")
+    return RareEvent(
+        campaign=campaign,
+        event=study.event,
+        probability=probability,
+        subset=by_subset,
+        importance=importance,
+        levels=tuple(found[0].thresholds.tolist()),
+        shares=dict(zip(stops.groups, shares.tolist(), strict=True)),
+        stop=stop,
+        tail=study.tail(),
+        stops=int(stops.counts[0]),
+        warnings=tuple(warnings),
+    )
+
+
+@checked
+def confidence_levels(
+    campaign: Campaign,
+    *,
+    folder: str | Path | None = None,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    points: int = POINTS,
+    repeats: int = REPEATS,
+    progress: Callable[[str], None] = lambda message: None,
+) -> ConfidenceLevels:
+    """The factor Kdry_rst of the deceleration for ETCS confidence levels 0 to 9.
+
+    - campaign, folder, workers, scheduler, points, repeats, progress: as of `rare_event`.
+
+    Returns ratios with 95 % intervals, and the whole tail. InputError as of `rare_event`, and for a nominal run that
+    does not stop.
+    """
+    study = _Study(campaign, Event("deceleration", math.inf), points, repeats)
+    nominal = _deceleration(study.stops.nominal)
+    if nominal <= 0.0:
+        raise InputError("scenario: its nominal run does not stop; give a controller that stops it")
+    with study.at_work(folder, workers, scheduler, progress):
+        tail, warnings = study.tail(), study.warnings()
+    ratio, plain = -tail.x / nominal, tail.plain / [-nominal, 1.0, 1.0, 1.0]
+    probabilities = [0.5, *(10.0**-n for n in EBCL[1:])]
+    value, high, low = (  # a factor where a falling curve of probabilities has each; NaN beyond its end
+        np.interp(-np.log(probabilities), -np.log(curve[curve > 0.0]), ratio[curve > 0.0], right=math.nan)
+        for curve in tail[1:4]
+    )
+    factors = (Estimate(*map(float, one)) for one in zip(value, low, high, strict=True))
+    rows = tuple(Factor(*row) for row in zip(EBCL, probabilities, factors, strict=True))
+    scaled = tail._replace(x=ratio, plain=plain)
+    return ConfidenceLevels(campaign, nominal, rows, scaled, int(study.stops.counts[0]), tuple(warnings))

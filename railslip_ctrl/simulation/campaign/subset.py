@@ -1,0 +1,205 @@
+"""Probability of a rare event of standard normal inputs: subset simulation, and importance sampling beside it.
+
+Subset simulation reaches the event in levels, each about a tenth as likely as the one before ([Au2001]). Chains of
+adaptive conditional sampling fill a level from the points beyond its threshold ([Papaioannou2015]). A pilot chooses
+thresholds and steps. The repeats take both as given, so that each of them is an estimate without bias.
+
+A limit state is a function of points, (n, inputs), to values, (n,), which may be infinite; the event is a value above
+the `threshold`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from railslip_ctrl.core.arguments import Floats
+from railslip_ctrl.core.records import by_content
+
+from .statistics import CONFIDENCE
+
+LimitState = Callable[[Floats], Floats]
+
+_SHARE = 0.1  # of the points beyond the next threshold
+_ACCEPTED = 0.35  # share of moves; [Papaioannou2015] has 0.44, with which the estimate varies by a fifth more
+_KEPT = 20  # points of the event that a repeat keeps
+_PAIRS = 40  # of such points, between which the event is looked for
+_FARTHEST = 1.5  # of a point of the event: the event begins before
+
+
+class Levels(NamedTuple):
+    """Thresholds, and the steps of the moves beyond each, (n,): at 1 a point is drawn anew."""
+
+    thresholds: Floats
+    steps: Floats
+
+
+class Repeat(NamedTuple):
+    """An independent estimate.
+
+    - thresholds, shares, accepted: of each level, with the shares of points that reach it and of moves that stay
+      beyond it, (levels,).
+    - values: of the points of no level, then of each, (levels + 1, n); -inf where no point reached it.
+    - mean, points: mean, and some, of the points of the event, or of the last level where none is.
+    """
+
+    thresholds: Floats
+    shares: Floats
+    accepted: Floats
+    values: Floats
+    mean: Floats
+    points: Floats
+
+    def exceeded(self, x: Floats) -> Floats:
+        """Probabilities of values of at least `x`, as many."""
+        place = np.searchsorted(self.thresholds, x, side="right")
+        shares = [np.mean(self.values[k] >= at) for k, at in zip(place, x, strict=True)]
+        return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
+
+    def probability(self, threshold: float) -> float:
+        """Estimate of the event."""
+        return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
+
+
+class Sampled(NamedTuple):
+    """An estimate by importance sampling."""
+
+    value: Floats
+
+
+def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
+    """Levels on the way to the event, or to probabilities `smallest`; they end where the values rise no more."""
+    points = rng.standard_normal((count, inputs))
+    values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
+    while np.mean(values > threshold) < _SHARE and reached > 1.001 * smallest / _SHARE:
+        places, counts = np.unique(values, return_counts=True)
+        if len(places) == 1:
+            break
+        shares = np.cumsum(counts[::-1])[::-1] / count
+        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # the nearest share of a discrete outcome
+        points, values, _, step = _beyond(limit_state, points, values, places[k], step, rng, adapt=True)
+        reached *= float(shares[k])
+        thresholds.append(float(places[k]))
+        steps.append(step)
+    return Levels(np.array(thresholds), np.array(steps))
+
+
+def repeat(
+    limit_state: LimitState, inputs: int, rng: Any, threshold: float, levels: Sequence[Floats], count: int
+) -> Repeat:
+    """An estimate with given levels and `count` points at each."""
+    thresholds, steps = levels
+    points = rng.standard_normal((count, inputs))
+    values, shares, accepted = limit_state(points), np.zeros(len(thresholds)), np.zeros(len(thresholds))
+    found = np.full((len(thresholds) + 1, count), -math.inf)
+    found[0] = values
+    for k, (level, step) in enumerate(zip(thresholds, steps, strict=True)):
+        shares[k] = np.mean(values >= level)
+        if not shares[k]:
+            break
+        points, values, accepted[k], _ = _beyond(limit_state, points, values, level, step, rng)
+        found[k + 1] = values
+    inside = points[values > threshold] if np.any(values > threshold) else points
+    return Repeat(thresholds, shares, accepted, found, inside.mean(axis=0), rng.permutation(inside)[:_KEPT])
+
+
+def _beyond(
+    limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
+) -> tuple[Floats, Floats, float, float]:
+    """As many points beyond a level, their values, the share of moves accepted, and the step, which may `adapt`.
+
+    Chains begin at the points that reach it. A move is z' = sqrt(1 - s^2) z + s w with w standard normal, refused
+    where it leaves the level.
+    """
+    start = rng.permutation(np.flatnonzero(values >= level))
+    at, value, left = points[start], values[start], len(values) - len(start)
+    found, accepted = [(at, value)], list[float]()
+    while left > 0:
+        at, value = at[:left], value[:left]
+        new = np.sqrt(1.0 - step**2) * at + step * rng.standard_normal(at.shape)
+        new_value = limit_state(new)
+        stays = new_value >= level
+        at, value = np.where(stays[:, None], new, at), np.where(stays, new_value, value)
+        found.append((at, value))
+        accepted.append(float(stays.mean()))
+        left -= len(at)
+        if adapt:
+            step = min(1.0, step * math.exp((accepted[-1] - _ACCEPTED) / math.sqrt(len(accepted))))
+    every, valued = (np.concatenate(one) for one in zip(*found, strict=True))
+    return every, valued, float(np.mean(accepted)) if accepted else 1.0, step
+
+
+@by_content
+class Pooled(NamedTuple):
+    """Mean of independent estimates, bounds of its interval, and its coefficient of variation; of one shape."""
+
+    value: Any
+    low: Any
+    high: Any
+    variation: Any
+
+
+def pooled(estimates: Floats) -> Pooled:
+    """Estimates, (repeats, ...), together; the interval is that of the mean of a log-normal variable (Cox's)."""
+    from scipy.special import stdtrit
+
+    count, mean = len(estimates), np.mean(estimates, axis=0)
+    variation = np.std(estimates, axis=0, ddof=1) / np.where(mean > 0.0, mean, 1.0)
+    spread = np.log1p(variation**2)
+    quantile = stdtrit(count - 1, 0.5 + 0.5 * CONFIDENCE)
+    factor = np.exp(quantile * np.sqrt(spread / count + spread**2 / (2.0 * (count - 1))))
+    return Pooled(mean, mean / factor, mean * factor, variation / math.sqrt(count))
+
+
+def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
+    """Mean of repeats' `means`, each group as far as they agree on it, and the groups' shares of its squared length.
+
+    The squared lengths are from products of different repeats, so that chance adds nothing.
+    """
+    count, mean = len(means), means.mean(axis=0)
+    squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
+    shares, shrunk = list[float](), np.zeros_like(mean)
+    for group in groups:
+        shares.append(max(float(squared[group].sum()), 0.0))
+        shrunk[group] = mean[group] * min(1.0, shares[-1] / max(float(np.sum(mean[group] ** 2)), 1e-300))
+    return shrunk, np.array(shares) / max(sum(shares), 1e-300)
+
+
+def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
+    """The first point of the event on the way from the origin to the first candidate that has one, or the last."""
+    for way in candidates:
+        low, high = 0.0, _FARTHEST
+        for count in (30, 20):  # to 1/400 of the way
+            scales = np.linspace(low, high, count + 1)[1:]
+            beyond = scales[limit_state(scales[:, None] * way) > threshold]
+            if not len(beyond):
+                break
+            low, high = beyond[0] - (high - low) / count, beyond[0]
+        else:
+            return np.asarray(high * way)
+    return way
+
+
+def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
+    """Estimate of the event by `count` points about its design point, `centre`."""
+    points = centre + rng.standard_normal((count, inputs))
+    weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
+    return Sampled(np.mean(weights * (limit_state(points) > threshold)))
+
+
+def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
+    """Share of pairs of points of the event between which there is none of it: 0 of one region without holes."""
+    first, second = points[rng.integers(len(points), size=(2, _PAIRS))]
+    middle, length = first + second, 0.5 * np.linalg.norm([first, second], axis=2).sum(axis=0)
+    middle *= (length / np.maximum(np.linalg.norm(middle, axis=1), 1e-300))[:, None]
+    return float(np.mean(limit_state(middle) <= threshold))
+
+
+def repeated(found: Repeat) -> float:
+    """The largest share of a level's new points whose finite value another point has: 0 of a continuous outcome."""
+    new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
+    different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
+    return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))

@@ -1,0 +1,27 @@
+"""Random numbers by a counter, the same on a CPU and on a GPU: Philox4x32-10 ([Salmon2011]) and Box-Muller."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy
+
+
+class Counted(NamedTuple):
+    """A seed of draws by a counter: two keys, integers of 32 bits."""
+
+    key0: int
+    key1: int
+
+
+def normal(key0: Any, key1: Any, counter: Any, stream: Any) -> Any:
+    """Standard normal number of a `counter`, an integer or an array of them, in a `stream`; the keys are whole."""
+    c0, c1, c2, c3, k0, k1 = counter, stream, 0, 0, int(key0), int(key1)
+    for _ in range(10):
+        low, high = 0xD2511F53 * c0, 0xCD9E8D57 * c2
+        c0, c1 = ((high >> 32) & 0xFFFFFFFF) ^ c1 ^ k0, high & 0xFFFFFFFF
+        c2, c3 = ((low >> 32) & 0xFFFFFFFF) ^ c3 ^ k1, low & 0xFFFFFFFF
+        k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
+    first = (c0 * 4294967296.0 + c1 + 0.5) / 18446744073709551616.0
+    second = (c2 * 4294967296.0 + c3) / 18446744073709551616.0
+    return numpy.sqrt(-2.0 * numpy.log(first)) * numpy.cos(2.0 * numpy.pi * second)
