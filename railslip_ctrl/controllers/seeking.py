@@ -45,7 +45,7 @@ BRAKE_ERROR = 0.15  # standard deviation of dead time and lag, half of a toleran
 STILL = 0.1  # weight of a sample while the reference rests; also the rate of forgetting then, 1/s
 PULL = 0.35  # rise of E that cancels the bias of the random force at rest, per share of the slip that the force moves
 # memory and return
-NARROW = 0.03  # slip of a peak below which the slip is brought back; past a wider peak the sliding-mode law does so
+NARROW = 0.04  # slip of a peak below which the slip is brought back; past a wider peak the sliding-mode law does so
 SHORT = 0.8  # share of a slip that counts as just below it
 LESS = 0.9  # share of the highest adhesion that shows that its slip has been passed, and that is held after a return
 TWICE = 2.0  # ratio to the slip of the peak that counts as far past it; reaction times of the wait after a return
@@ -189,8 +189,8 @@ def quickly(x: Any, p: Any, torque: float) -> Any:
 def remember(x: Any, p: Any, v: float) -> Any:
     """Remember slip and torque of the highest adhesion, and begin a return when adhesion has fallen far past that slip.
 
-    Returns the standard deviation of the predicted slip velocity, m/s. Memory is written only while slip rises: the
-    adhesion of bristles swings and is highest while slip falls.
+    Returns the standard deviation of the predicted slip velocity, m/s. Memory is written only while slip rises, as the
+    adhesion of bristles is highest while slip falls. It fades, but not while the slip is far past the peak.
     """
     reaction = p.dead_time + p.observer_time
     blend = 1.0 - math.exp(-p.period / (0.25 * reaction))
@@ -204,7 +204,7 @@ def remember(x: Any, p: Any, v: float) -> Any:
     slow, idle = p.period / (SLOWLY * reaction), x.returning == 0.0 and x.waiting <= 0.0
     if x.remembered_torque > x.top_torque and x.slip_rate >= 0.0 and x.remembered_slip * v > noise:
         x.top_torque, x.top_slip = x.remembered_torque, x.remembered_slip
-    elif idle:
+    elif idle and x.remembered_slip < TWICE * x.top_slip:
         x.top_torque += slow * (x.remembered_torque - x.top_torque)
     low = 1.0 - max(x.remembered_slip, 0.0) / (SHORT * x.reference_slip + 1e-9)
     if idle and low > 0.0 and x.reference_slip * v > TWICE * noise:
