@@ -4,9 +4,9 @@ The published vehicle, empty and loaded, five adhesion laws, five sequences of r
 quicker and 30 % slower. Every stop is compared with the clairvoyant one through the same brake. Answers, of few seeds
 asserted in the tests:
 
-- on curve, bristle and beam the median is 6 % and 95 in 100 stops are below 9 % with the brake as believed; below 15 %
+- on curve, bristle and beam the median is 6 % and 95 in 100 stops are below 9 % with the brake as believed; below 16 %
   with a brake 30 % slower;
-- the worst there are 11 %, and 22 % with the slower brake, on bristle;
+- the worst there are 11 %, and 37 % with the slower brake, on beam from wet to dry;
 - no wheel locks on these three laws;
 - polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it. A change from dry to
   wet costs 25 % there; wheels lock after it in one stop of ten at 90 m, more often with the slower brake;
