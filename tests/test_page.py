@@ -291,13 +291,13 @@ def test_the_page_loads_nothing_from_elsewhere(page):
 @pytest.mark.parametrize(
     ("body", "status", "told"),
     [
-        (b"", 400, "no JSON"),
-        (b"{", 400, "no JSON"),
-        (b"\xff\xfe", 400, "no JSON"),
-        (b"[" * 20_000, 400, "no JSON"),
-        (b"[]", 422, "no question"),
-        (b'{"turn": -1}', 422, "no question"),
-        (b'{"turn": true}', 422, "no question"),
+        (b"", 400, "JSON"),
+        (b"{", 400, "JSON"),
+        (b"\xff\xfe", 400, "JSON"),
+        (b"[" * 20_000, 400, "JSON"),
+        (b"[]", 422, "turn"),
+        (b'{"turn": -1}', 422, "turn"),
+        (b'{"turn": true}', 422, "turn"),
         (b"{}", 422, "design: give kind"),
         (b'{"design": {"kind": 1, "values": {}}}', 422, "design: give kind"),
         (b'{"design": {"kind": "pi", "values": {"kp": "1"}}}', 422, "kp: '1' is not allowed"),
@@ -347,7 +347,7 @@ def test_large_and_shapeless_requests_are_refused(page):
     for length in ("-1", "x", "9" * 30):
         page.refused(413, "Content-Length", Content_Length=length)
     page.refused(404, "application/json", body=b"{}", Content_Type="text/plain")  # what a foreign form could send
-    page.refused(404, "ask start, loop", path="nothing", body=b"{}")
+    page.refused(404, "start, loop", path="nothing", body=b"{}")
     assert page.send("DELETE")[0] == 501
 
 
@@ -425,7 +425,7 @@ def test_a_port_of_one_s_own_keeps_its_token(tmp_path):
     process, address = started(*words, folder=tmp_path)
     refused, nothing = started(*words, folder=tmp_path)  # the port is taken
     assert (nothing, refused.wait(60)) == ("", 2)
-    assert f"--port: {port} cannot be had" in refused.communicate()[1]
+    assert f"error: --port: {port} " in refused.communicate()[1]
     ended(process)
     process, again = started(*words, folder=tmp_path)
     assert again == address
