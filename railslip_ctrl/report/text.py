@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl.controllers.base import Controller
-from railslip_ctrl.controllers.systems import LinearController, plain_number, system_words
+from railslip_ctrl.controllers.systems import LinearController, describe_system, plain_number
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.design.assessment import Assessment, assess
 from railslip_ctrl.design.envelope import ERRORS, Envelope
@@ -69,7 +69,7 @@ def case_title(point: OperatingPoint) -> str:
 
 def controller_text(controller: LinearController | Controller) -> str:
     """What a controller with margins is, with its numbers."""
-    return controller.described() if isinstance(controller, Controller) else system_words(controller)
+    return controller.described() if isinstance(controller, Controller) else describe_system(controller)
 
 
 def _actuator(actuator: Actuator) -> str:
