@@ -112,7 +112,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("tune --ms-max 2 --lead 0.6", "error: --lead: does not go with structure 'pi'"),
     ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
     ("report --no-html --controller own.py", "the result of linear is invalid"),
-    ("report --no-html --out .", "--out: the working folder itself is not taken"),
+    ("report --no-html --out .", "--out: the working folder"),
     ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given does not go with the law 'paper'"),
     ("verify --law paper --slip 0.1", "--slip: 0.1 does not go with the law 'paper'"),
     ("verify --law layered", "--law: 'layered' was replaced by the predictive law; give --law predictive"),

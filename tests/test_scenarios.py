@@ -292,7 +292,7 @@ def test_what_has_no_file_is_told(tmp_path):
         CONTROLS["pi"].save(tmp_path / "none" / "c.toml")
     curve, slips = published_law("curve", "dry"), [ReferenceSlip(dry=dry, wet=0.07) for dry in (0.08, 0.1)]
     design = rs.tune(rs.Envelope(laws=[curve.model_copy(update={"reference": slip}) for slip in slips], speeds=100))
-    with pytest.raises(InputError, match="different slips"):
+    with pytest.raises(InputError, match="different reference slips"):
         design.save(tmp_path / "c.toml")
     assert rs.simulate(rs.stop(), design).controller.reference.dry == 0.132  # the law's of the run
 
@@ -308,14 +308,14 @@ TF, SS = 'kind = "transfer-function"', 'kind = "state-space"'
     (f"{TF}\nnum = []\nden = [1.0]", "num: is empty"),
     (f"{SS}\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]", "do not fit"),
     (f"{SS}\nA = [[0.0, 1.0], [2.0]]\nB = [1.0, 2.0]\nC = [1.0, 2.0]", "A: has rows of 1 and of 2 numbers"),
-    (f"{SS}\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]", "A: give its rows"),
-    (f"{SS}\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0", "B: is not of one input"),
-    (f"{SS}\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]", "C: is not of one input"),
-    (f"{SS}\nA = 1.0\na = 1.0\nB = 1.0\nC = 1.0", "in both cases"),
+    (f"{SS}\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]", "A: .*rows"),
+    (f"{SS}\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0", "B: .*one"),
+    (f"{SS}\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]", "C: .*one row"),
+    (f"{SS}\nA = 1.0\na = 1.0\nB = 1.0\nC = 1.0", "A, B, C, D: "),
     ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
-    ("kind = 3", "kind: 3 is not one"),
-    ("kp = 1.0", "kind: missing; choose one of asmc"),
-    ('kind = "pi-led"', "kind: 'pi-led' is not one; did you mean 'pi-lead'"),
+    ("kind = 3", "kind: 3 is "),
+    ("kp = 1.0", "kind: .*missing; choose one of asmc"),
+    ('kind = "pi-led"', "kind: 'pi-led' .*did you mean 'pi-lead'"),
     (f'{GIVEN}\nrule = "euler"', "rule: 'euler' is not allowed; give 'tustin' or"),
     (f"{GIVEN}\nled = 0.6", "led: unknown key; did you mean 'lead'"),
     (f"{GIVEN}\nlead = 0.6", "lead filter: 0 s"),

@@ -170,7 +170,7 @@ def test_intersection_over_operating_points():
     (lambda: stabilizing_pi(1 / S).contains(np.nan, 0), "kp: nan"),
     (lambda: stabilizing_pi(1 / S).ki_limit(np.inf), "kp: inf"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "derivative_time .*derivative_gain"),
-    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "derivative_time .*derivative_gain"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "derivative_time .*_gain"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0 s"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),

@@ -243,7 +243,7 @@ class StateSpace(SystemControl):
             raise InputError(f"A: has rows of {lengths[0]} and of {lengths[-1]} numbers; give n rows of n")
         for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
             if any(isinstance(entry, list) for entry in keys.get(key, ())):
-                raise InputError(f"{key}: has more than one input or output; give {shape}")
+                raise InputError(f"{key}: is not for one input and one output; give {shape}")
         return keys
 
     @cached_property

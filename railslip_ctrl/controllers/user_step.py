@@ -167,7 +167,7 @@ def command({", ".join(ARGUMENTS)}):
         )
 
     def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        """Return the error for an exception in the step, or in another method, at time t, s."""
+        """Return the error for an exception in the method `what`, by default the step, at time t, s."""
         function = self.thing.function if what == "step" else getattr(self.thing.thing, what)
         arguments = "t, v, omega" + ", x" * bool(self.start_numbers)
         message = call_failure(error, function, what, arguments, f" at t = {t:g} s")

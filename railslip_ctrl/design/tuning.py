@@ -277,8 +277,10 @@ _INTEGRAL_TIME = 50.0
 class CommonPI:
     """PI gains with the smallest worst Ms over some operating points, at a fixed integral time.
 
-    `worst_ms` is the largest peak of |S| over the operating points, a ratio; `integral_time` is kp/ki, s; `gain_range`
-    is the interval of kp that stabilises all of them at that integral time, N*m/(m/s).
+    - controller: the PI.
+    - worst_ms: largest peak of |S| over the operating points, a ratio.
+    - integral_time: kp/ki, s.
+    - gain_range: interval of kp that stabilises all of them at that integral time, N*m/(m/s).
     """
 
     controller: PIController
