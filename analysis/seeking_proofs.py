@@ -1,15 +1,15 @@
 """What can be proven of the seeking controller's start, of its seeking and of its second start?
 
-Three statements with their numbers for the published vehicle, each beside the controller itself, without noise; the
-theory page of the controller has the proofs. Answers, asserted in the tests:
+Three statements with their numbers for the published vehicle, each compared with the controller itself, without noise;
+the theory page of the controller has the proofs. Answers, asserted in the tests:
 
-- a bound on the slip after the start over every static adhesion curve between two, by comparison of scalar equations:
-  from 100 km/h on beam and on curve wet below locking for boxes of 5 %, and for the law alone up to four times what is
-  simulated, as a start that slows down may be released late; on curve dry there is one for the law alone, and on polach
-  dry there is none;
-- where the reference rests, no more is given away than the flatness and the errors of the map; that it stays within
-  0.022 of the peak on curves of one hump between 0.01 and 0.11 is simulated, and a peak below the knots is not found;
-- after a rail has become better the second start is commanded within a time that follows from the change.
+- A bound on the slip after the start holds for every static adhesion curve between two, by comparison of scalar
+  equations. From 100 km/h it excludes locking on beam and on wet curve for boxes of 5 %. For a single law it is up to
+  four times the simulated slip, because a slow start may be released late. On dry curve there is a bound only for the
+  single law, and on dry polach there is none.
+- Where the reference rests, the loss of adhesion is limited by the flatness and the errors of the map. In simulations
+  it stays within 0.022 of the peak on curves of one hump between 0.01 and 0.11. A peak below the knots is not found.
+- After the rail has improved, the second start is commanded within a time that follows from the change.
 
     python analysis/seeking_proofs.py
 """
@@ -51,8 +51,11 @@ CONTROL = rs.Seeking.for_vehicle(CAR)
 
 @dataclass(frozen=True)
 class Box:
-    """Every static curve between two, over `SLIPS`, that does not fall before `hump`, and then by `fall` or less for a
-    unit of slip; at a slip it does not fall with less speed."""
+    """Set of static curves between two, over `SLIPS`.
+
+    A curve does not fall before `hump`, and then by at most `fall` for a unit of slip. At a constant slip it does not
+    fall when the speed falls.
+    """
 
     least: np.ndarray
     most: np.ndarray
@@ -61,7 +64,10 @@ class Box:
 
 
 def box_about(law: AdhesionLaw, speed: float, wheel_load: float, width: float) -> Box:
-    """Curves within a share of a law's between a speed, m/s, and 0.8 of it, fall as steep up to a slip of 0.6."""
+    """Return the box of curves within a share of a law's curve, with its slopes up to slip 0.6.
+
+    The speeds, m/s, are between the given speed and 0.8 of it.
+    """
     speeds, slips = (speed, 0.8 * speed), np.minimum(SLIPS, 0.999 * law.domain_limit(speed)[0])
     mu = np.array([adhesion_coefficient(law, v, slips, wheel_load) for v in speeds])
     fall = float(-np.gradient(mu, SLIPS, axis=1)[:, SLIPS < 0.6].min())
@@ -70,17 +76,20 @@ def box_about(law: AdhesionLaw, speed: float, wheel_load: float, width: float) -
 
 
 def holding(vehicle: Vehicle, slip: Any, mu: Any, resisted: float, rolling: Any) -> Any:
-    """The torque that holds a slip ratio; resisted: speed of the travelling resistance, rolling: r omega, m/s."""
+    """Return the torque that holds a slip ratio.
+
+    `resisted` is the speed for the travelling resistance and `rolling` is r omega, both in m/s.
+    """
     r, terms, force = vehicle.wheel.radius, vehicle.resistance, vehicle.wheel_load * mu
     slowing = (force + terms.constant + terms.linear * resisted + terms.quadratic * resisted**2) / vehicle.mass
     return r * force + vehicle.wheel.inertia / r * (1 - slip) * slowing - vehicle.wheel.viscous_friction * rolling / r
 
 
 def overshoot(vehicle: Vehicle, g: Seeking, box: Box, speed: float, *, again: int = 0) -> float:
-    """No curve of a box brings the first maximum of the slip after a start from a speed, m/s, above this; 1: no bound.
+    """Return an upper bound of the first slip maximum after a start, for all curves of a box; 1: no bound.
 
-    Without noise, wheel and brake as believed, in SI. again: samples at which a second start commands the largest
-    torque before that maximum.
+    Without noise, wheel and brake as assumed, in SI. speed: at the start, m/s; again: number of samples at which a
+    second start commands the largest torque before that maximum.
     """
     r, rate = vehicle.wheel.radius, vehicle.wheel.radius / vehicle.wheel.inertia
     top, rising = float(box.most.max()), np.maximum.accumulate(box.most)
