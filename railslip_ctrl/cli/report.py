@@ -14,9 +14,10 @@ import click
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.errors import check_extra
 from railslip_ctrl.core.folders import claimed
+from railslip_ctrl.report.candidates import PREFERENCES, no_margins
+from railslip_ctrl.report.design_json import design_report_json
 from railslip_ctrl.report.design_report import (
     RECOMMENDED,
-    design_report_json,
     design_report_text,
     design_sections,
     first_page,
@@ -25,7 +26,7 @@ from railslip_ctrl.report.document import WIDTH, width
 from railslip_ctrl.report.export import check_directory, json_text, write_files
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.pictures import Drawings, Pictures
-from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
+from railslip_ctrl.report.recommendation import DesignReport, design_report
 
 from .margins import given_controller
 from .options import (
@@ -70,6 +71,13 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"
     "--fresh",
     "Decide the conditions of the sliding-mode law again; otherwise an earlier result for the same vehicle is reused.",
 )
+@preset(
+    "--prefer",
+    "|".join(PREFERENCES),
+    "What decides between controllers that qualify: the shortest mean stop, or the least worst Ms.",
+    PREFERENCES[0],
+    type=click.Choice(PREFERENCES),
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -83,6 +91,7 @@ def command(
     out: Path,
     whole: bool,
     fresh: bool,
+    prefer: str,
 ) -> None:
     """Recommend a slip controller for a vehicle: the best over its envelope of speeds, rails, loads and tolerances.
     The report says from which speed to use it, how it brakes, and why. Given gains, or a controller of your own, run
@@ -118,7 +127,14 @@ def command(
     with claimed(out):
         draw = partial(_draw, pictures=pictures, told=told)
         found = design_report(
-            judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told, meanwhile=draw
+            judged,
+            nominal=nominal,
+            given=given,
+            sliding=whole,
+            fresh=fresh,
+            prefer=prefer,
+            progress=told,
+            meanwhile=draw,
         )
         _draw(found, pictures, told)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
@@ -176,6 +192,8 @@ def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
     words += ["--loaded"] if stop.load == "loaded" else []
     speed = found.envelope.initial_speed
     words += [f"--speed {speed:g}"] if speed != 100.0 else []
+    v0 = found.envelope.law_speed
+    words += [f"--initial-speed {v0:g}"] if v0 != speed else []
     for name, value in (("inertia-scale", cases.inertia_scale), ("dead-time", cases.dead_time), ("lag", cases.lag)):
         words += [f"--{name} {value:g}"] if value is not None else []
     words += [f"--rail {stop.rail}", f"--seed {stop.run.seed}"]

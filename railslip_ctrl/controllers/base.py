@@ -289,16 +289,10 @@ class Controller(Record):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Whether the loop of each case is stable, and its Ms, inf where not; None if the loops are of linear systems.
+        """Whether the loop of each case is stable as it runs, and its Ms, inf where not; None if the loops are of
+        linear systems.
 
         - case: numbers of `points` and of `brakes`, (n,) each.
-        """
-        return None
-
-    def sampled_ms(self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]) -> Any:
-        """Ms of the sampled loop of each case, inf where it is unstable; None if its loop is that of a linear system.
-
-        - points, brakes, case: as of `stable_and_ms`.
         """
         return None
 

@@ -17,7 +17,6 @@ from pydantic import model_validator
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
-from railslip_ctrl.loop.quasi_batch import QuasiPolynomials, stable_and_peak
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
@@ -257,32 +256,11 @@ class Predictive(Controller):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
     ) -> tuple[NDArray[np.bool_], Floats]:
-        """As `Controller.stable_and_ms`, of `loop`."""
-        assert self.dead_time is not None, "filled in by `believing`"
-        blocks = [_blocks(point, self) for point in points]
-        lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
-        stable, ms = np.zeros(lag.size, dtype=bool), np.full(lag.size, np.inf)
-        kinds = np.array([tuple(part.size for part in parts) for parts in blocks])
-        for kind in np.unique(kinds, axis=0):
-            mine = np.flatnonzero((kinds == kind).all(axis=1)[case[0]])
-            above, undelayed, delayed = (np.array([blocks[i][k] for i in case[0][mine].tolist()]) for k in range(3))
-            none, believed = np.zeros(mine.size), np.full(mine.size, self.dead_time)
-            numerator = QuasiPolynomials((none[:, None], above), (none, dead_time[mine]), removed=1)
-            parts = tuple(
-                np.column_stack([lag[mine, None] * part, none]) + np.column_stack([none, part])
-                for part in (undelayed, delayed)
-            )
-            denominator = QuasiPolynomials(parts, (none, believed), removed=1)
-            stable[mine], ms[mine] = stable_and_peak(numerator, denominator)
-        return stable, ms
-
-    def sampled_ms(
-        self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
-    ) -> Floats:
-        ms = np.full(case[0].size, np.inf)
+        """As `Controller.stable_and_ms`, of the loops as they run: of `loop_as_run`."""
+        stable, ms = np.zeros(case[0].size, dtype=bool), np.full(case[0].size, np.inf)
         for mine, loops in sampled_laws(self, points, brakes, case):
-            ms[mine] = loops.stable_and_ms[1]
-        return ms
+            stable[mine], ms[mine] = loops.stable_and_ms
+        return stable, ms
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> SampledLaw:
         first = np.zeros(1, dtype=np.intp)

@@ -15,7 +15,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
     speed_scale = [1.0]                   # measured train speed over the true one
     believed_radius = [1.0]               # radius that the controller believes over the true one
     reference = { dry = 0.132, wet = 0.092 }    # left out: each law's own
-    initial_speed = 100                   # km/h; v0 of the laws that are published over it
+    initial_speed = 100                   # km/h; v0 of the laws that are published over it, at most 140
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law, published_law, wheel_load_in
+from railslip_ctrl.model.adhesion.base import INITIAL_SPEED_RANGE_KMH
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle
@@ -52,6 +53,8 @@ HeldSlip = Callable[[AdhesionLaw, float, float], float]
 
 ERRORS = ("torque_gain", "speed_scale", "believed_radius")
 _FACTORS = ("slip", "dead_time", "lag", "radius", *ERRORS)
+
+_SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # of the vehicle's speed limit: the default speeds where that is known
 
 _LAW_FILES = (".toml", ".py")
 _MOST_CASES = 500_000  # more would fill memory: the default has 2592
@@ -68,7 +71,8 @@ class Envelope(Record):
     is a constant force, and changes no loop. "loaded" is the vehicle's loaded mass and
     wheel load, which published laws follow, and laws of files too (mu stays). A reference slip that is given is held
     on every law in place of the law's own. What is left out is that of the vehicle's file, if its table [envelope]
-    says it, or the default.
+    says it, or the default; speeds that are left out go up to the vehicle's speed limit, if it
+    has one.
 
     InputError: a list that is empty or too long, a value that is not finite and positive (of dead time and lag:
     negative), or of another kind; a law that is not known; a factor with which the reference slip would be 1 or more.
@@ -94,6 +98,9 @@ class Envelope(Record):
         if isinstance(car, (str, Path)):
             raise InputError(f"Envelope: vehicle: {shown(str(car))} is not a Vehicle; give load_vehicle of the file")
         own = json.loads(car.envelope) if isinstance(car, Vehicle) else {}
+        if isinstance(car, Vehicle) and car.speed_limit is not None and "speeds" not in own:
+            limit = round(car.speed_limit / KMH, 6)
+            own = {"speeds": tuple(round(share * limit, 6) for share in _SPEED_SHARES), "initial_speed": limit} | own
         super().__init__(**{**own, **values})
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as of `Record`
@@ -151,6 +158,15 @@ class Envelope(Record):
             told = " x ".join(f"{n} {count}" for n, count in counts.items() if count > 1 or n not in ERRORS)
             raise InputError(f"{told} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
         return self
+
+    @property
+    def law_speed(self) -> float:
+        """v0 of the published laws, km/h: the initial speed, or, if that is the vehicle's speed limit, the end of the
+        range that they are published for."""
+        low, high = INITIAL_SPEED_RANGE_KMH
+        limit = self.vehicle.speed_limit
+        follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
+        return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
         """Read the laws in files, to refuse with InputError now what `points` would refuse."""
@@ -451,7 +467,7 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
     if isinstance(law, AdhesionLaw):
         given, found_at = law, law.of_wheel_load
     elif not _is_file(law):
-        return published_law(str(law), rail, envelope.initial_speed, loaded.wheel_load)
+        return published_law(str(law), rail, envelope.law_speed, loaded.wheel_load)
     else:
         given, found_at = _law_of_file(Path(law), envelope)
     return given.on(rail).at_wheel_load(loaded.wheel_load / (found_at or envelope.vehicle.wheel_load))

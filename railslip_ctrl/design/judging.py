@@ -147,7 +147,7 @@ class Judgement:
 
     @cached_property
     def ms(self) -> Floats:
-        """Ms of each case, inf where the loop is unstable, (n,)."""
+        """Ms of each case, inf where the loop is unstable, (n,); if `as_it_runs` that of the sampled loop."""
         return np.where(self.stable, self.margins.ms, np.inf)
 
     @cached_property
@@ -158,12 +158,8 @@ class Judgement:
         largest Ms and least delay margin, which a hold spoils first; NaN elsewhere.
         """
         found = np.full(len(self.points), np.nan)
-        if isinstance(self.controller, Controller):
-            points = [plant.point for plant in self.points.plants]
-            case = self.points.plant, self.points.actuator
-            own = self.controller.sampled_ms(points, self.points.actuators, case)
-            if own is not None:
-                return np.asarray(own)
+        if self.as_it_runs:
+            return self.ms
         if getattr(self.controller, "as_run", None) is None:
             return found
         asked = self.points.operating.copy()
@@ -388,8 +384,14 @@ class Judgement:
         run_case = case if run_index == index else self.points.case(run_index)
         (loop, margins), (run, sampled) = self._loop(index, wheel_slip_loop), self._loop(run_index, loop_as_run)
         found = WorstCase(case, loop, margins, run_case, run, sampled)
-        assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
+        ms = found.run_ms if self.as_it_runs else found.ms
+        assert ms == self.ms[index] or math.isclose(ms, self.ms[index], rel_tol=_ENGINES_AGREE)
         return found
+
+    @cached_property
+    def as_it_runs(self) -> bool:
+        """Whether `ms` is of the sampled loops already, as of kinds with a loop of their own."""
+        return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
         """The loop of a case, made once, and its margins; None where it is unstable or there is none."""

@@ -145,7 +145,7 @@ class QuasiPolynomial:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s has a delay; make the loop strictly proper"
             )
-        right = float(count_right(self._alone)[0][0])
+        right = float(count_right(self._alone)[0])
         return RootCount(right, math.isnan(right))
 
 

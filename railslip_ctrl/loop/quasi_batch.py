@@ -1,7 +1,7 @@
-"""Unstable zeros of many quasi-polynomials at once, and Ms of loops N/D made of them.
+"""Unstable zeros of many quasi-polynomials at once.
 
 The zeros are counted by the argument principle: F(j omega) is followed over steps that a bound on its slope proves
-short enough. Ms is the highest |S| at the frequencies of these steps, refined near its peak.
+short enough.
 """
 
 from __future__ import annotations
@@ -23,11 +23,8 @@ NEAR_ORIGIN, _SERIES = 0.03, 12
 
 # Width of an interval, relative to its frequency, at which one that may contain a zero counts as a zero on the axis.
 _NARROWEST = 1e-12
-_MOST_INTERVALS = 2_000_000  # intervals at once; loops that need more count as marginal
-_LOOPS = 64  # loops at once: their arrays stay in the processor's cache
+_MOST_INTERVALS = 2_000_000  # intervals at once; functions that need more count as marginal
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps over the highest frequency
-_SMALL, _FURTHER = 1e-3, 4.0  # Ms - 1 below which higher frequencies are not searched, and the ratio of their steps
-_CLOSER, _CLOSE_GRID = 5, 9  # refinements of a peak, and points of each: |S| is flat at its peak, accurate to 1e-9
 
 
 @dataclass(frozen=True)
@@ -97,10 +94,6 @@ class QuasiPolynomials:
             return np.asarray(self._derivative.size(radius, row) / math.factorial(self.removed))
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
-    def take(self, row: Rows | slice) -> QuasiPolynomials:
-        """The functions number `row`."""
-        return QuasiPolynomials(tuple(c[row] for c in self.terms), tuple(d[row] for d in self.delays), self.removed)
-
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
         """Sums of both; their first terms are added, the others kept side by side. Both remove the same zeros."""
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
@@ -124,47 +117,8 @@ def _turn(angle: Floats) -> Complexes:
     return value
 
 
-def stable_and_peak(numerator: QuasiPolynomials, denominator: QuasiPolynomials) -> tuple[Flags, Floats]:
-    """Stability and Ms of n loops N/D under unity negative feedback, each (n,); Ms is inf for an unstable loop.
-
-    D is of retarded type, N of lower order. A loop with a closed-loop pole on the axis counts as unstable.
-    """
-    n = numerator.longest.size
-    stable, peak = np.zeros(n, dtype=bool), np.full(n, np.inf)
-    for start in range(0, n, _LOOPS):
-        part = slice(start, start + _LOOPS)
-        num, den = numerator.take(part), denominator.take(part)
-        right, row, omega, value = count_right(num + den)
-        good = np.flatnonzero(right == 0)
-        top = np.maximum.reduceat(omega, np.searchsorted(row, good)) if good.size else np.zeros(0)
-        num, den = num.take(good), den.take(good)
-        found = _highest(num + den, den, *_of_rows(good, row, omega, value))
-        while (left := np.flatnonzero(_highest_beyond(num, den, top) > np.maximum(found, 1 + _SMALL))).size:
-            top[left] *= _FURTHER
-            some, rest = num.take(left), den.take(left)
-            found[left] = _highest(some + rest, rest, *_nodes(some + rest, top[left])[:3])
-        stable[start + good], peak[start + good] = True, found
-    return stable, peak
-
-
-def _of_rows(good: Rows, row: Rows, omega: Floats, value: Complexes) -> tuple[Rows, Floats, Complexes]:
-    """Nodes of the rows `good` only, renumbered from 0."""
-    at = np.minimum(np.searchsorted(good, row), max(good.size - 1, 0))
-    kept = good[at] == row if good.size else np.zeros(row.size, dtype=bool)
-    return at[kept], omega[kept], value[kept]
-
-
-def _highest_beyond(num: QuasiPolynomials, den: QuasiPolynomials, top: Floats) -> Floats:
-    """Bound on |S| at all frequencies above `top`, rad/s, where the bound on |L| falls."""
-    every, lead = np.arange(top.size), np.abs(den.terms[0][:, 0])
-    above, below = (QuasiPolynomials(one.terms, one.delays).size(top, every) for one in (num, den))
-    least = 2 * lead * top ** (den.terms[0].shape[1] - 1) - below
-    small = above < least
-    return np.where(small, 1 / np.where(small, 1 - above / np.where(small, least, 1.0), 1.0), np.inf)
-
-
-def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Complexes]:
-    """Number of zeros right of the axis, NaN if some are on it; and the nodes: row, frequency, rad/s, and F.
+def count_right(function: QuasiPolynomials) -> Floats:
+    """Number of zeros right of the axis, NaN if some are on it, (n,).
 
     On each interval |F| at the middle exceeds the largest possible change of F, by a bound on dF/ds.
     """
@@ -184,7 +138,7 @@ def count_right(function: QuasiPolynomials) -> tuple[Floats, Rows, Floats, Compl
     degree = order - function.removed
     rest = np.angle(value[last] / (lead * (1j * top) ** degree))
     right = np.round((degree * np.pi / 2 - turned + rest) / np.pi)
-    return np.where(marginal, np.nan, right), row, omega, value
+    return np.where(marginal, np.nan, right)
 
 
 def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Complexes, Flags]:
@@ -211,23 +165,3 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
     row, omega, value = (np.concatenate(parts) for parts in zip(*done, strict=True))
     order = np.lexsort((omega, row))
     return row[order], omega[order], value[order], marginal
-
-
-def _highest(whole: QuasiPolynomials, den: QuasiPolynomials, row: Rows, omega: Floats, value: Complexes) -> Floats:
-    """Highest |S| = |D/(N + D)| of each loop at its nodes, refined around the highest one."""
-    row, omega, value = row[omega > 0], omega[omega > 0], value[omega > 0]
-    every = np.arange(den.longest.size)
-    if not every.size:
-        return np.zeros(0)
-    first, last = np.searchsorted(row, every), np.searchsorted(row, every, "right") - 1
-    size = np.abs(den.at(omega, row) / value)
-    top = np.lexsort((size, row))[last]
-    found, low, high = size[top], omega[np.maximum(top - 1, first)], omega[np.minimum(top + 1, last)]
-    for _ in range(_CLOSER):
-        grid = np.linspace(low, high, _CLOSE_GRID, axis=1)
-        of = np.repeat(every, _CLOSE_GRID)
-        size = np.abs(den.at(grid.ravel(), of) / whole.at(grid.ravel(), of)).reshape(grid.shape)
-        at = np.argmax(size, axis=1)
-        low, high = grid[every, np.maximum(at - 1, 0)], grid[every, np.minimum(at + 1, _CLOSE_GRID - 1)]
-        found = np.maximum(found, size[every, at])
-    return found

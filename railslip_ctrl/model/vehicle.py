@@ -223,6 +223,7 @@ class Vehicle(Record):
     resistance: Resistance = Field(description="travelling resistance of the quarter car")
     actuator: Actuator = Field(description="the brake")
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
+    speed_limit: float | None = quantity("m/s", "highest train speed", gt=0, default=None)
     source: str = Field("", description="source of the numbers")
     notes: tuple[str, ...] = Field((), description="one sentence for each assumption")
     # text, because a record must be hashable; excluded from dumps, because it is not a property of the car

@@ -55,6 +55,7 @@ class VehicleKeys(Record):
     vehicle_id: str | None = None
     axles: int | None = Field(None, ge=1, le=100, strict=True, description="axles of the whole vehicle")
     inertia_scale: float | None = _optional(Vehicle, "inertia_scale")
+    speed_limit: float | None = _optional(Vehicle, "speed_limit")
     wheel: WheelKeys = WheelKeys()  # type: ignore[valid-type]
     resistance: ResistanceKeys = ResistanceKeys()  # type: ignore[valid-type]
     actuator: ActuatorKeys = ActuatorKeys()  # type: ignore[valid-type]
@@ -126,6 +127,7 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
             f"rotation_mass = {stock.rotation_mass:g} is not applied to M, because the wheel has its own inertia; it "
             f"implies J = {implied:.4g} kg*m^2 per axle, but {wheel.inertia:.4g} kg*m^2 is used."
         )
+    limit = None if stock is None or stock.speed_limit is None else stock.speed_limit * KMH
     values = {
         "name": " ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
         "mass": mass,
@@ -137,6 +139,7 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
         "resistance": resistance,
         "actuator": actuator,
         "inertia_scale": _first(keys.inertia_scale, 1.0),
+        "speed_limit": limit if keys.speed_limit is None else keys.speed_limit,
         "source": source,
         "notes": tuple(notes),
         "envelope": json.dumps(keys.envelope, default=str),
@@ -224,6 +227,7 @@ class RollingStock(Record):
     id: str
     mass: float = quantity("t", "mass of the empty vehicle", gt=0)
     load_limit: float | None = quantity("t", "largest load", ge=0, default=None)
+    speed_limit: float | None = quantity("km/h", "highest speed", gt=0, default=None)
     rotation_mass: float | None = quantity("1", "factor on the mass for rotating parts", ge=1, default=None)
     base_resistance: float | None = quantity("permille", "constant resistance of m g", ge=0, default=None)
     rolling_resistance: float | None = quantity("permille", "resistance linear in v, of m g", ge=0, default=None)

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
 from railslip_ctrl.controllers.linear import LinearControl
-from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.core.units import KMH, ms_down
 from railslip_ctrl.design.catalogue import is_published
 from railslip_ctrl.design.envelope_tuning import StructureChoice
-from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import doubts
-from railslip_ctrl.report.recommendation import FASTER, LEVEL_KMH, SEEKING, DesignReport, Rival, Trial, longest
-from railslip_ctrl.report.stops import SLIDING, Stop
+from railslip_ctrl.report.candidates import FASTER, NEARLY_UNSTABLE, NOT_RUN, SEEKING, TIE, Trial
+from railslip_ctrl.report.recommendation import DesignReport, Rival, longest
+from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, TEETH, Stop
+from railslip_ctrl.simulation.population import SPEED_NOISE
 
 from .document import (
     NONE,
@@ -35,7 +33,6 @@ from .document import (
     Table,
     above,
     below,
-    counted,
     heading,
     listed,
     minus,
@@ -44,7 +41,6 @@ from .document import (
     roots_text,
     short,
 )
-from .export import exported, plain
 from .page import typeset
 from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
@@ -58,13 +54,15 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-_RANKED = (
-    f"first by the lowest speed of use (robust, and slip below 0.5 with the brake as given; {LEVEL_KMH:g} km/h count "
-    "as equal), then no oscillation, then the shortest mean stop"
-)
+TOLD = 10.0
+"""Ms with tolerances, above which the first page says so: a tenth of the loop's gain may make it unstable."""
+
+_RANKED = {
+    "distance": f"shortest mean stop (within {100 * TIE:g} % least worst Ms, then least air)",
+    "robustness": f"least worst Ms (within {100 * TIE:g} % shortest mean stop, then least air)",
+}
 _PAPER = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
 _MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
-_NEARLY_UNSTABLE = 10.0  # Ms: the curve of L passes -1 at a tenth
 _MOST_TOLD = 8  # of points left out and knife edges
 
 
@@ -85,6 +83,7 @@ def first_page(report: DesignReport) -> FirstPage:
         file=RECOMMENDED if report.control is not None else "",
         lines=(
             ("Why", why),
+            *_decided(report),
             *after,
             *([("Risk", risk)] if risk else []),
             ("To do", to_do or f"Load {RECOMMENDED} and confirm it on the rig."),
@@ -99,21 +98,22 @@ def first_page(report: DesignReport) -> FirstPage:
 def _headline(report: DesignReport) -> str:
     """Use it, use it above a speed, or do not."""
     if report.above_kmh is None:
-        verdict = "" if report.in_use is None else report.in_use.verdict
-        return "DO NOT USE: fragile" if verdict == "fragile" else "DO NOT USE"
+        return "NONE QUALIFIES; the least bad"
     at = " at the operating points" if report.nominal else ""
     top = max(report.envelope.speeds)
     to = "" if top >= report.envelope.initial_speed else f" TO {top:g} km/h"
     if report.hands_over:
-        from_kmh = f"{_used_from(report):g}"
+        from_kmh = f"{used_from(report):g}"
         return f"USE FROM {from_kmh}{to}{at}" if to else f"USE ABOVE {from_kmh} km/h{at}"
     return f"USE{' UP' if to else ''}{to}{at}"
 
 
-def _used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
+def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
     """The speed, km/h, from which up a controller may be used and controls slip; None of one that did not run too."""
-    if ran is None or ran.above_kmh is None or ran.judgement is None:
+    if ran is None or ran.above_kmh is None:
         return None
+    if ran.judgement is None:
+        return ran.above_kmh
     return max(ran.above_kmh, round(ran.judgement.hand_over_kmh, 9))
 
 
@@ -130,38 +130,95 @@ def _design_words(report: DesignReport) -> str:
 
 
 def _why(report: DesignReport) -> Iterator[str]:
-    """What decides, first."""
-    if report.in_use is None or report.best is None:
-        yield "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
-        if report.seeking is not None:
-            yield f"{_shortest(report.seeking).capitalize()}."
+    """What its margins and its stops say, first."""
+    if not report.trials:
         return
-    judged = report.in_use
-    operating = int(judged.points.operating.sum())
-    robust = None if report.judgement is None else report.judgement.robust_from_kmh
-    if report.above_kmh is None and robust is not None:
-        yield "The best design is robust by its margins, but in a stop the wheel slides: slip over 0.5."
-        return
+    best, judged = report.trials[0], report.in_use
     if report.above_kmh is None:
-        asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
-        told = f"No design found keeps {asked} at any speed. The best"
-        lowest = min(judged.envelope.speeds)
-        begins = f"from {lowest:g} km/h up" if lowest > min(report.envelope.speeds) else "at every operating point"
-        stable = f"is stable {begins}, Ms {worst_cells(judged.worst)[1]} at worst"
-        yield f"{told} {'has unstable loops' if judged.verdict == 'unstable' else stable}."
+        yield f"{best.reason[0].upper()}{best.reason[1:]}."
         return
-    told = f"Ms ≤ 2 at all {operating} operating points"
+    every = len(best.stops) + len(best.harder)
+    if judged is None:
+        yield f"No wheel locks in {every} stops; it is not linear, and has no margins."
+        return
+    told = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
     yield f"{told}."
-    if robust != report.above_kmh:
-        yield f"Controlled below {report.above_kmh:g} km/h, a wheel slides in a stop."
-    factor = report.best.reference_factor
-    if factor < 1.0 and all(stop.reached for stop in report.stops):
-        more = [choice.tier for choice in report.selection.choices if choice.reference_factor > factor]
-        less_robust = min(more, default=report.best.tier) > report.best.tier
-        others = "are less robust" if less_robust else "do no better"
-        yield f"It holds {100 * factor:g} % of the reference slip; designs that hold more {others}."
+    factor = best.choice.reference_factor
+    if factor < 1.0:
+        yield f"It holds {100 * factor:g} % of the reference slip."
+
+
+def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """What decides, the runner-up with what it would cost, and in which stops."""
+    if not report.trials:
+        return
+    best, good = report.trials[0], report.qualified
+    if not good:
+        peer = report.peer
+        locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean {_metres(best)}"
+        told = f"the fewest stops with a locked wheel, {locks}"
+        if peer is not None and peer is not best:
+            told += f"; slide protection {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
+        remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of its dead time and lag"
+        yield "Decides", f"{told}."
+        helps = f"none of the brakes tried, down to {tried}"
+        if remedy is not None:
+            helps = f"a brake with {remedy.words}: {_kind(remedy.trial.choice)} then qualifies, {_metres(remedy.trial)}"
+        yield "Would help", f"{helps}. Less slip, and hand-over at a higher speed, did not."
+    else:
+        of, more = f"{len(good)} of {len(report.trials)} candidates qualify", _not_run(report)
+        of += f", {more} not run further" if more else ""
+        yield "Decides", f"{of}; {_RANKED[report.prefer]}: {_short(best)}."
+        if len(good) > 1:
+            other = good[1]
+            cost = 100 * (other.distance() / best.distance() - 1)
+            yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; {cost:+.0f} % distance."
+        else:
+            rest = "; ".join(f"{_kind(one.choice)} {one.reason}" for one in report.trials[1:3])
+            yield "Runner-up", f"none qualifies: {rest}."
+    yield "Stops", _which(report, "")
+
+
+def _not_run(report: DesignReport) -> int:
+    return sum(trial.reason == NOT_RUN for trial in report.trials)
+
+
+def _short(trial: Trial) -> str:
+    """Its numbers that decide."""
+    ms = "no margins" if trial.judgement is None else f"worst Ms {ms_text(trial.worst_ms)}"
+    start = used_from(trial)
+    from_speed = f", from {short(start)} km/h" if start else ""
+    return f"mean stop {_metres(trial)}, {ms}, air {trial.air:.2g} fillings{from_speed}"
+
+
+def _metres(trial: Trial) -> str:
+    if math.isfinite(trial.distance()):
+        return f"{short(trial.distance())} m"
+    given = trial.distance_as_given()
+    return "no stop" if math.isinf(given) else f"{short(given)} m as given, else no stop"
+
+
+def _share(trial: Trial) -> str:
+    factor = trial.choice.reference_factor
+    return "" if factor == 1.0 else f" at {100 * factor:g} % of the reference slip"
+
+
+def _which(report: DesignReport, sizes: str | None = None) -> str:
+    """Which stops are meant, with the sizes of the errors unless others are given."""
+    given, harder = report.stops, report.harder_stops
+    laws = listed(dict.fromkeys(stop.law for stop in given))
+    told = f"{len(given)} as given, {len(given[0].runs)} noise seeds each"
+    wrong = [stop for stop in harder if stop.errors != CHANGES]
+    if wrong:
+        ends = (("dead time", report.envelope.dead_time), ("lag", report.envelope.lag), *ERRORS.items())
+        spans = (f"{name} {100 * (min(axis) - 1):+.3g} to {100 * (max(axis) - 1):+.3g} %" for name, axis in ends)
+        own = f" ({', '.join(spans)}, noise {SPEED_NOISE:g} m/s, {TEETH:g} teeth)" if sizes is None else sizes
+        told += f"; {len(wrong)} with errors of sensors and brake{own}"
+    changing = len(harder) - len(wrong)
+    told += f"; {changing} on a rail that {CHANGES}" if changing else ""
+    return minus(f"{told}; on {laws}.")
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
@@ -204,52 +261,36 @@ def _between(report: DesignReport, over: float, used: float) -> str:
 
 def _risks(report: DesignReport) -> Iterator[str]:
     """What may happen all the same."""
-    locking = [stop for stop in report.tolerance_stops if stop.locks]
-    if locking:
-        worst = ", ".join((locking[0].law, locking[0].rail, locking[0].load, locking[0].brake))
-        of = f"{len(locking)} of {len(report.tolerance_stops)} stops with the actuator's tolerances"
-        yield f"A wheel locks in {of} ({minus(worst)})."
+    least = 0.0 if report.control is None else report.control.controlled_from
+    every = (*report.stops, *report.harder_stops)
+    worst = report.trials[0].worst_ms if report.trials else math.inf
+    if report.usable and not report.nominal and TOLD < worst < math.inf:
+        yield f"With tolerances it is nearly unstable: Ms {ms_text(worst)}."
+    below_use = [stop for stop in every if stop.locks and stop.locked_from <= least]
     if swinging := dict.fromkeys(stop.law for stop in report.stops if stop.swings):
         yield f"With {' and '.join(swinging)} the wheel oscillates."
-    if not report.usable or report.in_use is None or report.nominal:
+    if below_use:
+        yield f"Below {short(least / KMH)} km/h a wheel locks in {len(below_use)} of {len(every)} stops."
+    if not report.usable or report.nominal:
         return
-    told = []
-    if not locking and (slid := max((stop.max_slip for stop in report.tolerance_stops), default=0.0)) > SLIDING:
-        told.append(f"slip reaches {above(slid)}")
-    worst_case = report.in_use.worst_with_tolerances
-    if max(worst_case.ms, worst_case.as_run is not None and worst_case.run_ms) > _NEARLY_UNSTABLE:
-        told.append(f"Ms {worst_cells(worst_case)[1]} is nearly unstable")
-    if told:
-        yield f"With tolerances {', and '.join(told)}."
+    slid = max((stop.max_slip for stop in report.harder_stops), default=0.0)
+    if not below_use and slid > SLIDING:
+        yield f"With errors slip reaches {above(slid)}."
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
     """What the numbers ask for."""
     seeks = report.control is not None and report.control.finds_slip
-    lowest = min(report.envelope.speeds)
-    robust = report.judgement is not None and report.judgement.robust_from_kmh == lowest
-    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not seeks))
-    brake, reach = "", ""
-    if report.faster is not None:
-        brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
-        reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
     if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # from m/s
         yield "Below, use another slide protection."
-    if report.usable and any(stop.slides for stop in report.tolerance_stops):
-        yield "Measure dead time and lag, and report again."
     if slow and report.usable:
-        yield f"Expect long stops: slip stays below its reference ({', '.join(slow)}){reach}."
-    if brake and not robust and not seeks:
-        yield f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}."
-    elif brake and not report.usable:
-        yield f"With {brake} it is robust, and no wheel slides in the stops tried."
-    elif not report.usable:
-        yield "Judge from a higher speed, or change the brake."
-        least = min(choice.reference_factor for choice in report.selection.choices)
-        tried = [] if least == 1 else [f"holding {100 * least:g} % of the reference slip"]
-        tried.append(f"a brake with {100 * FASTER[-1]:g} % of this dead time and lag")
-        yield f"Tried, and not enough: {'; '.join(tried)}."
+        yield f"Expect long stops: slip stays below its reference ({', '.join(slow)})."
+    if report.usable and any(stop.slides for stop in report.harder_stops):
+        yield "Measure dead time, lag and torque gain, and report again."
+    if not report.usable:
+        yield "Change the brake as said, or protect the wheels otherwise; do not rely on this file."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
 
@@ -275,52 +316,41 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     if judged is None:
         point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
         yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
-        return
-    yield from worst_rows(judged)
+    else:
+        yield from worst_rows(judged)
     for stop in report.longest_stops:
-        where = "; ".join(f"{one.law}, {one.load}" for one in report.stops if one.rail is stop.rail and one.locks)
-        locks = f"locks ({where})" if where else "no lock"
+        here = [one for one in (*report.stops, *report.harder_stops) if one.rail is stop.rail]
+        locked = [one for one in here if one.locks]
+        locks = f"locks in {len(locked)} of {len(here)}" if locked else f"no lock in {len(here)}"
         yield (
             f"Stop, {stop.rail}, {report.envelope.initial_speed:g} to 5 km/h",
             _distance(stop),
             f"{_stop_words(stop)}; {locks}",
         )
     if report.stops:
-        slipped = max((*report.stops, *report.tolerance_stops), key=lambda stop: stop.max_slip)
-        locked = sum(stop.locks for stop in report.tolerance_stops)
-        where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, slipped.brake)))
-        of = f"; in {len(report.tolerance_stops)} stops with the actuator's tolerances, one noise seed each, "
-        locks = of + (counted(locked, "lock") if locked else "no lock") if report.tolerance_stops else ""
-        yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}{locks}"
-    if report.usable:
-        seeds = len(report.stops[0].runs)
-        told = f"all laws, loads and rails, {seeds} runs each; ranked first of {len(report.selection.choices)} designs"
-        yield "Mean stop", f"{short(report.trials[0].distance())} m", told
-    shortest = min(report.trials, key=Trial.distance)
-    if shortest is not report.trials[0]:
-        yield "Shortest mean", f"{short(shortest.distance())} m", _shortest(shortest)
+        slipped = max((*report.stops, *report.harder_stops), key=lambda stop: stop.max_slip)
+        hard = "" if not slipped.errors else CHANGES if slipped.errors == CHANGES else "with errors"
+        where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
+        yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
+        best = report.trials[0]
+        told = f"{len(best.stops) + len(best.harder)} stops; as given {short(best.distance_as_given())} m"
+        yield "Mean stop", _metres(best), told + _over_attainable(best)
 
 
-def _shortest(trial: Trial) -> str:
-    """What a design that stops shorter than the one taken is, its longest stops, and what it lacks."""
-    choice = trial.choice
-    slip = "" if choice.structure == SEEKING else f" at {100 * choice.reference_factor:g} % of the reference slip"
-    told = ", ".join(f"{stop.rail} up to {short(stop.distance)} m" for stop in longest(trial.stops))
-    robust = None if trial.judgement is None else trial.judgement.robust_from_kmh
-    told += "; robust at no speed" if robust is None else f"; robust above {robust:g} km/h"
-    for what, name in (
-        ("a wheel locks", "locks"),
-        ("slip over 0.5 in a stop", "slides"),
-        ("the wheel oscillates", "swings"),
-    ):
-        told += f"; {what}" if any(getattr(stop, name) for stop in trial.stops) else ""
-    return f"{_kind(choice)}{slip}: {told}"
+def _over_attainable(trial: Trial) -> str:
+    """How far its stops as given are over the attainable, in the mean of those that have it."""
+    known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
+    if not known or any(not run.stopped for stop in known for run in stop.runs):
+        return ""
+    had = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
+    took = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
+    return f", {100 * (took / had - 1):.0f} % over the attainable"
 
 
 def _kind(choice: StructureChoice) -> str:
     """Its structure, of a PI-lead with the lead and its filter."""
     if choice.structure != "pi-lead":
-        return SEEKING if choice.structure == SEEKING else "PI"
+        return "PI" if choice.structure == "pi" else choice.structure
     lead = None if choice.design is None else getattr(choice.design.controller, "lead", None)
     return "PI-lead" if lead is None else f"PI-lead {lead:.3g}/{choice.lead_filter:.3g} s"
 
@@ -346,33 +376,53 @@ def _held(stop: Stop) -> str:
 
 def _stop_words(stop: Stop) -> str:
     """How far over the bound, and which slip."""
-    highest = f"highest {above(stop.max_slip)} in {counted(len(stop.runs), 'run')}"
-    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, {highest}"
+    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
+
+
+def _sampled_words(report: DesignReport) -> str:
+    """Ms as run of the worst loops that are drawn."""
+    assert report.in_use is not None, "loops are drawn"
+    worst = [report.in_use.worst] + ([] if report.in_use.nominal else [report.in_use.worst_with_tolerances])
+    return " and ".join("the same" if math.isnan(one.run_ms) else ms_text(one.run_ms) for one in worst)
+
+
+def _line_drawn(report: DesignReport) -> bool:
+    """Whether the speed of hand-over lies among those of the map."""
+    assert report.judgement is not None, "there is a map"
+    speeds, over = report.judgement.map.speeds_kmh, report.judgement.hand_over_kmh
+    return bool(report.hands_over and speeds.min() < over <= speeds.max())
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
     judged = report.judgement
-    if judged is None or report.control is None:
+    if judged is None or report.control is None or report.in_use is None:
+        if report.stops:
+            yield _stops_picture(report)
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load, of the sampled loop where that is larger; black from 8 up. Slip control ends "
-        "below a dashed line.",
+        "Worst Ms over speed and load, of the sampled loop where that is larger; black from 8 up."
+        + (" Slip control ends below the dashed line." if _line_drawn(report) else ""),
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
         "loop",
-        "The design at its worst points: Bode and Nyquist, in continuous time, the dead time exact.",
+        "The design at its worst points: Bode and Nyquist, in continuous time, the dead time exact; as it runs, "
+        f"sampled, Ms is {_sampled_words(report)}.",
         "Magnitude, phase and Nyquist curve of the design at its worst operating point and its worst point "
         f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
     )
     if report.stops:
-        told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
-        caption = (
-            "The longest stop on each rail with the design, of all laws, loads and seeds; slip below 0, a "
-            "wheel faster than the train, is not shown."
-        )
-        yield Picture("stops", caption, f"Speed, slip and torque over time. {told}")
+        yield _stops_picture(report)
+
+
+def _stops_picture(report: DesignReport) -> Picture:
+    told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
+    caption = (
+        "The longest stop as given on each rail, of all laws, loads and seeds; slip below 0, a wheel faster than the "
+        "train, is not shown."
+    )
+    return Picture("stops", caption, f"Speed, slip and torque over time. {told}")
 
 
 # --- sections -------------------------------------------------------------------------------------------------------
@@ -426,6 +476,12 @@ def _envelope(report: DesignReport) -> Section:
         head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
         worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case", "Ms, sampled", "Its case")[: len(rows[0])]
         lowest = f"{min(used.envelope.speeds):g} km/h"
+        kind = "sampled, as it runs" if judged.as_it_runs else "continuous time"
+        costs = Table(
+            head,
+            axes,
+            caption=f"What costs margin over the whole envelope; {kind}, axes without effect omitted.",
+        )
         blocks += [
             Paragraph(f"Verdict over the whole envelope: {minus(judged.verdict_line)}."),
             Table(
@@ -433,54 +489,79 @@ def _envelope(report: DesignReport) -> Section:
                 rows,
                 caption=f"Points of worst Ms from {lowest} up, with the margins there, in continuous time.",
             ),
-            Table(
-                head,
-                axes,
-                caption="What costs margin over the whole envelope; continuous time, axes without effect omitted.",
-            ),
+            *([costs] if axes else []),
         ]
     told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
         load = f"the wheel load stays {short(car.wheel_load)} N: the vehicle has no other"
         told = (*told, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
+    begins, v0 = report.envelope.initial_speed, report.envelope.law_speed
+    if begins != v0:
+        told = (
+            f"Stops begin at {begins:g} km/h, and published laws are those of v0 = {v0:g} km/h, extrapolated",
+            *told,
+        )
     blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 
 def _candidates(report: DesignReport) -> Section:
-    rows: list[tuple[str, ...]] = []
-    choices, seeking = report.selection.choices, report.seeking
-    if seeking is not None and all(one.structure != SEEKING for one in choices):
-        choices = (*choices, seeking.choice)
-    for choice in choices:
-        kind, slip = _kind(choice), f"{100 * choice.reference_factor:g}"
-        if choice.design is None:
-            rows.append((kind, slip, *(NONE,) * 7, choice.reason))
-            continue
-        judged, own, trial = choice.design.judgement, choice.design.controller, report.trial_of(choice)
-        told = (short(own.kp), short(own.ki)) if isinstance(own, PI) else (NONE, NONE)
-        cells = (*told, _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
-        ran = (NONE, NONE) if trial is None else (_speed(_used_from(trial)), short(trial.distance(), 3))
-        needs = f"{short(choice.reach_s, 2)} s of a {short(choice.stop_s, 2)} s stop"
-        seeks = choice.structure == SEEKING
-        reaches = "finds its own" if seeks else "yes" if choice.reaches else f"no: needs {needs}"
-        rows.append((kind, NONE if seeks else slip, *cells, worst_cells(judged.worst)[1], *ran, reaches))
-    head = (
-        "Structure", "Slip, % of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
-        "Worst Ms where stable", "Used from, km/h", "Mean stop, m", "Reaches its slip",
-    )  # fmt: skip
     text = (
-        f"The designs most robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance, from the lowest speed up) and the "
-        f"seeking controller ran in the same stops. The order: {_RANKED}."
+        f"A candidate qualifies if it is robust from its hand-over up (Ms ≤ {ROBUST_MS:g}, and with every tolerance "
+        f"Ms ≤ {NEARLY_UNSTABLE:g}) and no wheel locks there in any of these stops: {_which(report)} One "
+        "without margins is judged by its stops alone. Designs that hold a reference are given the rail. The best: "
+        f"{_RANKED[report.prefer]}. Air is the torque filled in over a stop, over the full brake torque."
     )
-    shown = Table(head, rows, caption="What was tried.", wide=True)
-    return Section("candidates", "Candidates", (Paragraph(text), shown))
+    ran = Table(
+        ("Candidate", "Used from, km/h", "Mean stop, m", "As given, m", "Ms with tolerances", "Air", "Locks in"),
+        [_ran_cells(trial, report.nominal) for trial in report.trials if trial.stops],
+        caption="Candidates in the stops, the best first; the mean of all stops, and of those as given.",
+        wide=True,
+    )
+    rows = [(*_choice_cells(one.choice), one.reason) for one in report.trials if one.reason]
+    for choice in report.selection.choices:
+        if not any(_same(choice, trial.choice) for trial in report.trials):
+            rows.append((*_choice_cells(choice), choice.reason or "less robust than those that ran"))
+    head = ("Candidate", "Stable from, km/h", "Robust from, km/h", "Worst Ms where stable", "Does not qualify")
+    rest = Table(head, rows, caption="Candidates that do not qualify; not run further: better ones qualify.")
+    return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
+
+
+def _same(one: StructureChoice, other: StructureChoice) -> bool:
+    """Whether two choices are one design; judged anew it is another record."""
+    names = ("structure", "reference_factor", "lead_filter")
+    return all(getattr(one, name) == getattr(other, name) for name in names)
+
+
+def _named(choice: StructureChoice) -> str:
+    """Its structure, and the share of the reference slip that it holds."""
+    holds = choice.structure in ("pi", "pi-lead") or choice.reference_factor != 1.0
+    return _kind(choice) + (f", {100 * choice.reference_factor:g} % slip" if holds else "")
+
+
+def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
+    """What it is, and its judgement."""
+    if choice.design is None:
+        return _named(choice), *(NONE,) * 3
+    judged = choice.design.judgement
+    speeds = (_speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
+    return _named(choice), *speeds, worst_cells(judged.worst)[1]
+
+
+def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
+    """A candidate in its stops; the mean of all of them is not known before the harder ones are run."""
+    ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
+    means = (trial.distance(), trial.distance_as_given())
+    whole, given = ("no stop" if math.isinf(one) else short(one) for one in means)
+    used = NONE if trial.above_kmh is None else _speed(used_from(trial))
+    locks = f"{trial.locked} of {len(trial.stops) + len(trial.harder)}"
+    return _named(trial.choice), used, whole if trial.harder or nominal else NONE, given, ms, f"{trial.air:.2f}", locks
 
 
 def _rivals(report: DesignReport) -> Section | None:
     if not report.rivals:
         return None
-    taken = [Rival("recommended", report.judgement, report.stops)] if report.judgement is not None else []
+    taken = [Rival("recommended", report.judgement, report.stops)] if report.control is not None else []
     first = report.rivals[0].stops[0]
     rows = []
     for one in (*taken, *report.rivals):
@@ -489,7 +570,7 @@ def _rivals(report: DesignReport) -> Section | None:
             for stop in one.stops
             if (stop.law, stop.load) == (first.law, first.load)
         )
-        told = ("not judged: no margins", *(NONE,) * 3)
+        told: tuple[str, ...] = ("not judged: no margins", *(NONE,) * 3)
         if (judged := one.judgement) is not None:
             worst = (worst_cells(judged.worst)[1], worst_cells(judged.worst_with_tolerances)[1])
             told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
@@ -502,10 +583,12 @@ def _rivals(report: DesignReport) -> Section | None:
 
 
 def _stops(report: DesignReport, again: str = "") -> Section | None:
-    shown = [_stop_table(report.stops, "Stops.")] if report.stops else []
-    if report.seeking is not None and report.seeking.stops is not report.stops:
-        caption = f"The seeking controller (--controller seeking) in {'the same' if shown else 'its'} stops."
-        shown.append(_stop_table(report.seeking.stops, caption))
+    shown = [_stop_table(report.stops, "Stops as given.")] if report.stops else []
+    for trial, name in ((report.seeking, SEEKING), (report.peer, "slide-protection")):
+        if trial is not None and trial.stops and trial.stops is not report.stops:
+            shown.append(_stop_table(trial.stops, f"The same stops with --controller {name}."))
+    if report.harder_stops:
+        shown.append(_harder_table(report.harder_stops))
     if not shown:
         return None
     ran = report.stops or report.trials[0].stops
@@ -561,6 +644,16 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return Table(head, rows, caption=caption, wide=True)
+
+
+def _harder_table(stops: Iterable[Stop]) -> Table:
+    rows = [
+        (stop.law, stop.load, str(stop.rail), minus(stop.errors), _distance(stop), above(stop.max_slip),
+         "yes" if stop.locks else "no")
+        for stop in stops
+    ]  # fmt: skip
+    head = ("Law", "Load", "Rail", "Errors, or change of rail", "Distance, m", "Highest slip", "Locks")
+    return Table(head, rows, caption="Stops with errors, and on a changing rail, one noise seed each.", wide=True)
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
@@ -678,7 +771,7 @@ def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
 
 
-# --- text and JSON --------------------------------------------------------------------------------------------------
+# --- text -------------------------------------------------------------------------------------------------------
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
@@ -691,107 +784,3 @@ def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str
         rest,
     ]
     return render(parts)
-
-
-def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
-    """kp and ki of a candidate; null where it has none."""
-    own = None if choice.design is None else choice.design.controller
-    return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
-
-
-def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
-    """The recommendation, the envelope, the candidates, stops and limits; SI but speeds in km/h."""
-    judgement = report.judgement
-    return {
-        "version": __version__,
-        "date": report.date.isoformat(),
-        "vehicle": plain(report.vehicle),
-        "recommended": _recommended(report),
-        "envelope": report.judged_envelope.table(),
-        "skipped": [] if judgement is None else list(judgement.points.skipped),
-        "knife_edges": list(report.envelope.knife_edges() if judgement is None else judgement.slips_told),
-        "candidates": [
-            {
-                **exported(choice, "structure", "reference_factor", "reason"),
-                **_gains_json(choice),
-                **_from_speeds(None if choice.design is None else choice.design.judgement, report.trial_of(choice)),
-            }
-            for choice in report.selection.choices
-        ],
-        "stops": [_stop_json(stop) for stop in report.stops],
-        "seeking": [_stop_json(stop) for stop in (() if report.seeking is None else report.seeking.stops)],
-        "given": [
-            {
-                "name": one.name,
-                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
-                **_from_speeds(one.judgement, one),
-                "stops": [_stop_json(stop) for stop in one.stops],
-            }
-            for one in report.rivals
-        ],
-        "faster_brake": report.faster and exported(report.faster, dead_time_s="dead_time", lag_s="lag"),
-        "limits": [
-            {
-                **exported(point, "rail", "speed_kmh", mass_kg="vehicle.mass"),
-                **exported(limits, ms_lower_bound="ms_bound", unstable_pole_per_s="unstable_pole"),
-            }
-            for point, limits in report.limits
-        ],
-        "sliding": {
-            "reason": report.sliding.reason,
-            "predictive": [
-                exported(one, "name", "holds", "how")
-                for one in (() if report.sliding.found is None else report.sliding.found.conditions)
-            ],
-        },
-        "no_lock": [
-            {
-                **exported(one.stop, "load", "rail", adhesion="law"),
-                **exported(one.found, "share", "outside_kmh"),
-                "reason": one.reason,
-            }
-            for one in report.released
-        ],
-        "seconds": plain(report.seconds),
-        "files": list(files),
-    }
-
-
-def _recommended(report: DesignReport) -> dict[str, Any] | None:
-    judgement = report.judgement
-    if report.control is None or judgement is None:
-        return None
-    said = (report.in_use or judgement).table()
-    return {
-        "controller": tomllib.loads(report.control.toml),
-        "nominal": judgement.nominal,
-        **_from_speeds(judgement, report),
-        "worst": said["worst"],
-        "worst_with_tolerances": said["worst_with_tolerances"],
-        "reference_factor": report.best.reference_factor if report.best is not None else None,
-        "map": exported(judgement.map, "speeds_kmh", "loads", "operating", "with_tolerances"),
-    }
-
-
-def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
-    """The verdict, and the speeds, km/h, from which up a controller is stable, robust, and to be used: robust, slip
-    controlled, and no wheel slides in its stops."""
-    named = {"stable_from_kmh": "usable_from_kmh"}
-    return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": _used_from(ran)}
-
-
-def _stop_json(stop: Stop) -> dict[str, Any]:
-    """A stop: numbers of the seed with the longest, and the distances and highest slips of all seeds."""
-    of_stop = {"adhesion": "law", "held_slip": "held"}
-    of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
-    of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}
-    return {
-        **exported(stop, "controller", "load", "rail", "locks", **of_stop),
-        **exported(None if stop.own_slip else stop, **of_reference),
-        **exported(stop.run, "seed", "stopped", "max_slip", "locked_fraction", **of_run),
-        **exported(stop.bound, bound_m="braking_distance"),
-        **exported(stop.attainable, attainable_m="braking_distance"),
-        "seeds": [run.seed for run in stop.runs],
-        "distances_m": [plain(run.braking_distance) for run in stop.runs],
-        "max_slips": [plain(run.max_slip) for run in stop.runs],
-    }

@@ -1,8 +1,8 @@
 """A design report computed, and its records.
 
-`design_report` tunes each structure over the envelope (`Selection`), runs the most robust designs and the seeking
-controller in their stops (`Trial`), takes the best by `Trial.rank`, and of that one looks at margins, limits, gains
-around it, stops with tolerances and, where it does not do, a faster brake (`DesignReport`).
+`design_report` tunes each linear structure over the envelope (`Selection`), runs the most robust of them and every kind
+that follows from the vehicle alone in the same stops (`Trial`), takes the best by `ordered`, and of that one looks at
+margins, limits, gains around it and, where none qualifies, what would help (`DesignReport`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import datetime
 import math
 import pickle
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
@@ -22,9 +22,8 @@ import numpy as np
 from railslip_ctrl.controllers.base import Controller
 from railslip_ctrl.controllers.files import as_control
 from railslip_ctrl.controllers.pi import PI
-from railslip_ctrl.controllers.seeking import Seeking
-from railslip_ctrl.controllers.systems import PIController, has_step, linear_controller, linear_of
-from railslip_ctrl.controllers.user_step import StepControl
+from railslip_ctrl.controllers.slide_protection import SlideProtection
+from railslip_ctrl.controllers.systems import PIController, linear_controller, linear_of
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
@@ -35,7 +34,6 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
     Selection,
     StructureChoice,
-    by_rule,
     hand_over_of,
     select,
 )
@@ -46,32 +44,25 @@ from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
-from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.simulation.scenario import Scenario
+from railslip_ctrl.model.vehicle import PIGains, Rail, Vehicle
 from railslip_ctrl.verification.verdict import NoLock, ReleasedRun, Verification
 
+from . import candidates
+from .candidates import SEEKING, Beside, Remedy, Trial
 from .stops import (
     RollingLoop,
     Stop,
     as_run,
-    attainable_stops,
-    braked,
+    clairvoyant_stops,
     operating_points,
     rolling_loops,
-    stopping_distance,
     stops,
-    tolerance_stops,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-
-
-SEEKING = Seeking.kind
-LEVEL_KMH = 5.0
-"""Difference in the speeds from which designs are used that does not count."""
 
 
 @dataclass(frozen=True)
@@ -91,39 +82,6 @@ class ShownLoop:
     label: str
     loop: Any
     curve: FrequencyCurve
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A choice in its own stops.
-
-    `above_kmh` is the speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel
-    slides in its stops; None if from none. `lowest_kmh` is the lowest speed that is judged.
-    """
-
-    choice: StructureChoice
-    above_kmh: float | None
-    lowest_kmh: float
-    control: Controller
-    stops: tuple[Stop, ...]
-
-    @property
-    def judgement(self) -> Judgement | None:
-        """Its design's."""
-        return None if self.choice.design is None else self.choice.design.judgement
-
-    def distance(self) -> float:
-        """Mean braking distance of its stops over all seeds, m; inf where one does not stop."""
-        distances = [stopping_distance(run) for stop in self.stops for run in stop.runs]
-        return sum(distances) / len(distances)
-
-    def rank(self, lowest_kmh: float) -> tuple[bool, float, tuple[bool, float, float] | None, bool, float]:
-        """Smaller is better: used from the lowest speed, of none used the best judged, then without oscillation, then
-        the shortest stops. Little more than `lowest_kmh`, the lowest of all trials, is as good as that: a train goes a
-        few metres there."""
-        swings, tier = any(stop.swings for stop in self.stops), self.choice.tier if self.above_kmh is None else None
-        later = max((self.above_kmh or 0.0) - lowest_kmh, 0.0)
-        return self.above_kmh is None, later if later > LEVEL_KMH else 0.0, tier, swings, self.distance()
 
 
 @dataclass(frozen=True)
@@ -169,17 +127,6 @@ class Released:
 
 
 @dataclass(frozen=True)
-class FasterBrake:
-    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout at
-    the same slip, and if `reaches` comes to it, without a slide, in each of its stops: both tried."""
-
-    factor: float
-    dead_time: float
-    lag: float
-    reaches: bool
-
-
-@dataclass(frozen=True)
 class HeldElsewhere:
     """Slip ratios that stops on a law and rail hold beside those judged, and the worst Ms there, inf where unstable."""
 
@@ -200,9 +147,9 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """As of a `Trial`."""
+        """As of a `Trial`, in stops as given."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
-        return None if any(stop.slides for stop in self.stops) else robust
+        return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
 
 @dataclass(frozen=True)
@@ -212,17 +159,15 @@ class DesignReport:
     envelope: Envelope  # what the design must hold, and its vehicle
     nominal: bool  # whether operating points alone are judged
     selection: Selection  # the candidates, the best first
-    # the choices robust from the lowest speed that any is, and the seeking controller, in their stops, the best first;
-    # of none robust, the best PI or PI-lead and it
-    trials: tuple[Trial, ...] = ()
-    control: Controller | None = None  # the recommended design as it runs: what `recommended.toml` says
-    # km/h: from there up it is robust, and handed over below it no wheel slides in its own stops
-    above_kmh: float | None = None
-    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all
+    trials: tuple[Trial, ...] = ()  # every candidate that ran, the best first
+    control: Controller | None = None  # the recommended one as it runs: what `recommended.toml` says
+    above_kmh: float | None = None  # of the best trial
+    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all; None without
+    # margins
     in_use: Judgement | None = None
     worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # of the recommended design
-    tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
+    harder_stops: tuple[Stop, ...] = ()  # with errors of sensors and brake, and on a changing rail
     held_elsewhere: tuple[HeldElsewhere, ...] = ()  # of the seeking controller
     rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # what the user gave
@@ -230,7 +175,8 @@ class DesignReport:
     curves: tuple[LawCurve, ...] = ()
     gains: GainMap | None = None
     responses: Responses | None = None
-    faster: FasterBrake | None = None
+    remedy: Remedy | None = None  # where no candidate qualifies
+    prefer: str = "distance"
     sliding: Sliding = Sliding(None)
     released: tuple[Released, ...] = ()  # the stops of the recommended design
     seconds: float = math.nan
@@ -244,7 +190,7 @@ class DesignReport:
     @property
     def best(self) -> StructureChoice | None:
         """The choice that is recommended."""
-        return self.selection.best
+        return self.trials[0].choice if self.trials else None
 
     @property
     def judgement(self) -> Judgement | None:
@@ -265,6 +211,16 @@ class DesignReport:
     def seeking(self) -> Trial | None:
         """The seeking controller; None where it has no gains."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
+
+    @property
+    def peer(self) -> Trial | None:
+        """The rule-based slide protection."""
+        return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
+
+    @property
+    def qualified(self) -> tuple[Trial, ...]:
+        """The candidates that qualify, the best first."""
+        return tuple(trial for trial in self.trials if trial.above_kmh is not None)
 
     def trial_of(self, choice: StructureChoice) -> Trial | None:
         """A choice in its stops; None of one that did not run."""
@@ -322,8 +278,6 @@ _CACHED = "conditions-predictive"
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
 _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s
-FASTER = (0.75, 0.5, 0.25)
-"""Dead times and lags that are tried in turn where a design does not do, over the brake's."""
 
 _QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
 
@@ -335,6 +289,7 @@ def design_report(
     given: dict[str, Any] | None = None,
     sliding: bool = True,
     fresh: bool = False,
+    prefer: str = "distance",
     progress: Progress = lambda message: None,
     meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
@@ -346,9 +301,10 @@ def design_report(
     - sliding: decide the conditions of the predictive sliding-mode law too, and where the brake can be released
       without a lock, in another process where there are two cores; `fresh`: the conditions again, which an earlier
       report of the same vehicle may have kept.
+    - prefer: {"distance", "robustness"}; what decides between the candidates that qualify, see `ordered`.
     - progress: told what is done, a line at a time.
-    - meanwhile: given the report without what is still computed in the other process (gains around the design, stops
-      with tolerances, a faster brake) and without rivals: its pictures may be drawn by then.
+    - meanwhile: given the report without what is still computed in the other process (gains around the design, what is
+      attainable) and without rivals: its pictures may be drawn by then.
 
     InputError: an envelope without points, or what is no controller.
     """
@@ -360,25 +316,25 @@ def design_report(
         rivals[one] = _rival(one, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
-        if no_margins(controller):  # its step may break down: told before the long work
+        if candidates.no_margins(controller):  # its step may break down: told before the long work
             run_beside(name, controller)
     with _beside() as submit:
         # the class of a law of the user's own is unknown in the other process
         sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
         here: Beside = submit if sent else partial
         progress(f"the best design over the envelope of {vehicle.name}")
-        seeking, plain = here(_seeking_trial, envelope, nominal), here(select, envelope, ("pi",))
+        plain = here(select, envelope, ("pi",))
+        others = [here(candidates.rule_trial, name, envelope, nominal, False) for name in candidates.named(vehicle)]
         conditions: Callable[[], Sliding] = partial(Sliding, None, "not asked for")
         if sliding:
             before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
             conditions = submit(_verified, vehicle) if before is None else partial(Sliding, before)
         found = lead().choices if vehicle.actuator.lag > 0 else ()
-        trial = seeking()
         best = min(found, key=lambda choice: choice.rank, default=None)
         if best is not None and best.design is not None:
             found += lead((best.reference_factor,), _QUICK_FILTER).choices
         selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
-        report = _designed(envelope, nominal, selection, (here, trial), progress, meanwhile)
+        report = _designed(envelope, nominal, selection, (here, others), prefer, progress, meanwhile)
         no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
             if name not in rivals:
@@ -387,10 +343,6 @@ def design_report(
         shown = tuple(rivals[name] for name in given or {})
         report = replace(report, rivals=shown, sliding=conditions(), released=no_locks())
         return replace(report, seconds=time.perf_counter() - started)
-
-
-Beside = Callable[..., Callable[[], Any]]
-"""Takes a function and its arguments; what gives the result, computed in another process, or when asked for."""
 
 
 @contextmanager
@@ -455,120 +407,70 @@ def _designed(
     envelope: Envelope,
     nominal: bool,
     selection: Selection,
-    beside: tuple[Beside, Trial | None],
+    beside: tuple[Beside, list[Callable[[], Trial | None]]],
+    prefer: str,
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """The report but for rivals and the sliding-mode law. `beside`: where to compute, the seeking trial."""
-    empty, (submit, seeking) = DesignReport(envelope, nominal, selection), beside
+    """The report but for rivals and the sliding-mode law. `beside`: where to compute, and trials that are computed."""
+    submit, others = beside
     progress("braking runs")
-    tied = [one for one in selection.choices if selection.best is not None and one.tier == selection.best.tier]
-    others = [submit(_trial, one, nominal) for one in tied[1::2]]
-    submit(attainable_stops, _braked([] if seeking is None else [seeking]))  # asked for again below, and known by then
-    tried = [*(_trial(one, nominal) for one in tied[::2]), *(other() for other in others)]
-    if selection.best is None and (seeking is None or seeking.above_kmh is None):
-        blank = _unjudged(envelope)
-        progress("the brake that would do")
-        brake = _faster(envelope, selection.choices[0].structure, envelope, False)
-        found = replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
-        return found if seeking is None else replace(found, trials=(seeking,))
-    trials = [*tried, *([] if seeking is None else [seeking])]
-    lowest = min((trial.above_kmh for trial in trials if trial.above_kmh is not None), default=0.0)
-    trials.sort(key=lambda trial: trial.rank(lowest))
-    best, control = trials[0].choice, trials[0].control
-    selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
-    assert best.design is not None, "as its tier"
-    plain, judgement = control.system if isinstance(control, PI) else None, best.design.judgement
-    robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = trials[0].above_kmh is not None and (plain is None or (robust and best.reaches))
-    faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
-    in_use = restricted(judgement, max(trials[0].lowest_kmh, judgement.hand_over_kmh))
-    had = submit(attainable_stops, _braked(trials))
+    designed = [one for one in selection.choices if one.design is not None][: candidates.MOST_LINEAR]
+    trials = [candidates.linear_trial(one, nominal, False) for one in designed]  # the kinds by rule run in the other
+    trials += [one for get in others if (one := get()) is not None]
+    trials = candidates.decided(trials, envelope, nominal, prefer, submit)
+    best, control = trials[0], trials[0].control
+    told = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
+    had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(told) for stop in trials[i].stops])
+    remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
+    if best.above_kmh is None:
+        progress("what would help")
+        remedy = submit(candidates.remedy_of, envelope, trials, nominal)
     progress("limits, gains around the design, responses")
+    judgement = best.judgement
+    in_use = judgement
+    if judgement is not None and (least := max(best.lowest_kmh, judgement.hand_over_kmh)) <= max(envelope.speeds):
+        in_use = restricted(judgement, least)
+    plain = control.system if isinstance(control, PI) else None
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
-    tolerances = (lambda: ()) if nominal else submit(tolerance_stops, trials[0].stops, control, judgement)
-    found = replace(
-        empty,
-        selection=selection,
+    shown = candidates.unjudged(envelope) if judgement is None else judgement
+    found = DesignReport(
+        envelope,
+        nominal,
+        selection,
         trials=tuple(trials),
         control=control,
-        above_kmh=trials[0].above_kmh,
+        above_kmh=best.above_kmh,
         in_use=in_use,
-        worst_loops=_worst_loops(in_use),
-        stops=trials[0].stops,
-        held_elsewhere=tuple(_held_elsewhere(trials[0].stops, in_use)) if plain is None else (),
-        rolling=() if plain is None else rolling_loops(trials[0].stops, plain, judgement),
-        limits=_limits(judgement),
-        curves=tuple(map(_curve, laws_of(judgement))),
-        responses=None if plain is None else _responses(in_use.worst, plain),
+        worst_loops=() if in_use is None else _worst_loops(in_use),
+        stops=best.stops,
+        harder_stops=best.harder,
+        held_elsewhere=tuple(_held_elsewhere(best.stops, in_use)) if in_use is not None and plain is None else (),
+        rolling=() if plain is None or judgement is None else rolling_loops(best.stops, plain, judgement),
+        limits=_limits(shown),
+        curves=tuple(map(_curve, laws_of(shown))),
+        responses=None if plain is None or in_use is None else _responses(in_use.worst, plain),
+        prefer=prefer,
     )
     meanwhile(found)
-    if not enough:
-        progress("the brake that would do")
-    attainable = iter(had())
-    trials = [replace(t, stops=tuple(replace(s, attainable=next(attainable)) for s in t.stops)) for t in trials]
-    found = replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), faster=faster())
-    return replace(found, tolerance_stops=tolerances())
+    known = iter(had())
+    trials = [replace(one, stops=_told(one.stops, known)) if i in told else one for i, one in enumerate(trials)]
+    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
-def _braked(trials: Sequence[Trial]) -> list[Scenario]:
-    """Their stops, each with the largest torque of its brake."""
-    return [braked(stop.run.scenario, one.control) for one in trials for stop in one.stops]
-
-
-def _seeking_trial(envelope: Envelope, nominal: bool) -> Trial | None:
-    """The seeking controller in its stops, judged at the slips that it comes to; None of a brake without dead time."""
-    if envelope.vehicle.actuator.dead_time <= 0:
-        return None
-    design = by_rule(Seeking, envelope, nominal=nominal)
-    runs, robust = stops(design.controller, design.judgement), design.judgement.robust_from_kmh
-    lowest = robust if robust is not None else design.judgement.usable_from_kmh or 0.0
-    choice = StructureChoice(SEEKING, 1.0, design, reach_s=0.0, stop_s=0.0)
-    return Trial(choice, None if any(stop.slides for stop in runs) else robust, lowest, design.controller, runs)
-
-
-def _trial(choice: StructureChoice, nominal: bool) -> Trial:
-    """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
-    is not robust, or the wheel slides."""
-    assert choice.design is not None, "a choice of the best tier is a design"
-    design, judgement = choice.design, choice.design.judgement
-    if nominal:
-        judgement = judge(judgement.envelope, judgement.controller, nominal=True)
-        choice = replace(choice, design=replace(design, judgement=judgement))
-    assert isinstance(design.controller, PI), "as select tunes them"
-    plain = design.controller.system
-    robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
-    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
-    speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
-    first = None
-    for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
-        control = as_run(plain, judgement, speed if begins else 0.0)
-        runs = stops(control, judgement)
-        first = first or (control, runs)
-        if not any(stop.slides for stop in runs):
-            return Trial(choice, robust if robust is None else speed, speed, control, runs)
-    assert first is not None
-    return Trial(choice, None, lowest, *first)
-
-
-def _unjudged(envelope: Envelope) -> Judgement:
-    """The operating points of an envelope, and no controller."""
-    return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
-
-
-def no_margins(controller: Any) -> str:
-    """Why a controller that runs has no margins; empty of one that has some."""
-    thing = controller.thing.thing if isinstance(controller, StepControl) else controller
-    if isinstance(thing, Controller):
-        own = type(thing)
-        linear = own.linear is not Controller.linear or own.loop is not Controller.loop
-        return "" if linear else "not linear"
-    return "known by its step alone" if has_step(thing) and not callable(linear_of(thing)) else ""
+def _told(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
+    """Stops with their bound and the attainable stop."""
+    return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
-    if reason := no_margins(controller):
-        blank = _unjudged(envelope)
+    found = _rival_alone(name, controller, envelope, nominal)
+    return replace(found, stops=_told(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops])))
+
+
+def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
+    if reason := candidates.no_margins(controller):
+        blank = candidates.unjudged(envelope)
         held = envelope.reference or blank.points.plants[0].point.law.reference
         control = as_control(controller, envelope.vehicle, held, name)
         return Rival(name, None, stops(control, blank, every_law=False), reason)
@@ -594,11 +496,11 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
-        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail)}
-        slips = tuple(sorted(slip for slip in here if not min(known) <= slip <= max(known)))
+        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail) and not math.isnan(stop.held)}
+        slips = tuple(sorted(slip for slip in here if not known or not min(known) <= slip <= max(known)))
         most = 0.0
         for slip in slips:
-            envelope = judged.envelope.at(rails=(rail,))
+            envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
             there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
             found = judge_points(envelope, judged.controller, there, nominal=True)
             mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
@@ -648,33 +550,6 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
     except RailslipError:
         return None
     return Responses(worst.point, LOAD_STEP, step, push)
-
-
-def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
-    """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
-    to it in its stops; with which the seeking controller may be used; None if none tried is."""
-    for factor in FASTER:
-        old = envelope.vehicle.actuator
-        actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
-        faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
-        if structure == SEEKING:
-            trial = _seeking_trial(faster, nominal=False)
-            if trial is not None and trial.above_kmh is not None:
-                return FasterBrake(factor, actuator.dead_time, actuator.lag, True)
-            continue
-        ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
-        found = select(ends, (structure,), (1.0,)).choices[0]
-        design = found.design
-        if design is None:
-            continue
-        judgement = judge(faster, design.judgement.controller)
-        if judgement.robust_from_kmh != min(envelope.speeds):
-            continue
-        runs = stops(as_run(design.judgement.controller.design, judgement, hand_over_of(judgement)), judgement)
-        reaches = all(stop.reached and not stop.slides for stop in runs)
-        if reaches or not reaching:
-            return FasterBrake(factor, actuator.dead_time, actuator.lag, reaches)
-    return None
 
 
 # --- adhesion -------------------------------------------------------------------------------------------------------

@@ -387,7 +387,7 @@ def envelope_words(envelope: Envelope) -> str:
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """Yield worst Ms and smallest margins over the speeds at which all loops are stable, each with its case."""
+    """Yield the worst Ms and the smallest margins over the speeds at which all loops are stable, each with its case."""
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
     if not judged.nominal:
@@ -395,12 +395,12 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
         yield f"Worst {name.replace('Ms', 'Ms with tolerances')}", value, where
     if judged.worst.margins is None:
         return
-    kind = f"operating points{_kind_of(judged.worst)}"
+    kind = f"nominal{_kind_of(judged.worst)}"
     (phase, phase_at), (delay, delay_at) = judged.least("phase_deg"), judged.least("delay_s")
     (low, low_at), (high, high_at) = judged.least("gain_decrease", largest=True), judged.least("gain_increase")
     where = low_at.words if low_at == high_at else f"low: {low_at.words}; high: {high_at.words}"
-    yield f"Least phase margin, {kind}", f"{below(phase)} deg", phase_at.words
-    yield f"Least delay margin, {kind}", f"{below(delay)} s", delay_at.words
+    yield f"Phase margin, {kind}", f"{below(phase)} deg", phase_at.words
+    yield f"Delay margin, {kind}", f"{below(delay)} s", delay_at.words
     yield f"Gain range, {kind}", f"{above(low)} to {below(high)}", where
 
 

@@ -199,6 +199,13 @@ class _Path:
 
         Infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
         """
+        try:
+            return self._stop(switch, share, time)
+        except ValueError:  # SciPy: the interpolation has no sign change at the event
+            return ClairvoyantStop(math.inf, math.inf)
+
+    def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
+        """Return the stop without handling of errors of the event search."""
         never = ClairvoyantStop(math.inf, math.inf)
         released = self._driven(0.0)
 

@@ -104,16 +104,17 @@ def holding_torque() -> tuple[sp.Expr, ...]:
     known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
     v_rate, sigma_rate = motion.v_rate.subs(known), motion.sigma_rate.subs(known)
     hold = sp.expand(sp.solve(_reference * v_rate - sigma_rate, plant.Tb)[0])
-    decelerating = sp.expand(-plant.J / plant.r * (1 - _reference) * v_rate)
+    decelerating = -plant.J / plant.r * (1 - _reference) * v_rate
     slip_rate = (sigma_rate.subs(plant.Tb, hold + _off) - plant.slip * v_rate) / plant.v
 
     def rate(part: sp.Expr) -> sp.Expr:
         along = sp.diff(part, _F) * (_F_slip * slip_rate + _F_v * v_rate)
         return sp.expand(along + sp.diff(part, plant.v) * v_rate + sp.diff(part, plant.slip) * slip_rate)
 
-    rates = [rate(part) for part in (hold - decelerating, decelerating)]
-    pole = sum(sp.Abs(sp.factor(sp.diff(one, _off))) for one in rates)
-    drift = sum(sp.Abs(sp.factor(one.subs(_off, 0))) for one in rates)
+    # Each part is a factor times a shorter one, so that no polynomial need be factored: SymPy's algorithm may not end.
+    parts = ((1, rate(hold - decelerating)), (decelerating / v_rate, rate(v_rate)))
+    pole = sum(sp.Abs(factor) * sp.Abs(sp.cancel(sp.diff(one, _off))) for factor, one in parts)
+    drift = sum(sp.Abs(factor * v_rate) * sp.Abs(sp.cancel(one.subs(_off, 0) / v_rate)) for factor, one in parts)
     return hold, pole, drift, -v_rate
 
 

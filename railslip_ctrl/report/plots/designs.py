@@ -538,12 +538,14 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure
-        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, the larger of continuous and sampled"
+        loops = "sampled" if judged.as_it_runs else "the larger of continuous and sampled"
+        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, {loops}"
         drawings["map"] = lambda: ms_map_figure({"": judged.map}, title=title, hand_over_kmh=judged.hand_over_kmh)
         where = f"{report.vehicle.name}, {name}: loops at the worst points; continuous time"
         drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
-        if report.stops:
-            drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name, name)
+    if report.stops and report.best is not None:
+        structure = report.best.structure
+        drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name, structure)
     if report.gains is not None:
         gains = report.gains
         drawings["gains"] = lambda: _gains(gains, report.vehicle.name)

@@ -1,0 +1,367 @@
+"""The candidates of a design report, and their order.
+
+A candidate is judged by its margins, then by the stops as given, and, if it can still win, by the harder stops.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+from railslip_ctrl.controllers.base import Controller
+from railslip_ctrl.controllers.pi import PI
+from railslip_ctrl.controllers.seeking import Seeking
+from railslip_ctrl.controllers.slide_protection import SlideProtection
+from railslip_ctrl.controllers.systems import has_step, linear_of
+from railslip_ctrl.controllers.user_step import StepControl
+from railslip_ctrl.core.errors import RailslipError
+from railslip_ctrl.core.records import dataclass
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design.catalogue import BY_RULE, controller_named, is_published, is_tuned_when_asked
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import Design, StructureChoice, hand_over_of, held_slips
+from railslip_ctrl.design.judging import Judgement, judge
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.vehicle import Actuator, Vehicle
+
+from .stops import Stop, as_reference, as_run, harder_stops, locks_at_once, operating_points, stopping_distance, stops
+
+SEEKING = Seeking.kind
+
+TIE = 0.02
+"""Relative difference of two mean stops, or of two worst Ms, that counts as a tie."""
+
+PREFERENCES = ("distance", "robustness")
+
+NOT_RUN = "not run further"
+"""Reason of a candidate without harder stops: others are better in the stops as given."""
+
+NEARLY_UNSTABLE = 50.0
+"""Largest worst Ms with tolerances, a ratio. |1 + L| is then at least 1/50: an error of 2 % in the loop gain, which a
+wheel radius wrong by that much gives, makes no loop unstable."""
+
+FASTER = (0.75, 0.5, 0.25)
+"""Dead time and lag of the brakes that are tried if no candidate qualifies, over the vehicle's own."""
+
+HELD_SHARE = 0.75
+"""Slip that a kind with a rule holds, over the reference slip: below the peak, as most tuned designs."""
+
+MOST_LINEAR = 3  # linear designs in the stops, the most robust ones: the first of them need not stop soonest
+
+_LATEST = 0.5  # highest hand-over speed, over the highest speed: slip is controlled in 3/4 of the distance or more
+
+_COMPLETE = 2  # qualified candidates after which no more run the harder stops: the best and the runner-up
+
+_NEAR = 0.1  # relative difference of mean stops as given, or of worst Ms, that the harder stops may reverse
+
+Beside = Callable[..., Callable[[], Any]]
+"""Takes a function and its arguments, returns a function that gives the result; computed in another process, or on that
+call."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate in the report's stops.
+
+    - above_kmh: speed, km/h, from which up it qualifies; None if it does not, with the `reason`.
+    - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
+    - stops: as given; harder: with errors, and on a changing rail. A candidate that cannot win has no harder stops.
+    """
+
+    choice: StructureChoice
+    above_kmh: float | None
+    lowest_kmh: float
+    control: Controller
+    stops: tuple[Stop, ...]
+    harder: tuple[Stop, ...] = ()
+    reason: str = ""
+    robust_kmh: float | None = None  # from which up its margins are robust; 0 of a controller without any
+
+    @property
+    def judgement(self) -> Judgement | None:
+        """Its design's; None of a controller without margins."""
+        return None if self.choice.design is None else self.choice.design.judgement
+
+    def distance(self) -> float:
+        """Mean braking distance of all its stops over all seeds, m; inf where one does not stop."""
+        return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
+
+    def distance_as_given(self) -> float:
+        """The same without the stops that are harder."""
+        return _mean(stopping_distance(run) for stop in self.stops for run in stop.runs)
+
+    @property
+    def air(self) -> float:
+        """Mean of the torque filled in over a stop, over the vehicle's full brake torque."""
+        return _mean(stop.air for stop in (*self.stops, *self.harder))
+
+    @property
+    def locked(self) -> int:
+        """Stops in which the wheel locks at a speed at which slip is controlled."""
+        return sum(stop.locked_from > self.control.controlled_from for stop in (*self.stops, *self.harder))
+
+    @cached_property
+    def worst_ms(self) -> float:
+        """Worst Ms with tolerances, or of operating points if these alone are judged, over the speeds in use; inf
+        where a loop is unstable, and of a controller without margins."""
+        if self.judgement is None:
+            return math.inf
+        speeds = self.judgement.points.speed_kmh
+        used = speeds >= max(self.lowest_kmh, self.judgement.hand_over_kmh) * (1 - 1e-9)
+        return float(self.judgement.run_ms[used].max(initial=0.0)) if used.any() else math.inf
+
+
+def _mean(values: Iterable[float]) -> float:
+    found = list(values)
+    return sum(found) / len(found) if found else math.inf
+
+
+def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
+    """The trials, the best first.
+
+    Those that qualify, by the mean stop: of all within `TIE` of the shortest the one with the least worst Ms, of equal
+    Ms the one that fills less. If robustness is preferred, by the worst Ms: of all within `TIE` of the least the one
+    with the shortest mean stop. Then those that do not qualify, by the stops as given in which a wheel locks, and their
+    mean.
+    """
+    first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
+    good = sorted((one for one in trials if one.above_kmh is not None), key=first)
+    limit = (1 + TIE) * first(good[0]) if good else 0.0
+    level = [one for one in good if first(one) <= limit]
+    level.sort(key=lambda one: (second(one), one.air))
+    rest = sorted((one for one in trials if one.above_kmh is None), key=_as_given)
+    return [*level, *good[len(level) :], *rest]
+
+
+def _worst(trial: Trial) -> float:
+    return trial.worst_ms
+
+
+def _as_given(trial: Trial) -> tuple[bool, int, float]:
+    return (
+        not trial.stops,
+        sum(one.locked_from > trial.control.controlled_from for one in trial.stops),
+        trial.distance_as_given(),
+    )
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """The smallest change of the brake tried with which a controller qualifies, and that controller in its stops."""
+
+    words: str
+    trial: Trial
+
+
+def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
+    """The trials, the best first, of which those that can win have run the harder stops: from the best as given on
+    until `_COMPLETE` qualify, and all within `_NEAR` of the first. If none qualifies, the least bad and slide
+    protection have run them too."""
+    if nominal and any(one.above_kmh is not None for one in trials):
+        return ordered(trials, prefer)
+    key = Trial.distance_as_given if prefer == "distance" else _worst
+    waiting = sorted((one for one in trials if one.above_kmh is not None), key=key)
+    done = [one for one in trials if one.above_kmh is None]
+    good: list[Trial] = []
+    while waiting:
+        near = good and key(waiting[0]) <= (1 + _NEAR) * key(good[0])
+        if len(good) >= _COMPLETE and not near:
+            break
+        now, waiting = waiting[:2], waiting[2:]
+        # a kind by rule where it ran before: its compiled step is loaded there
+        here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
+        apart = {i: submit(_completed, one, envelope) for i, one in enumerate(now) if one is not here}
+        mine = _completed(here, envelope)
+        ran = [apart[i]() if i in apart else mine for i in range(len(now))]
+        good += [one for one in ran if one.above_kmh is not None]
+        done += [one for one in ran if one.above_kmh is None]
+    done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]
+    if good:
+        return ordered([*good, *done], prefer)
+    found = ordered([_with_stops(one, envelope) for one in done], prefer)
+    return [
+        _with_harder(one, envelope)
+        if not nominal and (one is found[0] or one.choice.structure == SlideProtection.kind)
+        else one
+        for one in found
+    ]
+
+
+def _completed(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the harder stops too; if it does not qualify then, that of a later hand-over."""
+    found = _with_harder(trial, envelope)
+    if found.above_kmh is not None:
+        return found
+    if trial.choice.structure in named(envelope.vehicle):
+        return rule_trial(trial.choice.structure, envelope, False, True) or found
+    return linear_trial(trial.choice, False, True)
+
+
+def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the stops as given, and what it lacks by them."""
+    if trial.stops:
+        return trial
+    judgement = trial.judgement or unjudged(envelope)
+    return _concluded(replace(trial, stops=stops(trial.control, judgement)), judgement)
+
+
+def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
+    """A trial with the harder stops, and what it lacks by them."""
+    if trial.harder:
+        return trial
+    judgement = trial.judgement or unjudged(envelope)
+    return _concluded(replace(trial, harder=harder_stops(trial.control, judgement)), judgement)
+
+
+def named(vehicle: Vehicle) -> tuple[str, ...]:
+    """Names of the controllers of the package that are there for a vehicle without being tuned."""
+    own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
+    return (*BY_RULE, *own)
+
+
+def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
+    """A controller of the package by name in its stops, if `hard` the harder ones too; judged, if it has a loop, at
+    the envelope's slips, or those that it comes to. One that fades is handed over at a higher speed if it does not
+    qualify at its own. None of a brake for which there is no rule."""
+    try:
+        control = controller_named(name, envelope.vehicle)
+    except RailslipError:
+        return None
+    if no_margins(control) and not control.follows_reference:
+        control = control.model_copy(update={"reference": None})
+        choice = StructureChoice(name, 1.0, None, no_margins(control))
+        return _trial(choice, control, unjudged(envelope), 0.0, hard)
+    if control.follows_reference:
+        slips = held_slips(envelope, envelope.points(nominal=True))
+        held = slips or as_reference(operating_points(envelope.points(nominal=True)))
+        less = ReferenceSlip(dry=HELD_SHARE * held.dry, wet=HELD_SHARE * held.wet)
+        control, envelope = control.model_copy(update={"reference": less}), envelope.at(reference=less)
+    if reason := no_margins(control):
+        return _trial(StructureChoice(name, HELD_SHARE, None, reason), control, unjudged(envelope), 0.0, hard)
+    found = _judged(name, control, envelope, nominal, hard)
+    if found.above_kmh is not None or "fade_speed" not in type(control).model_fields:
+        return found
+    for later in _handed_over_later(control, envelope, found.judgement):
+        if not locks_at_once(later, unjudged(envelope), later.controlled_from, hard=hard):
+            other = _judged(name, later, envelope, nominal, hard)
+            if other.above_kmh is not None:
+                return other
+    return found
+
+
+def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
+    """A controller that fades and hands over, at each higher speed of an envelope at which it was judged robust, up to
+    `_LATEST` of the highest."""
+    robust = None if judged is None else judged.robust_from_kmh
+    for speed in sorted(envelope.speeds):
+        ratio = speed * KMH / control.controlled_from
+        if ratio > 1 + 1e-9 and robust is not None and robust <= speed <= _LATEST * max(envelope.speeds):
+            faster = {"hand_over_speed": speed * KMH, "fade_speed": ratio * control.fade_speed}
+            yield control.model_copy(update=faster)
+
+
+def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, hard: bool) -> Trial:
+    judgement = judge(envelope, control, nominal)
+    factor = HELD_SHARE if control.follows_reference else 1.0
+    choice = StructureChoice(name, factor, Design(control, judgement), reach_s=0.0, stop_s=0.0)
+    return _trial(choice, control, judgement, judgement.robust_from_kmh, hard)
+
+
+def _trial(
+    choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
+) -> Trial:
+    """A controller that is robust from a speed up, km/h, or from none; if its margins do, in its stops, and if `hard`
+    and no wheel locks there, in the harder ones too."""
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
+    found = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
+    if not found.reason:
+        found = _concluded(replace(found, stops=stops(control, judgement)), judgement)
+    if hard and not found.reason:
+        found = _concluded(replace(found, harder=harder_stops(control, judgement)), judgement)
+    return found
+
+
+def _concluded(trial: Trial, judgement: Judgement) -> Trial:
+    reason = "; ".join(_lacks(trial, judgement))
+    return replace(trial, above_kmh=None if reason else trial.robust_kmh, reason=reason)
+
+
+def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
+    """Why a trial does not qualify."""
+    over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
+    if robust is None:
+        yield "robust at no speed"
+    elif robust > max(_LATEST * max(judgement.envelope.speeds), min(judgement.envelope.speeds)):
+        yield f"robust from {robust:g} km/h up alone"
+    elif robust > max(over, min(judgement.envelope.speeds)) * (1 + 1e-9):
+        yield f"robust from {robust:g} km/h up, but it controls slip from {over:.3g} km/h"
+    elif trial.judgement is not None and trial.worst_ms > NEARLY_UNSTABLE:
+        worst = "unstable" if math.isinf(trial.worst_ms) else f"Ms {trial.worst_ms:.3g}, nearly unstable"
+        yield f"with tolerances {worst}"
+    if trial.locked:
+        yield f"a wheel locks in {trial.locked} of {len(trial.stops) + len(trial.harder)} stops"
+    runs = [run for stop in (*trial.stops, *trial.harder) for run in stop.runs]
+    if lost := list(dict.fromkeys(run.outcome.value for run in runs if not run.stopped)):
+        yield f"a run does not stop: {', '.join(lost)}"
+
+
+def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
+    """A choice, judged at the operating points alone if `nominal`, in its stops, if `hard` the harder ones too: handed
+    over above speeds at which it is not robust, or a wheel locks, up to `_LATEST` of the highest."""
+    assert choice.design is not None, "a choice of the best tier is a design"
+    design, judgement = choice.design, choice.design.judgement
+    if nominal:
+        judgement = judge(judgement.envelope, judgement.controller, nominal=True)
+        choice = replace(choice, design=replace(design, judgement=judgement))
+    assert isinstance(design.controller, PI), "as select tunes them"
+    plain = design.controller.system
+    robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    latest = _LATEST * max(judgement.envelope.speeds)
+    later = [speed for speed in sorted(judgement.envelope.speeds) if lowest < speed <= latest]
+    first = None
+    for speed in [lowest, *(later if robust is not None else [])]:
+        control = as_run(plain, judgement, speed if begins else 0.0)
+        if first is not None and locks_at_once(control, judgement, speed * KMH, hard=hard):
+            continue
+        found = _trial(choice, control, judgement, None if robust is None else speed, hard)
+        first = first or found
+        if found.above_kmh is not None:
+            return replace(found, lowest_kmh=speed)
+    assert first is not None
+    return first
+
+
+def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
+    """The first of the `FASTER` brakes with which a kind by rule qualifies, the least bad kind first.
+
+    Less slip and a higher hand-over speed were tried before, by the tuning and by the trials.
+    """
+    names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
+    old = envelope.vehicle.actuator
+    for factor in FASTER:
+        actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
+        faster = envelope.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
+        for name in names:
+            found = rule_trial(name, faster, nominal, not nominal)
+            if found is not None and found.above_kmh is not None:
+                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", found)
+    return None
+
+
+def unjudged(envelope: Envelope) -> Judgement:
+    """The operating points of an envelope, and no controller."""
+    return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
+
+
+def no_margins(controller: Any) -> str:
+    """Why a controller that runs has no margins; empty of one that has some."""
+    thing = controller.thing.thing if isinstance(controller, StepControl) else controller
+    if isinstance(thing, Controller):
+        own = type(thing)
+        linear = own.linear is not Controller.linear or own.loop is not Controller.loop
+        return "" if linear else "not linear"
+    return "known by its step alone" if has_step(thing) and not callable(linear_of(thing)) else ""
