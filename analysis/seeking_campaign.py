@@ -1,16 +1,16 @@
-"""How far over the bound does the seeking controller stop, on rails that it is not told, with a brake that is not its?
+"""How far over the bound does the seeking controller stop, on unknown rails and with errors of the assumed brake?
 
-The published vehicle, empty and loaded, five adhesion laws, five sequences of rails, the brake as believed, 30 %
-quicker and 30 % slower. Every stop is compared with the clairvoyant one through the same brake. Answers, of few seeds
-asserted in the tests:
+The published vehicle, empty and loaded, five adhesion laws, five sequences of rails, the brake as assumed, 30 % faster
+and 30 % slower. Every stop is compared with the clairvoyant one with the same brake. Answers, with few seeds asserted
+in the tests:
 
-- on curve, bristle and beam the median is 6 % and 95 in 100 stops are below 9 % with the brake as believed; below 16 %
-  with a brake 30 % slower;
-- the worst there are 11 %, and 37 % with the slower brake, on beam from wet to dry;
-- no wheel locks on these three laws;
-- polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls at once behind it. A change from dry to
-  wet costs 25 % there; wheels lock after it in one stop of ten at 90 m, more often with the slower brake;
-- a change from dry to wet costs most: what the brake holds at that moment cannot be released within its dead time.
+- On curve, bristle and beam the median is 6 %, and 95 in 100 stops are below 9 % with the brake as assumed and below
+  16 % with a brake 30 % slower.
+- The worst there are 11 %, and 37 % with the slower brake, on beam from wet to dry.
+- No wheel locks on these three laws.
+- Polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls immediately beyond it. A change from dry to
+  wet rail costs 25 % there; wheels lock after it in one stop of ten at 90 m, more often with the slower brake.
+- A change from dry to wet costs most, because the torque at that moment cannot be released within the dead time.
 
     python analysis/seeking_campaign.py [SEEDS, 16 unless given] [FIRST SEED, 0 unless given]
 """
@@ -33,7 +33,7 @@ from railslip_ctrl.simulation.bound import clairvoyant_stop
 KMH = 1 / 3.6
 CONTROLLERS = {"asmc": "published ASMC", "slide-protection": "slide protection", "pi-lead": "PI-lead",
     "predictive": "predictive, slip told", "seeking": "seeking"}  # fmt: skip
-"""Of the package, by name: their names in the table. All but two are told the reference slip of law and rail."""
+"""Names in the table, by controller. All but two know the reference slip of law and rail."""
 
 LAWS = ("curve", "bristle", "beam", "polach", "lugre")
 RAILS = {
@@ -44,10 +44,10 @@ RAILS = {
     "wet to dry at 80 m": ("wet", (rs.Event(distance=80, rail="dry"),)),
 }
 BRAKES = (0.7, 1.0, 1.3)
-"""Dead time and lag, of what the controller believes."""
+"""Factors on the dead time and lag that the controller assumes."""
 
 TORQUE_MAX = 9000.0
-"""N*m"""
+"""Largest torque, N*m."""
 
 # [Park2008] has no numbers of a LuGre law: friction as of its bristle model, falling with sliding speed
 LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.1e3, "vs": 4.7}
@@ -55,7 +55,10 @@ LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop: where and with what, percent over the bound, highest slip, speed of locking, km/h, torque filled, N*m."""
+    """Result of a stop.
+
+    Its case, the distance over the bound, %, the highest slip, the speed of locking, km/h, and the filled torque, N*m.
+    """
 
     controller: str
     law: str
@@ -69,7 +72,7 @@ class Stop:
 
 
 def controller(name: str, law: AdhesionLaw) -> rs.Controller:
-    """A controller of the package; one that holds a reference slip is told the law's on each rail."""
+    """Return a controller of the package; a controller with a reference slip has the law's on each rail."""
     reference, column = law.reference, catalogue.default_column(law)
     return catalogue.controller_named(name, rs.PARK2008, column=column, reference=reference)
 
@@ -82,7 +85,7 @@ def run(
     brakes: Iterable[float] = BRAKES,
     rails: Iterable[str] = RAILS,
 ) -> list[Stop]:
-    """Every stop of these seeds, down to 2 km/h."""
+    """Run every stop of these seeds, down to 2 km/h."""
     names, seeds = tuple(controllers), tuple(seeds)
     cases = product(laws, rails, ("empty", "loaded"), brakes)
     return [stop for case in cases for stop in _stops(names, *case, seeds)]
@@ -97,7 +100,7 @@ def _stops(
         simulator = rs.Simulator(scenario, controller(name, scenario.adhesion))
         for seed in seeds:
             seen = simulator.run(seed, record_every=1)
-            assert seen.signals is not None, "it is recorded"
+            assert seen.signals is not None, "the run is recorded"
             steps = np.diff(seen.signals.torque)
             sliding = seen.signals.speed[seen.signals.locked > 0.0]
             yield Stop(
@@ -129,11 +132,11 @@ def _scenario(law: str, rails: str, load: str, brake: float) -> Scenario:
 
 @dataclass(frozen=True)
 class Tolerated:
-    """Of a loop at its operating points on curve, bristle and beam, empty and loaded, from `SLOWEST` up.
+    """Tolerances of a loop at its operating points on curve, bristle and beam, empty and loaded, from `SLOWEST` up.
 
-    gain: least and largest brake gain over that believed; dead_time, lag: largest errors either way, shares of the
-    brake's, 1 at most. Within each alone every loop is stable. from_kmh: the speed above which it is robust, with all
-    tolerances of an envelope; None if at none.
+    gain: smallest and largest brake gain relative to the assumed one; dead_time, lag: largest errors in both
+    directions, shares of the brake's, 1 at most. Within each alone every loop is stable. from_kmh: lowest speed above
+    which the loop is robust, with all tolerances of an envelope; None if there is none.
     """
 
     gain: tuple[float, float]
@@ -143,11 +146,11 @@ class Tolerated:
 
 
 SLOWEST = 20.0
-"""km/h; at 10 a loop at the published slips is stable with hardly any tolerance."""
+"""Lowest speed, km/h; at 10 km/h loops at the published slips have almost no tolerance."""
 
 
 def tolerated(name: str) -> Tolerated | None:
-    """The largest tolerances of a controller; None of one without a loop."""
+    """Return the largest tolerances of a controller; None for one without a loop."""
     control = controller(name, rs.published_law("curve", "dry"))
     if isinstance(control, rs.Sliding | rs.SlideProtection):
         return None
@@ -180,8 +183,11 @@ def cells(found: Tolerated | None) -> tuple[str, str, str, str]:
 
 
 def numbers(stops: list[Stop]) -> tuple[float, ...]:
-    """Median, 95 % and worst over the bound, %, highest slip, shares that lock above and below 5 km/h, %, median and
-    most filled, kN*m."""
+    """Return the numbers of a row.
+
+    Median, 95 % and worst over the bound, %, highest slip, shares that lock above and below 5 km/h, %, median and
+    largest filled torque, kN*m.
+    """
     over, filled = [stop.over for stop in stops], [stop.filled / 1e3 for stop in stops]
     above, below = (
         100.0 * float(np.mean([low < stop.locked_at_kmh <= high for stop in stops]))
@@ -192,9 +198,9 @@ def numbers(stops: list[Stop]) -> tuple[float, ...]:
 
 
 def row(name: str, stops: list[Stop]) -> str:
-    """A line of the table."""
-    told = "{:7.1f} {:6.1f} {:6.1f} {:6.2f} {:7.1f} {:7.1f} {:7.1f} {:6.1f}".format(*numbers(stops))
-    return f"{name:30s} {len(stops):6d} {told}"
+    """Return a line of the table."""
+    cells_ = "{:7.1f} {:6.1f} {:6.1f} {:6.2f} {:7.1f} {:7.1f} {:7.1f} {:6.1f}".format(*numbers(stops))
+    return f"{name:30s} {len(stops):6d} {cells_}"
 
 
 def main() -> None:
@@ -216,7 +222,7 @@ def main() -> None:
         for law in LAWS:
             print(row("  " + law, [stop for stop in mine if stop.law == law]))
         print(row("  curve, bristle, beam", [stop for stop in mine if stop.law in LAWS[:3]]))
-    print("brake as believed")
+    print("brake as assumed")
     for law, rails in product(LAWS, RAILS):
         mine = [stop for stop in stops if (stop.brake, stop.law, stop.rails) == (1.0, law, rails)]
         print(row(f"  {law}, {rails}", mine))

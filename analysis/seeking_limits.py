@@ -1,19 +1,19 @@
-"""What forbids a slip controller without preview to do better than the seeking one, and what does not?
+"""What limits any slip controller without preview of the rail, and how close to these limits is the seeking controller?
 
-Four limits for the published vehicle: of a change from dry to wet, of the filling of the brake, of Polach's steep
-curve, and of low speed. Answers, asserted in the tests:
+Four limits for the published vehicle: a change from dry to wet rail, filling of the brake, Polach's steep curve, and
+low speed. Answers, asserted in the tests:
 
-- a wheel that holds the dry peak locks on wet rail even if its brake is let go at the instant of the change, below
-  48 km/h (curve, empty), 57 km/h (polach) and, with a brake 30 % slower, 62 and 75 km/h: nothing could have saved
-  polach's runs that lock at 90 m, and no others lock above 5 km/h;
-- so with a brake 30 % slower nobody who holds curve's dry peak, empty, comes over a change at 90 m without a lock, and
-  who lets go of polach's at 40 m stops 15 % over the bound;
-- a stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's; the start and the way back
-  from past the peak fill 1 to 6 more; noise, which the inner loop answers, 2 to 8, up to 6 with one half as quick (on
-  curve, bristle and beam): nothing forbids 12 kN*m;
-- the dead time forbids Ms <= 2 from 1.2 times the slip of polach's peak on; to stay below costs no distance;
-- random forces do not forbid a stop to 2 km/h without locks on static curves; with bristles they lock a wheel now and
-  then, even under a tenth of the torque.
+- A wheel at the dry peak locks on wet rail even if the brake is released at the instant of the change, below 48 km/h
+  (curve, empty) and 57 km/h (polach), and with a brake 30 % slower below 62 and 75 km/h. Polach's runs that lock at 90
+  m are of this kind, and no others lock above 5 km/h.
+- With a brake 30 % slower, a controller that works at curve's dry peak, empty, therefore always locks at a change at
+  90 m. One that releases at once at polach's peak at 40 m stops 15 % over the bound.
+- A stop needs no more filling than its holding torque, 5 kN*m on dry rail and 8 on polach's. The start and the return
+  from beyond the peak fill 1 to 6 more. Noise in the inner loop fills 2 to 8, up to 6 with a loop half as fast (on
+  curve, bristle and beam). 12 kN*m would be possible.
+- The dead time excludes Ms <= 2 above 1.2 times the slip of polach's peak; staying below costs no distance.
+- Random forces do not exclude a stop to 2 km/h without locks on static curves. With bristles they sometimes lock a
+  wheel even under a tenth of the torque.
 
     python analysis/seeking_limits.py [SEEDS, 8 unless given]
 """
@@ -56,20 +56,20 @@ CONTROL = rs.Seeking.for_vehicle(rs.PARK2008)
 
 
 def law_of(name: str) -> AdhesionLaw:
-    """On dry rail; with a reference slip, which a run asks for."""
+    """Return a law on dry rail, with a reference slip, which a run needs."""
     law = law_class("lugre").model_validate(LUGRE) if name == "lugre" else published_law(name, "dry")
     return law.model_copy(update={"reference": law.reference or ReferenceSlip(dry=0.1, wet=0.1)})
 
 
 def braked(load: str, share: float) -> Vehicle:
-    """The vehicle with dead time and lag times a share."""
-    given = LOADS[load].actuator
-    actuator = rs.Actuator(dead_time=share * given.dead_time, lag=share * given.lag)
+    """Return the vehicle with dead time and lag multiplied by a factor."""
+    own = LOADS[load].actuator
+    actuator = rs.Actuator(dead_time=share * own.dead_time, lag=share * own.lag)
     return LOADS[load].model_copy(update={"actuator": actuator})
 
 
 def stop_on(law: AdhesionLaw, rails: str, vehicle: Vehicle = rs.PARK2008, **changes: Any) -> Scenario:
-    """A stop to 2 km/h; rails as those of `RAILS`."""
+    """Return a stop to 2 km/h; rails as in `RAILS`."""
     words = rails.split()
     events = (rs.Event(distance=float(words[4]), rail=words[2]),) if len(words) > 1 else ()
     given = {"events": events, "limits": BrakeLimits(torque_max=CONTROL.torque_max), "final_speed": 2 * KMH}
@@ -77,7 +77,7 @@ def stop_on(law: AdhesionLaw, rails: str, vehicle: Vehicle = rs.PARK2008, **chan
 
 
 def at_peak(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> tuple[list[float], float]:
-    """Speed, slip velocity and adhesion state of a wheel at the peak of its rail; the torque that holds it, N*m."""
+    """Return speed, slip velocity and adhesion state at the peak of the rail, and the holding torque, N*m."""
     now = (speed, peak(law, speed, vehicle.wheel_load).slip * speed)
     functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
     state = float(functions.rest_state(*now, 0.0, 0.0, 0.0, 0.0, p))
@@ -88,8 +88,11 @@ def at_peak(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> tuple[list[floa
 
 
 def slip_after(law: AdhesionLaw, vehicle: Vehicle, begin: list[float], held: Callable[[float], float]) -> float:
-    """The highest slip on wet rail when the brake is let go now: what is under way acts for the dead time, then the
-    torque decays; no noise; 1 for a lock. Begin as of `at_peak`; held: acting torque over time, N*m."""
+    """Return the highest slip on wet rail if the brake is released now, without noise; 1 for a lock.
+
+    The torque acts unchanged for the dead time and then decays. begin: as of `at_peak`; held: acting torque over time,
+    N*m.
+    """
     wet, theta, lag = law.on("wet"), vehicle.actuator.dead_time, vehicle.actuator.lag
     rates, p = numeric_plant(type(wet)).rates, plant_parameters(wet, vehicle)
 
@@ -107,8 +110,11 @@ def slip_after(law: AdhesionLaw, vehicle: Vehicle, begin: list[float], held: Cal
 
 
 def least_speed(law: AdhesionLaw, vehicle: Vehicle, slip: float) -> float:
-    """Speed, km/h, to 0.5, below which a wheel that held the dry peak slides past a slip on wet rail though it is let
-    go at the change; 0 where it does not at 10 km/h."""
+    """Return the speed, km/h, below which a wheel at the dry peak exceeds a slip after a change to wet rail.
+
+    The speed is within 0.5 km/h. The brake is released at the instant of the change. 0 if the wheel does not exceed
+    the slip at 10 km/h.
+    """
 
     def slides(speed: float) -> bool:
         begin, torque = at_peak(law, vehicle, speed)
@@ -122,7 +128,7 @@ def least_speed(law: AdhesionLaw, vehicle: Vehicle, slip: float) -> float:
 
 
 def speed_there(law: AdhesionLaw, vehicle: Vehicle, place: float) -> float:
-    """Speed of the clairvoyant stop on dry rail at a place, m/s, by its square: nearly straight over distance."""
+    """Return the speed of the clairvoyant stop on dry rail at a place, m/s; its square is nearly linear in distance."""
 
     def short(squared: float) -> float:
         scenario = stop_on(law, "dry", vehicle, final_speed=math.sqrt(squared))
@@ -131,11 +137,11 @@ def speed_there(law: AdhesionLaw, vehicle: Vehicle, place: float) -> float:
     return math.sqrt(root_scalar(short, x0=(70 * KMH) ** 2, x1=(50 * KMH) ** 2, xtol=1.0).root)
 
 
-def let_go(name: str, load: str, brake: float, place: float) -> float:
-    """From dry to wet: percent over the bound of one who holds the dry peak up to the place, lets the brake go at the
-    instant of the change, and has the wet peak without delay once the slip is back there; infinite for a lock.
+def released_at_change(name: str, load: str, brake: float, place: float) -> float:
+    """Return the distance over the bound, %, of an ideal controller at a change from dry to wet; infinite for a lock.
 
-    No noise; of a static law, whose adhesion changes with the rail.
+    It holds the dry peak up to the place, releases the brake at the instant of the change, and holds the wet peak
+    without delay when the slip has returned to it. Without noise, for static laws.
     """
     law, vehicle = law_of(name), braked(load, brake)
     wet, theta, lag = law.on("wet"), vehicle.actuator.dead_time, vehicle.actuator.lag
@@ -166,10 +172,12 @@ def let_go(name: str, load: str, brake: float, place: float) -> float:
 
 
 def doomed(seen: Run, place: float) -> bool:
-    """Whether the wheel of a run locks after a change to wet even if let go at that instant: from its own state, with
-    the torque that was under way, but for the random force."""
+    """Return True if the wheel of a run locks after a change to wet rail even if the brake is released at that instant.
+
+    It starts from its own state, with the torque in the dead time, without random force.
+    """
     s = seen.signals
-    assert s is not None, "it is recorded"
+    assert s is not None, "the run is recorded"
     at = int(np.argmax(s.distance >= place))
     begin = [float(s.speed[at]), float(s.slip_velocity[at]), float(s.adhesion_state[at])]
     vehicle, law = seen.scenario.vehicle, seen.scenario.adhesion
@@ -177,7 +185,10 @@ def doomed(seen: Run, place: float) -> bool:
 
 
 def change(name: str, load: str, brake: float, place: float, seeds: Iterable[int]) -> tuple[float, float, int, int]:
-    """Runs from dry to wet: least and highest speed there, km/h; how many locked above 5 km/h, how many `doomed`."""
+    """Return for runs from dry to wet the lowest and highest speed at the change, km/h, and the numbers of locked runs.
+
+    The numbers are those locked above 5 km/h, and of these the `doomed` ones.
+    """
     simulator = rs.Simulator(stop_on(law_of(name), f"dry to wet at {place:g} m", braked(load, brake)), CONTROL)
     runs = [simulator.run(seed, record_every=1) for seed in seeds]
     speeds = [float(np.interp(place, run.signals.distance, run.signals.speed)) / KMH for run in runs if run.signals]
@@ -189,7 +200,7 @@ def change(name: str, load: str, brake: float, place: float, seeds: Iterable[int
 
 
 def filled(scenario: Scenario, seeds: Iterable[int | None], **gains: float) -> tuple[float, float]:
-    """Medians over stops: sum of the steps upwards of the acting torque, kN*m; percent over the bound."""
+    """Return medians over stops: sum of the increases of the acting torque, kN*m, and distance over the bound, %."""
     simulator = rs.Simulator(scenario, CONTROL.model_copy(update=gains))
     runs = [simulator.run(seed, record_every=1) for seed in seeds]
     sums = [np.maximum(np.diff(run.signals.torque), 0.0).sum() / 1e3 for run in runs if run.signals]
@@ -198,8 +209,10 @@ def filled(scenario: Scenario, seeds: Iterable[int | None], **gains: float) -> t
 
 
 def filling(name: str, rails: str, seeds: Iterable[int]) -> tuple[float, list[tuple[float, float]]]:
-    """Least of any controller that holds the peak down to 30 km/h: the torque rises from none to it. Then `filled`
-    without noise, with it, and with the inner loop half as quick."""
+    """Return the smallest filled torque, kN*m, and `filled` without noise, with noise, and with a slower inner loop.
+
+    The smallest one is that of holding the peak down to 30 km/h from a released brake.
+    """
     law, words = law_of(name), rails.split()
     scenario = stop_on(law, rails)
     held = [
@@ -216,8 +229,11 @@ def filling(name: str, rails: str, seeds: Iterable[int]) -> tuple[float, list[tu
 
 
 def steep(law: AdhesionLaw, kmh: float) -> tuple[list[float], float, float]:
-    """Least Ms of any controller at 1, 1.25, 1.5 and 2 times the slip of the peak, of the unstable pole against the
-    dead time; where it is 2, by that slip; percent of the adhesion given away by one that stays 25 % below."""
+    """Return limits by the unstable pole and the dead time on a steep curve.
+
+    These are the smallest Ms of any controller at 1, 1.25, 1.5 and 2 times the slip of the peak; the slip, relative to
+    the peak's, at which it is 2; and the loss of adhesion, %, at a slip 25 % below that.
+    """
     car, speed = rs.PARK2008, kmh * KMH
     top = peak(law, speed, car.wheel_load)
 
@@ -235,18 +251,18 @@ def steep(law: AdhesionLaw, kmh: float) -> tuple[list[float], float, float]:
 
 
 class Constant:
-    """A controller that commands one torque."""
+    """Controller that commands a constant torque."""
 
     def __init__(self, torque: float) -> None:
         self.torque = torque
 
     def step(self, t: float, v: float, omega: float) -> float:
-        """N*m."""
+        """Return the torque, N*m."""
         return self.torque
 
 
 def locks_under(name: str, rail: str, share: float, seeds: Iterable[int]) -> int:
-    """Runs from 30 to 2 km/h in which a wheel locks under a share of the torque that holds the peak at 5 km/h."""
+    """Return how many runs from 30 to 2 km/h lock under a share of the torque that holds the peak at 5 km/h."""
     torque = share * at_peak(law_of(name).on(rail), rs.PARK2008, 5 * KMH)[1]
     simulator = rs.Simulator(stop_on(law_of(name), rail, initial_speed=30 * KMH), Constant(torque))
     return sum(not math.isnan(simulator.run(seed).first_lock) for seed in seeds)
@@ -257,11 +273,10 @@ def locks_under(name: str, rail: str, share: float, seeds: Iterable[int]) -> int
 
 @dataclass(frozen=True)
 class Found:
-    """By their cases: `least_speed` past 0.5 and of a lock, `let_go`, `change`, `filling`, `filled` with less torque,
-    `steep`, `locks_under`."""
+    """Results by case: `least_speed` for slip 0.5 and for a lock, and those of the other functions."""
 
     speeds: dict[tuple[str, str, float], list[float]]
-    let_go: dict[tuple[str, str, float, float], float]
+    released: dict[tuple[str, str, float, float], float]
     changes: dict[tuple[str, str, float, float], tuple[float, float, int, int]]
     fillings: dict[tuple[str, str], tuple[float, list[tuple[float, float]]]]
     starts: dict[tuple[str, float], tuple[float, float]]
@@ -270,12 +285,16 @@ class Found:
 
 
 def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = RAILS) -> Found:
-    """All of it, with seeds from 0 on."""
+    """Compute all results, with seeds from 0 on."""
     every, brakes = range(seeds), tuple(product(laws, LOADS, BRAKES))
     curve = law_of("curve")
     return Found(
         {case: [least_speed(law_of(case[0]), braked(*case[1:]), slip) for slip in (0.5, 1.0)] for case in brakes},
-        {(*case, place): let_go(*case, place) for case, place in product(brakes, PLACES) if case[0] in STATIC},
+        {
+            (*case, place): released_at_change(*case, place)
+            for case, place in product(brakes, PLACES)
+            if case[0] in STATIC
+        },
         {(*case, place): change(*case, place, every) for case, place in product(brakes, PLACES)},
         {case: filling(*case, every) for case in product(laws, rails)},
         {(on, t): filled(stop_on(curve, on), every, torque_max=t) for on, most in TORQUES.items() for t in most},
@@ -288,24 +307,24 @@ def main() -> None:
     """Print the tables."""
     seeds = int([*sys.argv[1:], "8"][:1][0])
     found = run(seeds)
-    print("dry to wet, the brake let go at that instant, km/h: slides past 0.5 below, locks below")
+    print("dry to wet, brake released at that instant, km/h: slip above 0.5 below, locks below")
     for (law, load, brake), (past, locks) in found.speeds.items():
         print(f"  {law:8s}{load:7s}brake x {brake:g}: {past:6.0f}{locks:6.0f}")
-    print("\ndry to wet, who lets go at that instant from the dry peak: over the bound, %")
-    for (law, load, brake, place), over in found.let_go.items():
+    print("\ndry to wet, brake released at that instant from the dry peak: over the bound, %")
+    for (law, load, brake, place), over in found.released.items():
         print(f"  {law:8s}{load:7s}brake x {brake:g}, {place:g} m: {f'{over:6.1f}' if over < math.inf else ' locks'}")
-    print(f"\nof {seeds} runs with that change those that lock above 5 km/h; and those that letting go would not save")
+    print(f"\nof {seeds} runs with that change: locked above 5 km/h; of these locked even with immediate release")
     for (law, load, brake, place), (slow, fast, locked, lost) in found.changes.items():
         if locked:
             where = f"{law:8s}{load:7s}brake x {brake:g}, {place:g} m, at {slow:.0f} to {fast:.0f} km/h"
             print(f"  {where}: {locked}; {lost}")
-    print("\nfilled, kN*m (over the bound, %): least; without noise; with it; inner loop half as quick")
+    print("\nfilled, kN*m (over the bound, %): least; without noise; with noise; inner loop half as fast")
     for (law, rails), (least, stops) in found.fillings.items():
         print(f"  {law:8s}{rails:20s}{least:5.1f}" + "".join(f"{torque:7.1f} ({over:4.1f})" for torque, over in stops))
     print("\ncurve with less torque, kN*m: filled, kN*m; over the bound, %")
     for (rail, most), (torque, over) in found.starts.items():
         print(f"  {rail} {most / 1e3:4.1f}: {torque:5.1f} {over:6.1f}")
-    print("\npolach dry: least Ms at 1, 1.25, 1.5, 2 of the slip of the peak; 2 at; given away 25 % below, %")
+    print("\npolach dry: least Ms at 1, 1.25, 1.5, 2 times the slip of the peak; slip of Ms 2; loss 25 % below, %")
     for kmh, (least_ms, share, away) in found.steeps.items():
         print(f"  {kmh:4.0f} km/h " + "".join(f"{ms:6.2f}" for ms in least_ms) + f"{share:7.2f}{away:7.3f}")
     print(f"\nof {5 * seeds} runs from 30 to 2 km/h locked under shares of the peak's torque, {SHARES}")

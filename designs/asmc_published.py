@@ -53,7 +53,7 @@ def read(inertia_scale: float) -> Reading:
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
     dry = rs.published_law("bristle", rs.Rail.DRY)
     held = rs.operating_point(dry, vehicle, SPEED, reaching.reference_slip(), rail=rs.Rail.DRY)
-    # 2. What (40) asks of K.
+    # 2. The least K of (40).
     least = [
         tuple(reaching.least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0))
         for box in (reaching.reference_set, reaching.operating_set)
@@ -91,7 +91,7 @@ def main() -> None:
         print(f"  K                                  {reading.K:9.1f} N m")
         for name, least in (("at e = 0", reading.least_K), ("whole run", reading.least_K_run)):
             print(f"  least K, {name:9}, 1 and 3 sigma  {least[0]:9.1f} and {least[1]:.1f} N m")
-        print(f"  s of free rolling takes            {reading.reaching_time:9.1f} s to vanish, undisturbed")
+        print(f"  time for s of free rolling to reach 0 {reading.reaching_time:6.1f} s, undisturbed")
     print("The law is a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
     if len(sys.argv) > 1:
         draw(readings, Path(sys.argv[1]))

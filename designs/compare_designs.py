@@ -168,7 +168,7 @@ def main() -> None:
     """Print the table; with a folder, draw the responses and the gang of four."""
     result = run()
     for rail, limits in result.limits.items():
-        print(f"{rail} rail: unstable pole {limits.unstable_pole:.3g} 1/s; no controller gets Ms or Mt below", end=" ")
+        print(f"{rail} rail: unstable pole {limits.unstable_pole:.3g} 1/s; no controller has Ms or Mt below", end=" ")
         print(f"{limits.ms_bound:.3g}", end="")
         for structure in (limits.pi, limits.pi_lead):
             if structure is not None:

@@ -207,7 +207,7 @@ def main() -> None:
     print(f"{result.vehicle.name}: {result.found.curve.survey.used} rows under brake, best model {fit.model.name!r}")
     for p in fit.parameters:
         print(f"  {p.name} = {p.value:.4g}, 99 % from {p.interval[0]:.4g} to {p.interval[1]:.4g}")
-    print(f"Slip to hold: {held.dry:.4g} dry, {held.wet:.4g} wet.")
+    print(f"Reference slip: {held.dry:.4g} dry, {held.wet:.4g} wet.")
     poles = [float(plant.poles[0].real) for plant in result.plants]
     print(f"{len(poles)} plants within the uncertainty, slip poles from {min(poles):.3g} to {max(poles):.3g} 1/s.")
     print(f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:.4g} N*m/m, Ms <= {MS_MAX:g} on all.")

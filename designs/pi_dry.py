@@ -38,7 +38,7 @@ def run() -> DryDesign:
     actuator = rs.PARK2008.actuator
     loop = rs.DeadTimeLoop(rs.actuated_plant(plant, actuator), actuator.dead_time)
 
-    # 2. Which proportional gains hold it at all? The unstable pole asks for a least gain, the dead time for a largest.
+    # 2. Which proportional gains stabilise? The unstable pole sets the smallest gain, the dead time the largest.
     proportional_range = loop.stabilizing_gain_range
     assert proportional_range is not None
 
@@ -49,7 +49,7 @@ def run() -> DryDesign:
     # 4. Integral action, its corner well below the crossover.
     ki = kp * crossover * CORNER
 
-    # 5. Check the loop that came out, and the round numbers beside it.
+    # 5. Check this loop, and the one with rounded gains.
     return DryDesign(
         proportional_range=proportional_range,
         crossover=crossover,
@@ -62,8 +62,8 @@ def main() -> None:
     """Print the design and its margin reports; with a folder, draw the Nyquist diagrams."""
     design = run()
     low, high = design.proportional_range
-    print(f"P control holds the loop for kp between {low:.4g} and {high:.4g} N*m/(m/s).")
-    print(f"The loop has most phase at {design.crossover:.4g} rad/s: the crossover goes there.\n")
+    print(f"P control stabilises the loop for kp between {low:.4g} and {high:.4g} N*m/(m/s).")
+    print(f"The loop has its largest phase at {design.crossover:.4g} rad/s, chosen as crossover.\n")
     print(design.shaped, design.rounded, sep="\n\n")
     if len(sys.argv) > 1:
         folder = Path(sys.argv[1])

@@ -62,7 +62,7 @@ def main() -> None:
         print(f"{e.rail:4s}  {e.speed_kmh:5.0f}   {e.gains.kp:12.1f}   {e.gains.ki:8.1f}   {e.worst_ms:8.3f}")
     word = "suffices" if result.single_suffices else "does not suffice"
     print(f"\nOne gain set (kp 229.4, ki 5) {word} for Ms <= {MS_MAX}: worst Ms {result.single.ms.max():.4g}.")
-    print("The schedule buys integral action: the same Ms at many times the ki.")
+    print("With the schedule the same Ms allows many times the ki.")
     print(f"Dry, static curve: any PI holds the loop down to {result.lowest_pi:.3g} km/h, any PI behind the lead to")
     print(
         f"{result.lowest_lead:.3g} km/h, this gain set to {result.lowest_single:.3g} km/h; cut slip control out below."

@@ -1,8 +1,8 @@
-"""A slip controller that is told neither rail nor mass nor curve: from the vehicle to gains, margins and stops.
+"""How good is a slip controller that knows neither rail nor mass nor curve: gains, margins and stops from the vehicle?
 
-The published vehicle, SI. Its gains follow from wheel and brake by rules; is the loop that they close robust at the
-slip that it comes to, with every tolerance, and how far from the bound does it stop? The parts and their equations are
-on the page "A controller that seeks the peak" of the theory.
+The published vehicle, SI. The gains follow from wheel and brake by rules. Is the loop robust with every tolerance at
+the slip that the controller finds, and how far from the bound does it stop? The theory page "A controller that seeks
+the peak" has the parts and their equations.
 
     python designs/seeking.py [FOLDER for the picture]
 """
@@ -26,8 +26,8 @@ SEED = 0
 class Row:
     """One stop from 100 to 5 km/h, empty: distances in m, and the highest slip.
 
-    bound: what no controller of this brake beats, as if slip took no time; attainable: a stop without noise of one who
-    knows the rail; distance: of the seeking controller.
+    bound: lower bound for any controller with this brake, without slip dynamics; attainable: stop without noise of a
+    controller that knows the rail; distance: stop of the seeking controller.
     """
 
     law: str
@@ -52,11 +52,11 @@ def run() -> Design:
     """From the vehicle to the table."""
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), observer 0.34 theta, deceleration 0.52 theta.
     control = rs.Seeking.for_vehicle(VEHICLE)
-    # 2. The exact loop at every point: the delay of the brake and that of its model, which a tolerance parts.
+    # 2. The exact loop at every point, with the delays of the brake and of its model, which differ by the tolerance.
     judgement = rs.judge(ENVELOPE, control)
-    # 3. What is certain of the worst one, in balls.
+    # 3. Certified bounds of Ms at the worst point, by ball arithmetic.
     certificate = judgement.worst.loop.certificate()
-    # 4. Stops on rails that it is not told, against the bound and what is attainable with its largest torque.
+    # 4. Stops on unknown rails, compared with the bound and with the attainable stop.
     rows = tuple(braked(control, law, rail) for law in LAWS for rail in RAILS)
     return Design(control, judgement, certificate.ms, rows)
 

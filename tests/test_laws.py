@@ -433,15 +433,15 @@ AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c
 def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file, command):
     slow = ("--adhesion", file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{BOTH}'))
     assert (adhesion.initial_speeds_in(slow[1]), adhesion.is_over_initial_speed(slow[1])) == ((28.0, 30.0), False)
-    told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
     status, _, err = railslip(command, *slow, *AT[command])
-    assert (status in (0, 1), err.count("\n"), told in err) == (True, 1, True)  # once, whatever the number of rails
+    facts = re.search(r"slow\.toml .*\bv0 of 28 to 30 km/h .*\b100 km/h", err) is not None
+    assert (status in (0, 1), err.count("\n"), facts) == (True, 1, True)  # once, whatever the number of rails
     assert "v0" not in railslip(command, *slow, "--initial-speed", "32", *AT[command])[2]  # within a tenth
 
     over = ("--adhesion", file("over.toml", OVER_V0 + BOTH))
     assert adhesion.is_over_initial_speed(over[1])
     status, _, err = railslip(command, *over, *AT[command])
-    assert "over.toml changes with the initial speed v0, and is taken at 100 km/h; give --initial-speed" in err
+    assert re.search(r"over\.toml .*\bv0\b.*\b100 km/h.*; give --initial-speed", err)
     assert status in (0, 1)
     assert "v0" not in railslip(command, *over, "--initial-speed", "100", *AT[command])[2]
     assert "outside 30 to 140" in refused(railslip(command, *over, "--initial-speed", "160", *AT[command]))
@@ -450,7 +450,7 @@ def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file,
 def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
     name = file("heavy.toml", BEAM.replace("[parameters]", 'wheel_load = "50 kN"\n[parameters]'))
     assert adhesion.wheel_load_in(name) == 50e3
-    assert "was found at a wheel load of 50000 N and is used at 34500 N" in railslip("linearize", "--adhesion", name)[2]
+    assert re.search(r"wheel load of 50000 N .*\b34500 N", railslip("linearize", "--adhesion", name)[2])
 
 
 def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
@@ -481,7 +481,7 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     slopes = [20.0 * 34_500 / math.cosh(20.0 * slip / 0.3) ** 2 / (100 / 3.6) for slip in (0.02, 0.5)]
     expected = [-(1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35 for slope in slopes]
     assert poles == pytest.approx(expected, rel=1e-12)
-    assert "a Python file is not derived with" in refused(railslip("derive", "--adhesion", name))
+    assert f"--adhesion: {name}: " in refused(railslip("derive", "--adhesion", name))
     assert "no such file" in refused(railslip("linearize", "--adhesion", "none.py"))
     for text, told in (
         ("LAW = 3\n", ": LAW has no statement, parameters"),

@@ -47,10 +47,10 @@ def test_who_holds_the_dry_peak_and_lets_go_at_the_change(limits):
     law, slow = limits.law_of("curve"), limits.braked("empty", 1.3)
     speed = limits.speed_there(law, slow, 90.0)
     assert speed / KMH < limits.least_speed(law, slow, 1.0)
-    assert math.isinf(limits.let_go("curve", "empty", 1.3, 90.0))
+    assert math.isinf(limits.released_at_change("curve", "empty", 1.3, 90.0))
     short = limits.stop_on(law, "dry", slow, final_speed=speed)
     assert limits.clairvoyant_stop(short).braking_distance == pytest.approx(90.0, abs=0.1)
-    assert limits.let_go("polach", "empty", 1.3, 40.0) == pytest.approx(15.5, abs=0.2)
+    assert limits.released_at_change("polach", "empty", 1.3, 40.0) == pytest.approx(15.5, abs=0.2)
 
 
 def test_filling_is_noise_that_the_loop_answers(limits):

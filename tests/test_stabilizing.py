@@ -166,11 +166,11 @@ def test_intersection_over_operating_points():
     (lambda: stabilizing_pi((S + 2) / (S + 1), 0.1), r"P\(inf\) = 1: the loop is neutral"),
     (lambda: stabilizing_pi(1 / S, -0.1), "dead time: -0.1"),
     (lambda: stabilizing_pi("1/s"), "not a linear system"),
-    (lambda: stabilizing_pi((S + 2) / ((S + 1) * (1e-7 * S + 1)), 1.0).kp_range, "stays level up to"),
+    (lambda: stabilizing_pi((S + 2) / ((S + 1) * (1e-7 * S + 1)), 1.0).kp_range, r"1\.73e\+07 rad/s"),
     (lambda: stabilizing_pi(1 / S).contains(np.nan, 0), "kp: nan"),
     (lambda: stabilizing_pi(1 / S).ki_limit(np.inf), "kp: inf"),
-    (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "either derivative_time"),
-    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "either derivative_time"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "derivative_time .*derivative_gain"),
+    (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "derivative_time .*_gain"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0 s"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
     (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),
@@ -181,7 +181,7 @@ def test_intersection_over_operating_points():
     (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, 2.0), (0.0, 2.0)), "ki: 0"),
     (lambda: stabilizing_pi(1 / S).certified_rectangle((1.0, np.inf), (1.0, 2.0)), "kp: inf"),
     (lambda: stabilizing_pi(1 / S).certified_rectangle((2.0, 1.0), (1.0, 2.0)), "kp: from 2 to 1 .*give ascending"),
-    (lambda: stabilizing_pid(1 / S, derivative_time=1.0, **PID).certified_rectangle((1, 2), (1, 2)), "not covered"),
+    (lambda: stabilizing_pid(1 / S, derivative_time=1.0, **PID).certified_rectangle((1, 2), (1, 2)), "derivative part"),
 ])  # fmt: skip
 def test_unsuitable_input_is_refused(make, match):
     with pytest.raises(InputError, match=match):
@@ -246,7 +246,7 @@ def test_frequencies_are_those_of_a_scan(factor, other, dead_time, highest):
 
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
     region = stabilizing_pi(FASTER)
-    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give kp_limit"):
+    with pytest.raises(InputError, match="kp from 1 to inf; give kp_limit"):
         outline(region)
     (strip,) = outline(region, kp_limit=10.0)
     assert (strip.kp_cut, strip.ki_cut) == (True, False)

@@ -84,7 +84,7 @@ def test_common_pi_refuse_what_no_pi_holds_and_no_gain_at_all():
     for plants, actuator, match in (
         ([plant()], slow, r"stabilising kp: dry 100 km/h: none .*2\.05"),
         ([plant(), stronger], PARK2008.actuator, r"no single PI .*133\.4 to 549\.1 .*1\.334 to 5\.491"),
-        ([stable, stable], PARK2008.actuator, r"stable by itself at every operating point.*zero gain"),
+        ([stable, stable], PARK2008.actuator, r"stable .* at every operating point.*zero gain"),
         ([], slow, "no operating point"),
     ):
         with pytest.raises((InfeasibleDesignError, InputError), match=match):
@@ -92,7 +92,7 @@ def test_common_pi_refuse_what_no_pi_holds_and_no_gain_at_all():
     assert common_pi([stable, plant()], PARK2008.actuator).controller.gains.kp > 1.0  # one needs to be held
     idle = assess(stable, pi(0.0, 0.0), PARK2008.actuator)
     assert (idle.stable, idle.margins.ms, idle.verdict) == (True, 1.0, Verdict.NO_FEEDBACK)
-    assert "this is no controller" in idle.verdict_line
+    assert "the gain is 0" in idle.verdict_line
     assert assess(stable, pi(10.0, 100.0), PARK2008.actuator).verdict is Verdict.ROBUST
 
 
@@ -110,7 +110,7 @@ def test_loop_shaping_puts_the_crossover_where_the_phase_is_largest():
 
 
 def test_controller_refuses_what_is_not_proper():
-    for lead, lead_filter, match in ((-1, 0, "lead: -1"), (0.6, 0.0, "not proper"), (0.6, math.nan, "lead filter")):
+    for lead, lead_filter, match in ((-1, 0, "lead: -1"), (0.6, 0.0, "0 s .*0.6 s"), (0.6, math.nan, "lead filter")):
         with pytest.raises(InputError, match=match):
             PIController(PIGains(kp=1.0, ki=1.0), lead, lead_filter)
     with pytest.raises(InputError, match="gains"):
@@ -184,7 +184,7 @@ def test_lowest_speed_of_a_given_controller():
     around = [wheel_slip_loop(on_curve(v), PI_LEAD, PARK2008.actuator) for v in (lowest - 1e-3, lowest)]
     assert [loop.is_stable() for loop in around] == [False, True]
     assert lowest_held_speed(on_curve, PI_LEAD, PARK2008.actuator, ms_max=1.8) > lowest
-    with pytest.raises(InfeasibleDesignError, match="does not hold the loop at 100"):
+    with pytest.raises(InfeasibleDesignError, match="at 100 km/h"):
         lowest_held_speed(on_curve, PIController(PIGains(kp=1e6, ki=1.0)), PARK2008.actuator)
     assert lowest_held_speed(on_curve, PI_LEAD, Actuator(dead_time=0.0, lag=0.0), low_kmh=60.0) == 60.0
 
@@ -301,10 +301,10 @@ def test_bounds_are_searched_to_their_corners(plants, dead_times, asked, found_b
 
 
 @pytest.mark.parametrize(("plants", "dead_time", "asked", "match"), [
-    (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"),
+    (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 .*least worst Ms 4\.69.*add a lead"),
     (1 / (S - 5), 2.4, {"ms_max": 3.0}, "no PI stabilises"),
-    (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 holds all plants; the largest"),
-    (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
+    (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 .*69\.2"),
+    (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"worst Ms is 1\.366"),
     (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
     # 1/(s - 1) with 0.95 s under P control: atan(w) - 0.95 w, at most at w^2 = 1/0.95 - 1
     (1 / (S - 1), 0.95, {"phase_min_deg": 20}, r"largest phase margin 0\.4336 deg"),
@@ -333,7 +333,7 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 180.0), "phase margin"),
     (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.7, 60.0), "needs ki"),
     (lambda: pi_for_crossover(1 / (S - 5), 2.4, 1.0, 90.0), r"does not stabilise the plant \(2 unstable poles\)"),
-    (lambda: pi_for_crossover(MODE, 0.06, 3.0, 75.0), r"another gain crossover leaves only 71\.9"),
+    (lambda: pi_for_crossover(MODE, 0.06, 3.0, 75.0), r"another gain crossover .*71\.9"),
     (lambda: rs.tune(rs.Envelope(), "pdf"), "choose one of pi, pi-lead, pid, predictive, seeking"),
     (lambda: tuned_at_100(PI, lead=0.6), "does not go with"),
     (lambda: tuned_at_100(PID, lead=0.6), "searches"),
@@ -346,7 +346,7 @@ def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match
     (lambda: rules.simc_pi(lags(5.0, 0.2, 0.2, leads=(0.2, 0.2)), 0.05), "zeros leave a dead time"),
     (lambda: rules.rotstein_lewin(lags(1.0), 0.1, closed_loop_time=1.0), "the plant is stable"),
     (lambda: rules.rotstein_lewin(lags(-1.0), 0.1, closed_loop_time=0.0), "closed-loop time"),
-    (lambda: rules.rotstein_lewin(lags(-1.0), 1.0, closed_loop_time=1.0), "that a PI can stabilise"),
+    (lambda: rules.rotstein_lewin(lags(-1.0), 1.0, closed_loop_time=1.0), "dead time 1 s .*1 s"),
     (lambda: rules.rotstein_lewin(lags(-1.0), 0.2, closed_loop_time=1, derivative=True).transfer_function(), "filter"),
 ])  # fmt: skip
 def test_contradictory_or_impossible_input_is_refused(call, match):

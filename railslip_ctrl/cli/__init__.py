@@ -1,7 +1,7 @@
-"""The `railslip` command, one subcommand a file: parse, call, show.
+"""The `railslip` command; each file has one subcommand, which parses its options, calls the package and prints.
 
 Imports every room. Begin with `program`, which has the list of commands. `options` has the options that commands share
-and what they name, `settings` the helper for one of a command's own, `output` prints.
+and the records built from them, `settings` the helpers for a command's own options, `output` prints.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ from typing import NoReturn
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit; errors, and an interruption at any time, are one line on standard error."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing stays behind
-    _settle()
+    """Run the command line and exit; an error or an interruption is reported in one line on standard error."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # clean up as after Ctrl-C
+    _ignore_user_settings()
     try:
         from .program import run
 
         run(arguments)
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends already
-        print("\n" * sys.stderr.isatty() + "railslip: interrupted", file=sys.stderr)  # a terminal has shown ^C
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process is ending already
+        print("\n" * sys.stderr.isatty() + "railslip: interrupted", file=sys.stderr)  # new line after the terminal's ^C
         sys.exit(130)
 
 
-def _settle() -> None:
-    """Make this process, and those that it starts, independent of the user's settings for plots, warnings and streams.
+def _ignore_user_settings() -> None:
+    """Make this process, and its children, independent of the user's settings for plots, warnings and streams.
 
-    A stream that the shell has closed (>&-) is None: its number would go to the next file that is opened.
+    Python sets a stream that the shell has closed (>&-) to None. The next opened file would get its descriptor.
     """
-    os.environ["MPLBACKEND"] = "agg"  # Jupyter's own is not valid in another environment; Matplotlib reads it on import
-    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # as those below, open to the end
+    os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's may not be installed here
+    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # these streams stay open until the process ends
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
-    if any("error" in choice for choice in sys.warnoptions):  # a deprecation in a library must not end the work
+    if any("error" in choice for choice in sys.warnoptions):  # a library's DeprecationWarning must not stop the command
         os.environ.pop("PYTHONWARNINGS", None)
         sys.warnoptions.clear()
         warnings.resetwarnings()
         for category in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
-            warnings.simplefilter("ignore", category)  # as Python has it without options
+            warnings.simplefilter("ignore", category)  # Python's default filters

@@ -1,4 +1,4 @@
-"""`railslip derive`."""
+"""The command `railslip derive`."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _LAWS = ("published", "predictive")
 @option(
     "--adhesion",
     "LAW|FILE.toml",
-    f"Adhesion law put in for Ta: {', '.join(law_names())}; or a file, with whose numbers the law is given too.",
-    "none, Ta is an argument",
+    f"Adhesion law inserted for Ta: {', '.join(law_names())}; or a file, whose numbers are inserted too.",
+    "none; Ta stays an argument",
 )
 @number_option(
     "--initial-speed",
     "km/h",
-    "Speed v0 at which the brake was applied, km/h; for a file with parameters over it.",
+    "Speed v0 at which the brake was applied, km/h; only for a file whose parameters depend on it.",
     f"{INITIAL_SPEED_KMH:g}",
     gt=0,
 )
@@ -51,8 +51,8 @@ _LAWS = ("published", "predictive")
 @path_option(
     "--out",
     "FILE",
-    "Write it into a file instead, C into FILE and its header; its folder is made if missing.",
-    "it is printed",
+    "Write to FILE (C: also its header) instead of printing; a missing folder is created.",
+    "standard output",
 )
 def command(
     law: str,
@@ -63,44 +63,46 @@ def command(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code. The law is
-    symbolic; with an adhesion law's file its numbers are shown too. Exit status 0, or 2 for bad input.
+    """Derive the sliding-mode law from the plant and check each step by machine.
+
+    Shows the errata of the paper and the generated code too. The law is symbolic; with the file of an adhesion law its
+    numbers are shown as well. Exit status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
     if as_json and form is not None:
-        raise InputError(f"--format: {form!r} beside --json is not allowed; give one of the two")
-    given = "json" if as_json else _one_of("--format", form or "text", _FORMATS)
+        raise InputError(f"--format: {form!r} does not go with --json; give one of the two")
+    chosen_form = "json" if as_json else _choice("--format", form or "text", _FORMATS)
     if out is not None:
-        _check_out(out, given)  # before the work, not after it
-    held: Reference = _one_of("--reference", reference, get_args(Reference))
-    if _one_of("--law", law, _LAWS) == "predictive":
-        _check_predictive(held, adhesion, initial_speed, given)
-        made_text, chosen = partial(_predictive_text, given), None
+        _check_out(out, chosen_form)  # before the computation starts
+    reference_kind: Reference = _choice("--reference", reference, get_args(Reference))
+    if _choice("--law", law, _LAWS) == "predictive":
+        _check_predictive(reference_kind, adhesion, initial_speed, chosen_form)
+        make_text, statement = partial(_predictive_text, chosen_form), None
     else:
-        chosen = held, *_law(adhesion, initial_speed)
-        made_text = partial(_text, *chosen, given)
+        statement = reference_kind, *_law(adhesion, initial_speed)
+        make_text = partial(_text, *statement, chosen_form)
     if out is None:
-        print_text(made_text)
+        print_text(make_text)
         return
-    if given == "c":
-        program = law_program(_derived(*chosen)[1], name=out.stem) if chosen else _predictive_program(out.stem)
+    if chosen_form == "c":
+        program = law_program(_derived(*statement)[1], name=out.stem) if statement else _predictive_program(out.stem)
         texts = {out.name: program.source, out.with_suffix(".h").name: program.header}
     else:
-        texts = {out.name: made_text()}
-    made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
+        texts = {out.name: make_text()}
+    created = "" if out.parent.is_dir() else f", created the folder {out.parent}"
     write_files(out.parent, texts)
-    progress(f"wrote {' and '.join(str(out.with_name(one)) for one in texts)}{made}")
+    progress(f"wrote {' and '.join(str(out.with_name(name)) for name in texts)}{created}")
 
 
-def _one_of(option: str, word: str, known: Sequence[str]) -> Any:
-    if word not in known:
-        raise InputError(f"{option}: {word!r} is not known; choose one of {', '.join(known)}")
-    return word
+def _choice(option: str, value: str, allowed: Sequence[str]) -> Any:
+    if value not in allowed:
+        raise InputError(f"{option}: {value!r} is not known; choose one of {', '.join(allowed)}")
+    return value
 
 
 def _check_out(out: Path, form: str) -> None:
-    """InputError where the file could not be written, or does not end in .c for C."""
+    """Raise InputError if the file cannot be written, or if a C file does not end in .c."""
     if out.name == "" or out.is_dir():
         raise InputError(f"--out: {str(out)!r} is a folder; give the path of a file")
     if form == "c" and out.suffix != ".c":
@@ -111,7 +113,7 @@ def _check_out(out: Path, form: str) -> None:
 def _derived(
     reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None
 ) -> tuple[Derivation, LawCode, tuple[LawNumbers, ...]]:
-    """The derivation, the law's code, and the numbers of a file."""
+    """Return the derivation, the law's code, and the numbers of an adhesion file."""
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
     code = generate(derivation)
@@ -131,7 +133,7 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
 
 
 def _check_predictive(reference: str, adhesion: str | None, initial_speed: float | None, form: str) -> None:
-    """InputError for an option of the published law."""
+    """Raise InputError for an option that only the published law has."""
     if reference != "proportional":
         raise InputError(f"--reference: {reference!r} goes with --law published; the predictive law holds a slip ratio")
     if adhesion is not None or initial_speed is not None:
@@ -140,7 +142,7 @@ def _check_predictive(reference: str, adhesion: str | None, initial_speed: float
 
 
 def _predictive_program(name: str) -> CProgram:
-    """The predictive law of the published vehicle as C; `tune` writes it for another."""
+    """Return the predictive law of the published vehicle as C; `tune` writes it for other vehicles."""
     return c_program(Predictive.for_vehicle(PARK2008), PARK2008, name=name)
 
 
@@ -156,14 +158,14 @@ def _predictive_text(form: str) -> str:
 
 
 def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:
-    """The name of the law, and of a file's the law with its numbers, and the file."""
+    """Return the name of the adhesion law; for a file also the law with its numbers, and the path."""
     if adhesion is not None and adhesion.lower().endswith(".toml"):
         v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
         file = Path(adhesion)
         law = law_from_file(file, v0, None, assumed=initial_speed is None)
         return law.name, law, file
     if initial_speed is not None:
-        raise InputError("--initial-speed: goes with a file of --adhesion, whose numbers it chooses; leave it out")
+        raise InputError("--initial-speed: selects the numbers of an --adhesion file; leave it out without a file")
     if adhesion is not None and adhesion.lower().endswith(".py"):
-        raise InputError(f"--adhesion: {adhesion}: a Python file is not derived with; give a law by name, or FILE.toml")
+        raise InputError(f"--adhesion: {adhesion}: derive takes no Python file; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None, None

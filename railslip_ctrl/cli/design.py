@@ -1,4 +1,4 @@
-"""`railslip design`."""
+"""The command `railslip design`."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ _LARGEST_PORT = 65_535
 @option(
     "--envelope",
     "default|FILE",
-    "Shape for a whole envelope, as `margins` judges it; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
+    "Envelope to shape the loop for, as in `margins`; --rail, --adhesion, --speed, --slip and --loaded narrow it.",
     "the vehicle's own or the default",
 )
-@gain_options("those of the page's rule")
-@controller_option("a PI-lead by a rule, or a PI of --kp and --ki")
+@gain_options("by the page's rule")
+@controller_option("a PI-lead by rule; with --kp and --ki a PI")
 @preset(
     "--port",
     "N",
-    "Number of the port of 127.0.0.1; 0: a free one. With a port of your own, open pages go on after a restart.",
+    "Port number on 127.0.0.1; 0: any free port. With a fixed port, open pages reconnect after a restart.",
     "0",
 )
-@switch("--no-browser", "Print the address alone; open no browser.")
+@switch("--no-browser", "Only print the address; do not open a browser.")
 def command(
     cases: CaseOptions,
     as_json: bool,
@@ -53,9 +53,11 @@ def command(
     port: str,
     no_browser: bool,
 ) -> None:
-    """Shape the loop by hand, in the browser. The page shows the gains that stabilise the whole envelope, the loop with
-    its exact margins, and braking runs, while you drag; it saves the controller for every other command. It is served
-    on this machine alone, until you interrupt it. Exit status 0, or 2 for bad input.
+    """Shape the loop by hand in the browser.
+
+    While you drag, the page shows the gains that stabilise the whole envelope, the loop with its exact margins, and
+    braking runs. It saves the controller for every other command. Only this machine can reach the page. Interrupt the
+    command to end it. Exit status 0, or 2 for bad input.
 
     Example: railslip design --vehicle my_train.toml --no-browser --port 8050
     """
@@ -73,5 +75,5 @@ def command(
             if not no_browser:
                 webbrowser.open(server.address)
             server.serve_forever()
-    except KeyboardInterrupt:  # how it ends
+    except KeyboardInterrupt:  # the regular end
         progress("the page is no longer served")

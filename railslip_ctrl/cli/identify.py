@@ -1,4 +1,4 @@
-"""`railslip identify`."""
+"""The command `railslip identify`."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from .options import from_file, number_option, tell_remarks, whole_number
 from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
-_BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
-_MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
+_BAR_FROM_BYTES = 8 << 20  # size of logs from which a progress bar is shown; smaller ones are read at once
+_MOST_SKIPPED = 10_000  # largest --skip-lines; the header must be in a log's first megabyte
 
 
 @click.command(context_settings=HELP)
@@ -45,7 +45,7 @@ _MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
 @preset(
     "--model",
     "|".join(("best", *MODELS)),
-    "Model to fit. best: all but bristle_rest; of those with a formula the one with the lowest BIC.",
+    "Model to fit. best: fit all but bristle_rest, choose the lowest BIC among those with a formula.",
     "best",
 )
 @preset("--rail", "dry|wet", "Rail condition of the log.", "dry")
@@ -73,13 +73,13 @@ _MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
     "--column",
     "NAME=HEADER",
     f"Column header, or column number from 1, of a quantity NAME, one of {', '.join(UNITS)}; repeatable.",
-    "its name",
+    "the quantity's name",
     multiple=True,
 )
 @option(
     "--unit",
     "NAME=UNIT",
-    "Unit of the column of a quantity, NAME as of --column; repeatable.",
+    "Unit of a quantity's column, NAME as in --column; repeatable.",
     "the header's",
     multiple=True,
 )
@@ -87,7 +87,7 @@ _MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
 @option(
     "--delay",
     "NAME=S",
-    "Column delay of a quantity, s; for differences of encoder counts half their interval; repeatable.",
+    "Delay of a quantity's column, s; half the interval if a speed is a difference of encoder counts; repeatable.",
     "0",
     multiple=True,
 )
@@ -96,14 +96,19 @@ _MOST_SKIPPED = 10_000  # lines; the header must be in a log's first megabyte
 )
 @option("--fix", "PARAMETER=VALUE", "Parameter not to be fitted, SI or with a unit; repeatable.", "none", multiple=True)
 @option(
-    "--bound", "PARAMETER=LOW:HIGH", "Bounds of a parameter, SI or with units; repeatable.", "its own", multiple=True
+    "--bound",
+    "PARAMETER=LOW:HIGH",
+    "Bounds of a parameter, SI or with units; repeatable.",
+    "the model's",
+    multiple=True,
 )
 @path_option("--out", "DIR", "Folder for the model's file, reports and pictures.")
 @path_option(
     "--observed",
     "FILE",
-    "CSV to write: observed adhesion torque and coefficient, slip, speed and load behind the observer's filter, "
-    "for each row under brake, with its regime: adhesion below the slip of the chosen model's peak, else sliding.",
+    "CSV to write, a row for each row of the log under brake: observed adhesion torque and coefficient, slip, speed "
+    "and load after the observer's filter, and the regime (adhesion below the slip of the chosen model's peak, else "
+    "sliding).",
 )
 @json_option
 def command(
@@ -115,25 +120,27 @@ def command(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
+    """Fit adhesion models to a brake-rig log; show the curve, the models and the reference slip.
+
+    From several logs the parameters follow as functions of v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kNm]", "time_ms". The units may
-    stand in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
-    - is standard input. The model is for --adhesion fitted/model.toml of linearize, margins, tune, simulate, report,
-    derive and verify --law predictive. That of several logs is over v0, and is taken at --initial-speed. Exit status
-    0, or 2 for bad input.
+    be in the line below, the header in a comment (#). Lines above the header are skipped. The file may be gzipped;
+    - is standard input. Give the fitted model to linearize, margins, tune, simulate, report, derive and verify --law
+    predictive by --adhesion fitted/model.toml. For a model of several logs --initial-speed selects v0. Exit status 0,
+    or 2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
     options = _options(given)
     if len(logs) > 1 and options.initial_speed is not None:
-        raise InputError("--initial-speed: is one speed, but there are several logs; leave it to them")
+        raise InputError(f"--initial-speed: goes with one log, but there are {len(logs)}; leave it out")
     if sum(str(log) == STANDARD_INPUT for log in logs) > 1:
         raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
     if observed is not None:
         if len(logs) > 1:
-            raise InputError(f"--observed: is for one log, but there are {len(logs)}; give them one by one")
+            raise InputError(f"--observed: goes with one log, but there are {len(logs)}; run them one by one")
         check_file(observed, "--observed")
         if observed.exists() and any(log.exists() and log.samefile(observed) for log in logs):
             raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")
@@ -145,32 +152,33 @@ def command(
     tell_remarks(chosen)
     chosen = chosen.loaded() if loaded else chosen
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
-        found: Identification | LogSeries = (
+        result: Identification | LogSeries = (
             identify(logs[0], chosen, options, progress=advance, observed=sink)
             if len(logs) == 1
             else identify_several(logs, chosen, options, progress=advance)
         )
-        if sink is not None and isinstance(found, Identification):
-            sink.finish(found.regimes)
-    _warn(found)
-    text = _report(found)
-    record = identification_json(found) if isinstance(found, Identification) else series_json(found)
+        if sink is not None and isinstance(result, Identification):
+            sink.finish(result.regimes)
+    _warn(result)
+    text = _report(result)
+    record = identification_json(result) if isinstance(result, Identification) else series_json(result)
     content = json.loads(options_named(json.dumps(record)))
     try:
         if out is not None:
-            files = _files(found, text, content)
-            count = write_results(out, files, partial(_drawings, found))
-            told = ", the model to model.toml" if "model.toml" in files else ""
-            if isinstance(found, LogSeries):
-                told += ", to be taken at --initial-speed" if told else ""
-                told += "; model-1.toml and so on are for the v0 of their log"
-            progress(f"wrote {count} files to {out}{told}")
+            files = _files(result, text, content)
+            count = write_results(out, files, partial(_drawings, result))
+            message = f"wrote {count} files to {out}"
+            message += ", the model to model.toml" if "model.toml" in files else ""
+            if isinstance(result, LogSeries):
+                message += " (select v0 by --initial-speed)" if "model.toml" in files else ""
+                message += "; model-1.toml and so on hold only for the v0 of their log"
+            progress(message)
     finally:
-        show(as_json, lambda: content, lambda: _report(found))
+        show(as_json, lambda: content, lambda: _report(result))
 
 
-def _report(found: Identification | LogSeries) -> str:
-    return options_named(identification_text(found) if isinstance(found, Identification) else series_text(found))
+def _report(result: Identification | LogSeries) -> str:
+    return options_named(identification_text(result) if isinstance(result, Identification) else series_text(result))
 
 
 def _options(given: Mapping[str, Any]) -> Options:
@@ -202,15 +210,15 @@ def _options(given: Mapping[str, Any]) -> Options:
 
 
 def _pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
-    found = {}
+    pairs = {}
     for text in texts:
         name, sign, value = text.partition("=")
         if not (sign and name.strip() and value.strip()):
             raise InputError(f"{option}: {shown(text)} is not allowed; give NAME=VALUE")
-        if name.strip() in found:
+        if name.strip() in pairs:
             raise InputError(f"{option}: {name.strip()} is given twice; give it once")
-        found[name.strip()] = value.strip()
-    return found
+        pairs[name.strip()] = value.strip()
+    return pairs
 
 
 def _value(option: str, name: str, text: str) -> float:
@@ -226,7 +234,7 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
 
 @contextmanager
 def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], None] | None]:
-    """A progress bar on standard error while large logs are read."""
+    """Show a progress bar on standard error while large logs are read."""
     if sum(path.stat().st_size for path in logs if path.is_file()) < _BAR_FROM_BYTES:
         yield None
         return
@@ -238,14 +246,14 @@ def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], No
         yield lambda share: bar.update(task, completed=share)
 
 
-def _warn(found: Identification | LogSeries) -> None:
-    for each in (found,) if isinstance(found, Identification) else found.logs:
+def _warn(result: Identification | LogSeries) -> None:
+    for each in (result,) if isinstance(result, Identification) else result.logs:
         for note in each.curve.notes:
             progress(options_named(f"note: {each.curve.name}: {note}"))
         for warning in (*each.warnings, *each.doubts):
             progress(options_named(f"warning: {warning}"))
-    if isinstance(found, LogSeries):
-        for warning in found.warnings:
+    if isinstance(result, LogSeries):
+        for warning in result.warnings:
             progress(options_named(f"warning: {warning}"))
 
 
@@ -253,7 +261,7 @@ def _warn(found: Identification | LogSeries) -> None:
 
 
 def _model_names(count: int) -> list[str]:
-    """Of the logs' own models."""
+    """Return the file names of the models of single logs."""
     return ["model.toml"] if count == 1 else [f"model-{i + 1}.toml" for i in range(count)]
 
 
@@ -267,20 +275,20 @@ def _file_names(count: int) -> list[str]:
     return [*several, *_model_names(count), "identification.txt", "identification.json", *pictures]
 
 
-def _files(found: Identification | LogSeries, text: str, content: Mapping[str, Any]) -> dict[str, FileContent]:
-    logs = found.logs if isinstance(found, LogSeries) else (found,)
+def _files(result: Identification | LogSeries, text: str, content: Mapping[str, Any]) -> dict[str, FileContent]:
+    logs = result.logs if isinstance(result, LogSeries) else (result,)
     named = zip(_model_names(len(logs)), logs, strict=True)
     files: dict[str, FileContent] = {name: options_named(model_toml(each)) for name, each in named}
     files |= {"identification.txt": text, "identification.json": json_text(content)}
-    whole = series_toml(found) if isinstance(found, LogSeries) else None
+    whole = series_toml(result) if isinstance(result, LogSeries) else None
     return files if whole is None else files | {"model.toml": options_named(whole)}
 
 
-def _drawings(found: Identification | LogSeries) -> Drawings:
+def _drawings(result: Identification | LogSeries) -> Drawings:
     from railslip_ctrl.report import plots
 
-    if isinstance(found, LogSeries):
-        logs, others = found.logs, [plots.coefficients_figure(found)]
+    if isinstance(result, LogSeries):
+        logs, others = result.logs, [plots.coefficients_figure(result)]
     else:
-        logs, others = (found,), [plots.drift_figure(found), plots.braking_figure(found)]
+        logs, others = (result,), [plots.drift_figure(result), plots.braking_figure(result)]
     return dict(zip(_pictures(len(logs)), [plots.adhesion_figure(logs), *others], strict=True))

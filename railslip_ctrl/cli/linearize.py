@@ -1,4 +1,4 @@
-"""`railslip linearize`."""
+"""The command `railslip linearize`."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from .settings import HELP, switch
 @case_options()
 @switch("--speed-state", "Keep the train speed as a state instead of freezing it.")
 def command(cases: CaseOptions, as_json: bool, speed_state: bool) -> None:
-    """Operating point and linearisation, from brake torque at the wheel to sigma, lambda and the tracking error. Exit
-    status 0, or 2 for bad input.
+    """Linearise the plant from brake torque at the wheel to sigma, lambda and the tracking error.
+
+    Exit status 0, or 2 for bad input.
 
     Example: railslip linearize --rail dry --speed 100 --speed 40
     """

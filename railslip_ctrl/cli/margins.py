@@ -1,4 +1,4 @@
-"""`railslip margins`."""
+"""The command `railslip margins`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .settings import HELP, option, switch
 
 @click.command(context_settings=HELP)
 @options.case_options()
-@options.envelope_options("the points of those options")
+@options.envelope_options("none; the operating points of the options are judged")
 @options.gain_options("Table 4's")
 @options.controller_option("a PI of --kp, --ki and --lead")
 @option(
@@ -38,8 +38,8 @@ from .settings import HELP, option, switch
     "none",
     type=options.Number("s", ge=0),
 )
-@option("--lead-filter", "F", "Its filter time constant F, s.", "a tenth of the lead", type=options.Number("s", ge=0))
-@switch("--certify", "Proven bounds on all margins, relative width at most 1e-9.")
+@option("--lead-filter", "F", "Filter time constant F, s.", "a tenth of the lead", type=options.Number("s", ge=0))
+@switch("--certify", "Give proven bounds on all margins, of relative width at most 1e-9.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -54,10 +54,11 @@ def command(
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI, any linear controller or the seeking one, the dead time exact
-    (discrete controllers: as sampled), at the operating points named, or one verdict over an envelope. A controller's
-    file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop (of an envelope: at an
-    operating point) is unstable, 2 for bad input.
+    """Compute stability margins with the exact dead time at operating points, or one verdict over an envelope.
+
+    The controller is a PI, any linear controller or the seeking controller; discrete controllers are judged as sampled.
+    A controller from a file is judged at its own reference slip unless --slip is given. Exit status 1 if a loop is
+    unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
@@ -107,13 +108,16 @@ def command(
 def given_controller(
     text: str, point: OperatingPoint, gains: PIGains | None, reference: ReferenceSlip | None = None
 ) -> Any:
-    """The controller of `--controller`, for the vehicle of a point; `reference` where it has none, or the law's."""
+    """Return the controller that `--controller` names, for the vehicle of an operating point.
+
+    If the controller has no reference slip it gets `reference`, or else that of the adhesion law.
+    """
     from railslip_ctrl.design.catalogue import controller_named, default_column
 
-    held = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
+    slips = reference or point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
     if options.is_file(text):
         if gains is not None:
             raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
-        return options.controller_from_file(text, point.vehicle, held, point.speed)
+        return options.controller_from_file(text, point.vehicle, slips, point.speed)
     name = options.controller_name(text)
-    return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=held)
+    return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=slips)

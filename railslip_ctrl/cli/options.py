@@ -1,4 +1,4 @@
-"""Options that the commands share, and the operating points, scenarios and controllers they name."""
+"""Options that commands share, and the operating points, scenarios and controllers that they select."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ from .settings import Option, json_option, option, path_option, preset, switch
 
 R = TypeVar("R")
 
-_TOLD = "railslip_ctrl.told"  # in the command's context: its warnings
-_LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: an empty and a half-full car
-_SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Table 1 then changes by 3 %
+_WARNED = "railslip_ctrl.warned"  # key in the command's context: set of warnings already printed
+_LOAD_TOLERANCE = 0.1  # relative difference from the log's wheel load without a warning: a car empty or half full
+_SPEED_TOLERANCE = 0.1  # relative difference from the log's v0 without a warning: mu_max in Table 1 changes by 3 %
 
 DEFAULT_ENVELOPE = "default"
 
@@ -55,7 +55,7 @@ _SCENARIO, _LAW = "the scenario's", "LAW|FILE.toml|FILE.py"
 
 
 class Number(click.ParamType[float]):
-    """A finite number in `unit`, or text with a unit of that dimension, within bounds."""
+    """Option type: a finite number in `unit`, or text with a unit of that dimension, within bounds."""
 
     name = "number"
 
@@ -78,7 +78,7 @@ class Number(click.ParamType[float]):
 
 
 def whole_number(option: str, text: str, least: int, largest: int) -> int:
-    """The number that an option was given as `text`; InputError, which names it, for one out of range or no number."""
+    """Return the whole number in an option's `text`; InputError if it is not a whole number or out of range."""
     if not (text.isascii() and text.isdigit() and len(text) <= 20 and least <= int(text) <= largest):
         raise InputError(f"{option}: {text[:60]!r} is not allowed; give a whole number from {least} to {largest}")
     return int(text)
@@ -89,10 +89,10 @@ SLIP = Number("1", gt=0, lt=1)
 
 @dataclass(frozen=True)
 class CaseOptions:
-    """What the common options say: a vehicle, and the operating points or the braking run it is looked at in.
+    """Values of the shared options: a vehicle, and its operating points or braking run.
 
-    Speeds in km/h, masses in kg, times in s. None, or empty, where an option was left out; `adhesion` and
-    `initial_speed` then have their defaults, in whose place a run has its scenario's.
+    Speeds in km/h, masses in kg, times in s. An option that was not given is None or empty. `adhesion` and
+    `initial_speed` have their defaults then; in a braking run the scenario's values replace these defaults.
     """
 
     adhesion: str
@@ -116,7 +116,7 @@ class CaseOptions:
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
+        """Return the vehicle with the load or the first mass given; print the assumptions about it."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
         tell_remarks(chosen)
@@ -124,14 +124,14 @@ class CaseOptions:
 
     @cached_property
     def given_vehicle(self) -> Vehicle:
-        """The vehicle of the file, empty, with the brake given."""
+        """Return the empty vehicle of the file, with the actuator options applied."""
         return self._changed(self._own_vehicle(PARK2008))
 
     def _own_vehicle(self, otherwise: Vehicle) -> Vehicle:
         return otherwise if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
 
     def _changed(self, vehicle: Vehicle) -> Vehicle:
-        """A vehicle with the inertia scale and the brake given."""
+        """Return the vehicle with the options for inertia scale and actuator applied."""
         update: dict[str, object] = {}
         if self.inertia_scale is not None:
             update["inertia_scale"] = self.inertia_scale
@@ -141,25 +141,25 @@ class CaseOptions:
         return vehicle.model_copy(update=update)
 
     def name_points(self) -> bool:
-        """Whether an option names operating points."""
+        """Return True if an option selects operating points."""
         return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip is not None) or _is_given(
             "adhesion"
         )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
-        """The envelope of a file, or the vehicle's own, or the default; the options that name points narrow it."""
+        """Return the envelope of a file, or the vehicle's own, or the default, narrowed by the other options."""
         if self.masses:
             raise InputError(
-                "--mass: changes M alone, and the loads of an envelope are mass and wheel load; give --loaded, or both "
-                "in the vehicle's file"
+                "--mass: does not go with an envelope, whose loads have a mass and a wheel load; give --loaded, or "
+                "both in the vehicle's file"
             )
-        _ = self.chosen_vehicle  # says what is assumed of it
+        _ = self.chosen_vehicle  # prints the assumptions about the vehicle
         car = self.given_vehicle
         source, path = ("--vehicle", self.vehicle) if given.lower() == DEFAULT_ENVELOPE else ("--envelope", Path(given))
-        found = Envelope(car) if path is None else from_file(source, path, lambda path: load_envelope(path, car))
+        envelope = Envelope(car) if path is None else from_file(source, path, lambda path: load_envelope(path, car))
         if self.slip == 0:
             raise InputError("--slip: 0 is not allowed with an envelope; give a value > 0")
-        named: tuple[tuple[str, str, Any], ...] = (  # the slip first, of which the laws may have none
+        changes: tuple[tuple[str, str, Any], ...] = (  # the slip first, because a law may have no reference slip
             ("--slip", "reference", self.slip and {rail.value: self.slip for rail in Rail}),
             ("--rail", "rails", self.rails and self.chosen_rails()),
             ("--adhesion", "laws", _is_given("adhesion") and self.adhesion),
@@ -167,15 +167,15 @@ class CaseOptions:
             ("--loaded", "loads", self.loaded and "loaded"),
             ("--initial-speed", "initial_speed", _is_given("initial_speed") and self.initial_speed),
         )
-        for flag, name, value in named:
+        for flag, name, value in changes:
             if value:
-                found = naming(flag, functools.partial(found.at, **{name: value}))
+                envelope = naming(flag, functools.partial(envelope.at, **{name: value}))
         laws_of = "--adhesion" if path is None or _is_given("adhesion") else f"{source}: {file_name(path)}: envelope"
-        naming(laws_of, found.check_files)
-        return found
+        naming(laws_of, envelope.check_files)
+        return envelope
 
     def law(self, rail: Rail) -> AdhesionLaw:
-        """The adhesion law on a rail, at the vehicle's wheel load."""
+        """Return the adhesion law on a rail, at the vehicle's wheel load."""
         load = self.chosen_vehicle.wheel_load
         if not is_file(self.adhesion):
             return published_law(self.adhesion, rail, self.initial_speed, load)
@@ -183,7 +183,7 @@ class CaseOptions:
         return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
 
     def _takes_initial_speed(self, speed: float) -> bool:
-        """Whether the law has parameters at another v0, km/h."""
+        """Return True if the adhesion law has parameters at the v0 `speed`, km/h."""
         path = Path(self.adhesion)
         try:
             if not is_file(self.adhesion):
@@ -195,20 +195,22 @@ class CaseOptions:
         return True
 
     def points(self, reference: ReferenceSlip | None = None) -> list[OperatingPoint]:
-        """The operating points, in the order rail, mass, speed; at a `reference` slip, the law's without, but at that
-        of the option before either."""
+        """Return the operating points, in the order rail, mass, speed.
+
+        Their slip is that of --slip, or else `reference`, or else the adhesion law's reference slip.
+        """
         vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
-        found = []
+        points = []
         for rail in self.chosen_rails():
             law = self.law(rail)
-            held = law.reference_slip(rail) if reference is None else reference.on(rail)
-            held = held if self.slip is None else self.slip
-            if held is None:
+            slip = law.reference_slip(rail) if reference is None else reference.on(rail)
+            slip = slip if self.slip is None else self.slip
+            if slip is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
             try:
                 for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds):
                     car, v0 = _with_mass(vehicle, mass), self.initial_speed
-                    found.append(operating_point(law, car, speed * KMH, held, rail=rail, initial_speed_kmh=v0))
+                    points.append(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
             except DomainError as error:
                 if self.slip is not None:
                     raise
@@ -217,12 +219,12 @@ class CaseOptions:
             other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
                 f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
-                f"applied, which a braking train does not reach again; give another{other}"
+                f"applied; a braking train does not reach it; give a lower --speed{other}"
             )
-        return found
+        return points
 
     def chosen_rails(self) -> tuple[Rail, ...]:
-        """The rail conditions named, each once and in the order given; both if none is."""
+        """Return the rail conditions given, each once and in the order given; both if none is given."""
         for rail in self.rails:
             if rail.lower() not in tuple(Rail):
                 raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
@@ -231,7 +233,7 @@ class CaseOptions:
     # --- a braking run ----------------------------------------------------------------------------------------------
 
     def run_scenario(self) -> Scenario:
-        """The scenario with what was given changed; what was assumed of its vehicle is said on standard error."""
+        """Return the scenario with the options applied; print the assumptions about its vehicle."""
         scenario = naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._run_vehicle(scenario.vehicle)
         tell_remarks(vehicle)
@@ -251,7 +253,7 @@ class CaseOptions:
             update = {key: value for key, value in given.items() if value is not None}
             if update:
                 record = getattr(scenario, name)
-                changes[name] = type(record)(**{**dict(record), **update})  # checked anew
+                changes[name] = type(record)(**{**dict(record), **update})  # the constructor checks the values
         if self.rails:
             (changes["rail"],) = self.chosen_rails()
         v0 = self.law_speed(start)
@@ -259,20 +261,20 @@ class CaseOptions:
             name = self.adhesion if _is_given("adhesion") else scenario.adhesion.name
             changes["adhesion"] = self._run_law(name, vehicle, v0)
         elif _is_given("initial_speed"):
-            raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
+            raise InputError("--initial-speed: the scenario gives the adhesion parameters itself; leave it out")
         if not math.isclose(v0, start):
             warn(
-                f"--initial-speed: the adhesion is that of brakes applied at {v0 / KMH:g} km/h, but this run begins at "
+                f"--initial-speed: the adhesion is for brakes applied at {v0 / KMH:g} km/h, but this run begins at "
                 f"{start / KMH:g} km/h (--speed)"
             )
         return scenario.for_vehicle(vehicle).with_changes(**changes)
 
     def law_speed(self, start: float) -> float:
-        """v0 of the adhesion law of a run, m/s: its own `start`, unless it is given."""
+        """Return v0 of the adhesion law of a run, m/s: --initial-speed if given, else the initial speed `start`."""
         return self.initial_speed * KMH if _is_given("initial_speed") else start
 
     def _check_run(self, scenario: Scenario) -> None:
-        """Refuse what the scenario would refuse, by the names of the options."""
+        """Raise InputError, with the option's name, for a value that the scenario would reject."""
         if self.step is not None and self.step > LARGEST_STEP:
             raise InputError(f"--step: {self.step:g} s is not allowed; give a value <= {LARGEST_STEP:g} s")
         if self.speeds and not self.speeds[0] * KMH > scenario.final_speed:
@@ -282,7 +284,7 @@ class CaseOptions:
             )
 
     def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
-        """The adhesion law of a run; a complaint of v0, m/s, names the option that it came from."""
+        """Return the adhesion law of a run; an error about v0 (m/s) names the option that set it."""
         try:
             if is_file(name):
                 return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
@@ -295,12 +297,12 @@ class CaseOptions:
             raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
 
     def _run_vehicle(self, own: Vehicle) -> Vehicle:
-        """The scenario's vehicle or the file's, with what was given of it."""
+        """Return the vehicle of the file, or else of the scenario, with the options applied."""
         vehicle = self._own_vehicle(own)
         if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
             progress(
-                f"note: --vehicle: inertia scale {vehicle.inertia_scale:g}, the file's, in place of the scenario's "
-                f"{own.inertia_scale:g}; give --inertia-scale for another"
+                f"note: --vehicle: the file's inertia scale {vehicle.inertia_scale:g} replaces the scenario's "
+                f"{own.inertia_scale:g}; give --inertia-scale to change it"
             )
         vehicle = self._changed(vehicle.loaded() if self.loaded else vehicle)
         for mass in self.masses:
@@ -313,7 +315,7 @@ def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
 
 
 def tell_remarks(vehicle: Vehicle) -> None:
-    """What was assumed of a vehicle, on standard error."""
+    """Print the assumptions about a vehicle on standard error."""
     for note in remarks(vehicle):
         progress(f"note: {vehicle.name}: {note}")
 
@@ -322,23 +324,25 @@ def number_option(
     name: str,
     unit: str,
     text: str,
-    left_out: str,
+    default_text: str,
     *,
     gt: float | None = None,
     ge: float | None = None,
     lt: float | None = None,
     **kind: Any,
 ) -> Option:
-    """As `option`, for a `Number` in a unit, after which the help calls it."""
+    """Return an `option` for a `Number`; its placeholder in the help is the unit in capitals, or X."""
     metavar = {"1": "X", "km/h": "KMH"}.get(unit) or (unit.upper() if unit.isalpha() else "X")
-    return option(name, metavar, text, left_out, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
+    return option(name, metavar, text, default_text, type=Number(unit, gt=gt, ge=ge, lt=lt), **kind)
 
 
 def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False, over: bool = False) -> Option:
-    """The options that name a vehicle and where it is looked at, handed to the command as one `CaseOptions`.
+    """Add the options for vehicle and operating points; the command gets them as one `CaseOptions`.
 
-    Without `speeds` for whole stops, with several `masses`, each combined with every rail and speed, for a `run`, which
-    takes one of each, or `over` an envelope, which has what is left out, and whose loads are not a mass alone.
+    - speeds: with --speed; False for a command about whole stops
+    - masses: --mass may be repeated; each mass is combined with every rail and speed
+    - run: for one braking run; options that are not given come from its scenario
+    - over: for an envelope; options that are not given come from it, and --mass is left out
     """
 
     def collected(function: Callable[..., Any]) -> Any:
@@ -360,8 +364,8 @@ def case_options(*, speeds: bool = True, masses: bool = False, run: bool = False
 
 def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
     of_envelope = "the envelope's" if over else None
-    laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
-    law = f"Adhesion law: {laws}, which is run."
+    laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with your own law"
+    law = f"Adhesion law: {laws} (the file is run)."
     rail = ("Rail at the start.", _SCENARIO) if run else ("Rail condition; repeatable.", of_envelope or "both")
     v0 = "Speed v0 at the start of braking, km/h, 30 to 140; the adhesion law depends on it."
     begin = ("Speed at which the brake is applied, km/h.", _SCENARIO)
@@ -373,7 +377,7 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
         "paper."
     )
     unnamed = _SCENARIO if run else of_envelope or "bristle; an envelope has its own"
-    late = "Actuator dead time, s; linearize leaves it out."
+    late = "Actuator dead time, s; ignored by linearize."
     own = "the vehicle's"
     of_law = [
         option("--adhesion", _LAW, law, unnamed, default="bristle"),
@@ -400,77 +404,78 @@ def _options(speeds: bool, masses: bool, run: bool, over: bool) -> list[Option]:
             number_option(
                 "--gradient", "1", "Gradient, ratio of rise to length; downhill negative.", _SCENARIO, ge=-STEEPEST
             ),
-            number_option("--torque-gain", "1", "Factor on the commanded torque, which acts.", _SCENARIO, gt=0),
+            number_option("--torque-gain", "1", "Ratio of the acting to the commanded torque.", _SCENARIO, gt=0),
             number_option("--speed-scale", "1", "Factor on the measured train speed.", _SCENARIO, gt=0),
             number_option(
                 "--encoder-teeth",
                 "1",
-                "Teeth of the wheel's encoder, ratio of a turn to one; 0: none.",
+                "Number of teeth of the wheel encoder; 0: no encoder error.",
                 _SCENARIO,
                 ge=0,
             ),
-            number_option("--believed-radius", "m", "Wheel radius that controllers believe, m.", _SCENARIO, gt=0),
+            number_option("--believed-radius", "m", "Wheel radius that controllers assume, m.", _SCENARIO, gt=0),
         ]
         return [*of_run, *of_law, *of_speed, *of_vehicle]
     static = ", ".join(name for name, law in law_classes().items() if not law.has_state)
     point = f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
-    slip, kind = (point, Number("1", ge=0, lt=1)) if speeds else ("Reference slip ratio held, 0 < X < 1.", SLIP)
+    slip, kind = (point, Number("1", ge=0, lt=1)) if speeds else ("Reference slip ratio, 0 < X < 1.", SLIP)
     return [*of_law, *of_speed, option("--slip", "X", slip, "the law's published reference", type=kind), *of_vehicle]
 
 
-def envelope_options(left_out: str) -> Option:
-    """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
+def envelope_options(default_text: str) -> Option:
+    """Return the options that ask for a verdict over an envelope; `default_text` is for the help."""
     nominal = switch("--nominal", "Judge an envelope without tolerances.")
     text = (
-        "Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML file; "
-        "--rail, --adhesion, --speed, --slip and --loaded narrow it."
+        "Judge a whole envelope. default: the vehicle's own ([envelope] in its file), or else the default envelope; or "
+        "a TOML file. --rail, --adhesion, --speed, --slip and --loaded narrow it."
     )
-    envelope = option("--envelope", "default|FILE", text, left_out)
+    envelope = option("--envelope", "default|FILE", text, default_text)
     return lambda function: envelope(nominal(function))
 
 
-def gain_options(left_out: str) -> Option:
-    """The options that give the PI gains; `left_out` says what holds without them."""
+def gain_options(default_text: str) -> Option:
+    """Return the options for the PI gains; `default_text` is for the help."""
     kp = 'Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").'
-    ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.'
-    of_kp, of_ki = number_option("--kp", "N*m/(m/s)", kp, left_out), number_option("--ki", "N*m/m", ki, left_out)
+    ki = 'Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); give both gains or neither.'
+    of_kp = number_option("--kp", "N*m/(m/s)", kp, default_text)
+    of_ki = number_option("--ki", "N*m/m", ki, default_text)
     return lambda function: of_kp(of_ki(function))
 
 
-def naming(option: str, made: Callable[[], R]) -> R:
-    """What is made, with the option named in its complaint."""
+def naming(option: str, make: Callable[[], R]) -> R:
+    """Return `make()`; its errors begin with the option's name."""
     try:
-        return made()
+        return make()
     except InputError as error:
         word = option.removeprefix("--").split(":")[0].replace("-", " ")
         message = str(error).removeprefix("Envelope: ")
-        for named in (f"{word}: ", f"{word}s: ", "laws: " if word == "adhesion" else ""):
-            message = message.removeprefix(named)
-        of_name = message.startswith(f"{word} '")  # adhesion 'beam': ...
-        raise InputError(f"{option}{message.removeprefix(word) if of_name else f': {message}'}") from None
+        for prefix in (f"{word}: ", f"{word}s: ", "laws: " if word == "adhesion" else ""):
+            message = message.removeprefix(prefix)
+        has_name = message.startswith(f"{word} '")  # adhesion 'beam': ...
+        raise InputError(f"{option}{message.removeprefix(word) if has_name else f': {message}'}") from None
     except InfeasibleDesignError as error:
         raise InfeasibleDesignError(f"{option}: {str(error).removeprefix('controller: ')}") from None
 
 
 def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
-    """What `load` makes of the file, with the option named in its complaint."""
+    """Return `load(path)`; its errors begin with the option's name."""
     if str(path) in ("", "."):
         raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
     return naming(option, lambda: load(path))
 
 
 def is_file(text: str) -> bool:
-    """Whether --adhesion or --controller names a file."""
+    """Return True if the value of --adhesion or --controller is a file."""
     return text.lower().endswith((".toml", ".py"))
 
 
 def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
-    """The law in a file, at v0 in km/h; warns where it was found at another v0 or wheel load (N) than it is used at.
+    """Load the adhesion law of a file, at v0 in km/h; warn if it was identified at another v0 or wheel load (N).
 
-    `assumed` is whether nobody gave v0, and it is the default.
+    `assumed` is True if v0 is the default because no option gave it.
     """
     law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
-    if path.suffix.lower() == ".py":  # which says neither
+    if path.suffix.lower() == ".py":  # a Python file states neither wheel load nor v0
         return law
     if wheel_load is not None:
         _warn_of_wheel_load(law, path, wheel_load)
@@ -479,11 +484,11 @@ def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *,
 
 
 def _warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None:
-    found = from_file("--adhesion", path, wheel_load_in)
-    if found is not None and law.has_forces() and abs(wheel_load / found - 1.0) > _LOAD_TOLERANCE:
+    load = from_file("--adhesion", path, wheel_load_in)
+    if load is not None and law.has_forces() and abs(wheel_load / load - 1.0) > _LOAD_TOLERANCE:
         warn(
-            f"--adhesion: {path} was found at a wheel load of {found:g} N and is used at {wheel_load:g} N; forces "
-            "among its parameters do not grow with the load"
+            f"--adhesion: {path} was identified at a wheel load of {load:g} N and is used at {wheel_load:g} N; its "
+            "force parameters do not scale with the load"
         )
 
 
@@ -491,42 +496,42 @@ def _warn_of_initial_speed(path: Path, initial_speed: float, *, assumed: bool) -
     if is_over_initial_speed(path):
         if assumed:
             warn(
-                f"--adhesion: {path} changes with the initial speed v0, and is taken at {initial_speed:g} km/h; give "
-                "--initial-speed for another"
+                f"--adhesion: {path} depends on the initial speed v0, {initial_speed:g} km/h is assumed; give "
+                "--initial-speed to change it"
             )
         return
-    found = from_file("--adhesion", path, initial_speeds_in)
-    if found is not None and not (
-        found[0] * (1.0 - _SPEED_TOLERANCE) <= initial_speed <= found[1] * (1.0 + _SPEED_TOLERANCE)
+    bounds = from_file("--adhesion", path, initial_speeds_in)
+    if bounds is not None and not (
+        bounds[0] * (1.0 - _SPEED_TOLERANCE) <= initial_speed <= bounds[1] * (1.0 + _SPEED_TOLERANCE)
     ):
-        speeds = " to ".join(dict.fromkeys(f"{speed:.4g}" for speed in found))
+        speeds = " to ".join(dict.fromkeys(f"{speed:.4g}" for speed in bounds))
         warn(
-            f"--adhesion: {path} was found at an initial speed v0 of {speeds} km/h and is used at {initial_speed:g} "
-            "km/h (--initial-speed); the adhesion changes with it"
+            f"--adhesion: {path} was identified at an initial speed v0 of {speeds} km/h and is used at "
+            f"{initial_speed:g} km/h (--initial-speed); the adhesion depends on v0"
         )
 
 
 def warn(message: str) -> None:
-    """A warning on standard error, said once a command."""
-    told = click.get_current_context().meta.setdefault(_TOLD, set())
-    if message not in told:
-        told.add(message)
+    """Print a warning on standard error, unless this command has printed it already."""
+    warned = click.get_current_context().meta.setdefault(_WARNED, set())
+    if message not in warned:
+        warned.add(message)
         click.echo(f"railslip: warning: {message}", err=True)
 
 
 def _is_given(option: str) -> bool:
-    """Whether an option was given to the command that runs."""
+    """Return True if the current command line has the option."""
     return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
 
 def refuse_given(*options: str, because: str) -> None:
-    """InputError for an option that was given to the command that runs, and is not used."""
+    """Raise InputError if the current command line has one of the options, which would not be used."""
     for name in filter(_is_given, options):
         raise InputError(f"--{name.replace('_', '-')}: is not used {because}; leave it out")
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
-    """The gains given, both or neither (then None: Table 4's are meant)."""
+    """Return the gains, or None if neither is given (Table 4's are used then); InputError if only one is given."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
         raise InputError(f"{missing}: is missing beside {given}; give both gains, or neither for Table 4's")
@@ -536,36 +541,36 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
 # --- controllers ------------------------------------------------------------------------------------------------------
 
 
-_RULED = "; ".join(f"{name}, {kind.title}" for name, kind in BY_RULE.items())
+_TITLES_BY_RULE = "; ".join(f"{name} ({kind.title})" for name, kind in BY_RULE.items())
 
 
-def controller_option(left_out: str, **kind: Any) -> Option:
-    """`--controller`, the same in every command; `left_out` says what holds where it is not given."""
+def controller_option(default_text: str, **kind: Any) -> Option:
+    """Return the option --controller, the same in every command; `default_text` is for the help."""
     text = (
-        f"Table 4's PI or ASMC; this project's designs, pi-lead and scheduled; {_RULED}; a file with a controller's "
-        "numbers, or a Python file with one of your own, which is run."
+        f"Table 4's PI or ASMC; this project's designs, pi-lead and scheduled; {_TITLES_BY_RULE}; a file with a "
+        "controller's numbers; or a Python file with your own controller (the file is run)."
     )
-    return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, left_out, **kind)
+    return option("--controller", f"{'|'.join(NAMES)}|FILE.toml|FILE.py", text, default_text, **kind)
 
 
 def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
-    """The controller of a file, ready to run; `reference` and `law_speed` (m/s) where the file says none.
+    """Load the controller of a file, ready to run; errors begin with the option's name.
 
-    InputError that names the option.
+    `reference` and `law_speed` (v0, m/s) are used if the file has none.
     """
     from railslip_ctrl.controllers.files import as_control, load_controller
 
     path = Path(text)
-    given = naming("--controller", lambda: load_controller(path, initial_speed=law_speed))
-    return naming(f"--controller: {file_name(path)}", lambda: as_control(given, vehicle, reference, path.stem))
+    loaded = naming("--controller", lambda: load_controller(path, initial_speed=law_speed))
+    return naming(f"--controller: {file_name(path)}", lambda: as_control(loaded, vehicle, reference, path.stem))
 
 
 def controller_name(text: str) -> str:
-    """One of `NAMES`; InputError, with the nearest, for another."""
+    """Return the controller name in its standard form; InputError with the nearest name if it is unknown."""
     name = text.strip().lower().replace("_", "-")
     if name not in NAMES:
         raise InputError(
-            f"--controller: {name!r} is not one; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or "
+            f"--controller: {name!r} is not known; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or "
             "give FILE.toml or FILE.py"
         )
     return name

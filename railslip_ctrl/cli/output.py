@@ -1,4 +1,4 @@
-"""Printing: JSON, text as wide as the terminal, progress."""
+"""Print JSON, text as wide as the terminal, and progress lines."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from click.core import ParameterSource
 from railslip_ctrl.report.document import WIDTH, columns
 from railslip_ctrl.report.export import json_text
 
-_NARROWEST = 60  # columns; a narrower terminal breaks the lines itself
+_NARROWEST = 60  # smallest text width, columns; a narrower terminal wraps the lines
 
 
 def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[], str]) -> None:
-    """One JSON object on standard output, if that is asked for, else the text."""
+    """Print one JSON object if `as_json`, else the text."""
     if as_json:
         click.echo(json_text(content(), ensure_ascii=False), nl=False)
     else:
@@ -26,15 +26,15 @@ def show(as_json: bool, content: Callable[[], dict[str, Any]], text: Callable[[]
 
 
 def print_text(text: Callable[[], str]) -> None:
-    """A text no wider than the terminal; of one width in a pipe or a file."""
+    """Print a text, no wider than the terminal, or `WIDTH` columns wide into a pipe or a file."""
     terminal = min(max(shutil.get_terminal_size().columns, _NARROWEST), WIDTH)
     with columns(terminal if sys.stdout.isatty() else WIDTH):
-        told = text()
-    click.echo(told, nl=False)
+        wrapped = text()
+    click.echo(wrapped, nl=False)
 
 
 def progress(message: str) -> None:
-    """A line of progress on standard error; work goes on when its reader has gone (`2>&1 | head`)."""
+    """Print a progress line on standard error; ignore a closed pipe (`2>&1 | head`)."""
     try:
         click.echo(f"railslip: {message}", err=True)
     except OSError:
@@ -42,13 +42,13 @@ def progress(message: str) -> None:
 
 
 def command_line(ctx: click.Context) -> str:
-    """The command line as it could be typed again."""
-    words = [ctx.command_path]
+    """Return the command line that repeats this call."""
+    parts = [ctx.command_path]
     for option in ctx.command.params:
         given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
         value = ctx.params.get(option.name or "")
         values = list(value) if isinstance(value, tuple) else [value]
         if given and isinstance(option, click.Option):
-            words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
-            words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
-    return " ".join(words)
+            parts += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
+            parts += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(v))}" for v in values]
+    return " ".join(parts)

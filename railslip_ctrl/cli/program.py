@@ -1,4 +1,4 @@
-"""The `railslip` command: one module a subcommand, loaded when it is called."""
+"""The `railslip` command group; each subcommand is a module that is imported when it is called."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from .settings import HELP, options_named
 PROGRAM = "railslip"
 
 _COMMANDS = {
-    "report": "the main job: the controller to use for a vehicle, from which speed, and why",
-    "design": "the loop shaped by hand in the browser: map of gains, exact margins, braking runs",
-    "linearize": "operating point, A B C D, poles, zeros, transfer function",
-    "margins": "every margin of a loop, certified if asked; the verdict over an envelope",
-    "tune": "gains from a specification, over an envelope or at operating points",
-    "derive": "the sliding-mode law derived step by step; the paper's errata; C99 and Python code",
-    "identify": "an adhesion law and the slip to hold, from a brake-rig log",
-    "campaign": "many runs with sampled or swept quantities, on every core or a Dask cluster",
-    "verify": "the stability conditions of a sliding-mode law, decided",
-    "simulate": "a braking run: numbers, time series, pictures",
-    "reproduce": "the paper's tables and figures beside ours, and the units that reproduce them",
+    "report": "recommend a controller for a vehicle, with the lowest speed for slip control and the reasons",
+    "design": "shape the loop by hand in the browser, with a map of gains, exact margins and braking runs",
+    "linearize": "compute the operating point, A, B, C, D, poles, zeros and transfer function",
+    "margins": "compute all margins of a loop, certified if asked; judge a controller over an envelope",
+    "tune": "find gains that meet a specification, over an envelope or at operating points",
+    "derive": "derive the sliding-mode law step by step; the paper's errata; C99 and Python code",
+    "identify": "fit adhesion laws to brake-rig logs and find the reference slip",
+    "campaign": "run a scenario many times with sampled or swept quantities, on all cores or a Dask cluster",
+    "verify": "decide the stability conditions of a sliding-mode law",
+    "simulate": "simulate a braking run: numbers, time series, pictures",
+    "reproduce": "compare the paper's tables and figures with ours, and show the units that reproduce them",
 }
 
 
 class _LazyGroup(click.Group):
-    """Lists the commands without importing them; each costs only its own imports."""
+    """Command group that imports a command's module only when the command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -46,7 +46,10 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command. Click would print an empty line when interrupted, and exit with 1 on a broken pipe."""
+        """Run the command; end quietly on an interruption or a broken pipe.
+
+        Click alone would print an empty line when interrupted, and exit with 1 on a broken pipe.
+        """
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -57,20 +60,20 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command, after a look at its options for one that is given twice; InputError for one there is not."""
+        """Return the command; InputError if it is unknown or an option of one value is given twice."""
         if args[0] not in _COMMANDS and not ctx.resilient_parsing:
             from railslip_ctrl.core.units import shown
             from railslip_ctrl.core.user_files import close_match
 
             near = close_match(args[0].lower(), _COMMANDS).rstrip()
-            raise InputError(f"{shown(args[0])} is no command; {near or 'choose one of ' + ', '.join(_COMMANDS)}")
+            raise InputError(f"unknown command {shown(args[0])}; {near or 'choose one of ' + ', '.join(_COMMANDS)}")
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and not ctx.resilient_parsing:
             _check_repeated(ctx, command, rest)
         return name, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Command names without their modules, so that a shell does not wait for them; then the options."""
+        """Return command names without importing their modules, which would delay the shell; then the options."""
         commands = [CompletionItem(name, help=text) for name, text in _COMMANDS.items() if name.startswith(incomplete)]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
@@ -80,13 +83,13 @@ class _LazyGroup(click.Group):
 
 
 def _check_repeated(ctx: click.Context, command: click.Command, arguments: Sequence[str]) -> None:
-    """InputError for an option that takes one value and is given two, of which click would take the last."""
-    parser = command.make_parser(click.Context(command, parent=ctx))  # which has the names of the help from its parent
+    """Raise InputError if an option of one value is given twice; Click would silently use the last value."""
+    parser = command.make_parser(click.Context(command, parent=ctx))  # the parent has the names of the help option
     given = parser.parse_args(list(arguments))[2]
     for option in dict.fromkeys(given):
         if not isinstance(option, click.Option) or option.multiple:
             continue
-        is_switch = option.is_flag and not option.secondary_opts  # the same, however often it is given
+        is_switch = option.is_flag and not option.secondary_opts  # repeating a switch changes nothing
         if given.count(option) > 1 and not is_switch:
             raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
 
@@ -94,19 +97,24 @@ def _check_repeated(ctx: click.Context, command: click.Command, arguments: Seque
 @click.group(cls=_LazyGroup, context_settings=HELP)
 @click.version_option(__version__, prog_name=PROGRAM)
 def railslip() -> None:
-    """Wheel-slip control design for trains. Plain numbers are SI unless the option names a unit; a value may carry
-    its own unit ("3.5 t", "65 N*m/(km/h)"). Exit status: 0 done, 1 the check does not hold, 2 bad input.
+    """Design wheel-slip controllers for trains.
+
+    Plain numbers are SI unless the option names a unit; a value may carry its own unit ("3.5 t", "65 N*m/(km/h)").
+    Exit status: 0 done, 1 a check fails, 2 bad input.
 
     Example: railslip margins --rail dry --kp "65 N*m/(km/h)" --ki "1.4 N*m/(km/h)/s"
     """
 
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit; every error is one line on standard error. KeyboardInterrupt is the caller's."""
+    """Run the command line and exit; every error is one line on standard error.
+
+    Raises KeyboardInterrupt, which the caller handles.
+    """
     for stream in (sys.stdout, sys.stderr):
         reconfigure: Any = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
-            reconfigure(errors="replace")  # a terminal without Unicode shows "?", it does not fail
+            reconfigure(errors="replace")  # a terminal without Unicode shows "?" instead of raising an error
     try:
         status = railslip.main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
         sys.stdout.flush()
@@ -118,8 +126,8 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
     except RailslipError as error:
         _fail(str(error))
     except ArithmeticError as error:
-        # numbers each allowed but absurd together (a wheel of 1e12 kg m^2 under 1 kg) may leave the range of doubles
-        _fail(f"these numbers together are beyond the range of the computation ({error}); check their sizes")
+        # numbers that are allowed one by one can overflow together, e.g. a wheel of 1e12 kg m^2 under 1 kg
+        _fail(f"the numbers given are together outside the range of the computation ({error}); check their sizes")
     except click.Abort:
         raise KeyboardInterrupt from None
     except BrokenPipeError:
@@ -131,12 +139,12 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _end_without_reader() -> NoReturn:
-    """Exit as a shell reports a program that SIGPIPE has ended: the reader of the output (head, less) has gone."""
-    sys.stdout = None  # else Python would try to write the rest
+    """Exit with the status of a program ended by SIGPIPE; the reader of the output (head, less) has closed it."""
+    sys.stdout = None  # otherwise Python would flush the rest at exit
     sys.exit(141)
 
 
-# What the package calls a quantity that an option gives, where a message begins with it.
+# Quantity at the beginning of a message of the package that is called like an option.
 _OPTION_NAMED = re.compile(
     r"^(?:(?:slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])"
     r"|(?:structure|controller|out|workers|scheduler|worst by|law|K|D|ki_min|inertia scale|port)(?=:))"

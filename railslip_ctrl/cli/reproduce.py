@@ -1,4 +1,4 @@
-"""`railslip reproduce`."""
+"""The command `railslip reproduce`."""
 
 from __future__ import annotations
 
@@ -32,23 +32,25 @@ _PAGE = "reproduce.html"
 @preset("--seeds", "N", "Number of noise seeds, runs of each column.", str(tables.DEFAULT_SEEDS))
 @switch(
     "--sensitivity",
-    "Replace each unit assumption by its alternatives, one at a time, with fewer seeds "
-    f"(N, at most {SENSITIVITY_SEEDS}). The first time this compiles for a minute or two.",
+    f"Replace each unit assumption by its alternatives, one at a time, with at most {SENSITIVITY_SEEDS} seeds. "
+    "The first call compiles for a minute or two.",
     to="with_sensitivity",
 )
 @path_option(
     "--out",
     "DIR",
     "Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
-    "reproduction.json and the figures redrawn (PNG).",
+    "reproduction.json and the redrawn figures (PNG).",
     "nothing is written",
 )
 @json_option
 @click.pass_context
 def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | None, as_json: bool) -> None:
-    """The tables and figures of [Park2008] beside what this software obtains: Table 5's sixteen numbers, the unit
-    assumptions that reproduce them, the parts of Table 3 that can be checked, and other facts of the runs. Exit status
-    1 if a number of Table 5 is out of tolerance, 2 for bad input.
+    """Compare the tables and figures of [Park2008] with the results of this software.
+
+    Shows the sixteen numbers of Table 5, the unit assumptions that reproduce them, the parts of Table 3 that can be
+    checked, and other published facts of the runs. Exit status 1 if a number of Table 5 is out of tolerance, 2 for bad
+    input.
 
     Example: railslip reproduce --seeds 16 --out reproduced
     """
@@ -56,26 +58,26 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in FIGURES)]
     if out is not None:
         check_extra("html", "--out")
-        check_directory(out, names)  # before the work, not after it
+        check_directory(out, names)  # before the computation starts
     comparison = tables.table5(count, progress=progress)
-    found = tables.published_facts(progress=progress)
-    worth = sensitivity(min(count, SENSITIVITY_SEEDS), progress=progress) if with_sensitivity else None
-    text = reproduction_text(comparison, tables.table3(), found, worth)
-    content = reproduction_json(comparison, tables.table3(), found, worth)
+    facts = tables.published_facts(progress=progress)
+    alternatives = sensitivity(min(count, SENSITIVITY_SEEDS), progress=progress) if with_sensitivity else None
+    text = reproduction_text(comparison, tables.table3(), facts, alternatives)
+    content = reproduction_json(comparison, tables.table3(), facts, alternatives)
     try:
         if out is not None:
             written = write_files(out, {"reproduction.txt": text, "reproduction.json": json_text(content)})
-            count = _write_page(out, written, comparison, found, command_line(ctx))
+            count = _write_page(out, written, comparison, facts, command_line(ctx))
             progress(f"wrote {count} files to {out}")
     finally:
-        show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), found, worth))
+        show(as_json, lambda: content, lambda: reproduction_text(comparison, tables.table3(), facts, alternatives))
     ctx.exit(0 if comparison.within else 1)
 
 
 def _write_page(
     out: Path, written: Sequence[Path], comparison: tables.Table5, facts: Sequence[tables.Fact], command: str
 ) -> int:
-    """Write the page and its figures after what is `written`; the number of files."""
+    """Write the page and its figures; return the number of files, including those already `written`."""
     from railslip_ctrl.core.folders import cached
     from railslip_ctrl.design.schedule import plant_at
     from railslip_ctrl.paper.errata import errata
@@ -85,16 +87,16 @@ def _write_page(
 
     started = time.perf_counter()
     progress("errata, and Table 4's gains in both readings")
-    wrong = cached("errata", lambda: errata(derive()))
+    misprints = cached("errata", lambda: errata(derive()))
     points = [plant_at("bristle", PARK2008, rail, v).point for rail in Rail for v in (100.0, 60.0, 20.0)]
     groups = published_groups([replace(point, initial_speed_kmh=INITIAL_SPEED_KMH) for point in points])
     progress("pictures")
     pictures = Pictures()
     pictures.draw(partial(_drawings, comparison, groups))
     svg = {name: files["svg"] for name, files in pictures.drawn.items()}
-    about = (comparison, facts, wrong, groups)
+    content = (comparison, facts, misprints, groups)
     today, seconds = datetime.date.today(), time.perf_counter() - started
-    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, command, today, seconds)
+    html = page(reproduction_first_page(*content), reproduction_sections(*content), svg, command, today, seconds)
     figures = {f"{name}.png": files["png"] for name, files in pictures.drawn.items() if name in FIGURES}
     return pictures.write(out, written, {_PAGE: html, **figures})
 

@@ -1,4 +1,4 @@
-"""`railslip tune`."""
+"""The command `railslip tune`."""
 
 from __future__ import annotations
 
@@ -34,28 +34,28 @@ from .settings import HELP, path_option, preset, switch
 
 @click.command(context_settings=HELP)
 @case_options(masses=True)
-@envelope_options("the vehicle's own or the default, unless points are named")
+@envelope_options("the vehicle's own or the default, unless operating points are given")
 @preset(
     "--structure",
     f"{'|'.join(structures())}|FILE.py",
     "Kind of controller: "
-    + "; ".join(f"{name}, {kind.title}" for name, kind in structures().items())
-    + "; or the class of your own kind in a Python file.",
+    + "; ".join(f"{name} ({kind.title})" for name, kind in structures().items())
+    + "; or a Python file with your own class.",
     "pi",
 )
-@number_option("--ms-max", "1", "Largest Ms allowed, a ratio; ki is maximised.", "none", gt=1)
-@number_option("--phase-min", "deg", "Least phase margin allowed, deg.", "none", ge=0)
-@number_option("--delay-min", "s", "Least delay margin allowed, s.", "none", ge=0)
-@switch("--minimise-ms", "Minimise the worst Ms instead; needs --ki-min.")
-@number_option("--ki-min", "N*m/m", "Least integral gain, N*m/m.", "none", gt=0)
-@number_option("--lead", "s", "Lead of pi-lead, s.", "the actuator's lag", gt=0)
-@number_option("--lead-filter", "s", "Time constant of the lead's filter, s.", "a tenth of it", gt=0)
+@number_option("--ms-max", "1", "Largest allowed Ms (ratio); ki is maximised.", "none", gt=1)
+@number_option("--phase-min", "deg", "Smallest allowed phase margin, deg.", "none", ge=0)
+@number_option("--delay-min", "s", "Smallest allowed delay margin, s.", "none", ge=0)
+@switch("--minimise-ms", "Minimise the worst Ms instead of maximising ki; needs --ki-min.")
+@number_option("--ki-min", "N*m/m", "Smallest allowed integral gain, N*m/m.", "none", gt=0)
+@number_option("--lead", "s", "Lead time constant of pi-lead, s.", "the actuator's lag", gt=0)
+@number_option("--lead-filter", "s", "Time constant of the lead's filter, s.", "a tenth of the lead", gt=0)
 @number_option(
     "--period",
     "s",
-    "Sampling period of the controller, s; at most twice the lead's filter, or, for predictive and seeking, a twelfth "
-    "of the dead time.",
-    f"{PERIOD:g}, or that if it is less",
+    "Sampling period of the controller, s; at most twice the time constant of the lead's filter; for predictive and "
+    "seeking at most a twelfth of the dead time.",
+    f"{PERIOD:g}, or the largest allowed if that is less",
     ge=LEAST_STEP,
 )
 @path_option("--out", "FILE.toml|FILE.c", "File for --controller, or the controller as a C99 program.")
@@ -77,9 +77,10 @@ def command(
     period: float | None,
     out: Path | None,
 ) -> None:
-    """Find one set of gains for all operating points of an envelope, empty and loaded together. The result is judged
-    with tolerances and as it runs, sampled. If you name points, only these are used, in continuous time. Exit status 1
-    if the specification cannot be met, 2 for bad input.
+    """Find one set of gains for all operating points of an envelope, empty and loaded together.
+
+    The result is judged with tolerances, and as a sampled loop. If operating points are given, the gains are for them
+    alone, in continuous time. Exit status 1 if the specification cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
@@ -89,7 +90,7 @@ def command(
     kind = structure_named(structure)
     if not issubclass(kind, PI):
         if minimise_ms or {phase_min, delay_min, ki_min, lead, lead_filter} != {None}:
-            raise InputError(f"--structure {structure}: its gains go by rules; give --ms-max alone")
+            raise InputError(f"--structure {structure}: its gains follow from rules; give --ms-max alone")
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
         _by_rule(ctx, by_rule(kind, judged, ms_max or ROBUST_MS, nominal=nominal, period=period), out, as_json)
     _check_asked(specification, minimise_ms, ki_min)
@@ -104,12 +105,12 @@ def command(
             _saved(kind, tuned.controller(tuned.design), points, out, period)
     else:
         judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-        tuned, found = tune_over(judged, specification, kind, ki_min=ki_min, nominal=nominal, period=period, **leads)
-        judgement = None if found is None else found.judgement
-        if found is not None and judgement is not None and out is not None:
-            _write(found, out, judged.vehicle)
+        tuned, design = tune_over(judged, specification, kind, ki_min=ki_min, nominal=nominal, period=period, **leads)
+        judgement = None if design is None else design.judgement
+        if design is not None and judgement is not None and out is not None:
+            _write(design, out, judged.vehicle)
             if hand_over := hand_over_of(judgement):
-                progress(f"below {hand_over:g} km/h the file holds a torque, without slip control")
+                progress(f"below {hand_over:g} km/h this controller holds a constant torque, without slip control")
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     show(as_json, lambda: tuning_json(tuned, judgement), lambda: tuning_text(tuned, judgement))
@@ -131,38 +132,43 @@ def _write(control: Design | Controller, out: Path, vehicle: Vehicle) -> None:
         control.save(out)
 
 
-def _by_rule(ctx: click.Context, found: Design, out: Path | None, as_json: bool) -> NoReturn:
-    """Write and print a controller whose parameters follow from the vehicle, and end."""
+def _by_rule(ctx: click.Context, design: Design, out: Path | None, as_json: bool) -> NoReturn:
+    """Write and print a controller whose parameters follow from the vehicle, then exit."""
     try:
-        if out is not None and not found.reason:
-            _write(found, out, found.judgement.envelope.vehicle)
+        if out is not None and not design.reason:
+            _write(design, out, design.judgement.envelope.vehicle)
             progress(f"wrote {out}")
     finally:
-        show(as_json, lambda: by_rule_json(found), lambda: by_rule_text(found))
-    ctx.exit(1 if found.reason else 0)
+        show(as_json, lambda: by_rule_json(design), lambda: by_rule_text(design))
+    ctx.exit(1 if design.reason else 0)
 
 
 def _check_asked(specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:
     if minimise_ms != (ki_min is not None):
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and specification == Specification():
-        raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
+        raise InputError(
+            "--ms-max: is missing; give --ms-max, --phase-min or --delay-min, or --minimise-ms with --ki-min"
+        )
 
 
 def _saved(
     kind: type[PI], controller: PIController, points: list[OperatingPoint], out: Path, period: float | None
 ) -> None:
-    """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
-    control = braking_control(controller, points, _held(points), name=out.stem, period=period, kind=kind)
+    """Write a controller tuned at operating points, and report the worst Ms of its sampled loops there."""
+    control = braking_control(controller, points, _references(points), name=out.stem, period=period, kind=kind)
     _write(control, out, points[0].vehicle)
     runs = [loop_as_run(linearize(point), control, point.vehicle.actuator) for point in points]
     worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
-    told = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"
-    progress(f"sampled every {control.period:g} s: {told}")
+    result = "unstable" if math.isinf(worst) else f"Ms {ms_up(worst)} at worst"
+    progress(f"sampled every {control.period:g} s: {result}")
 
 
-def _held(points: list[OperatingPoint]) -> ReferenceSlip:
-    """The slip that was tuned for, on each rail; on one that was not asked for the law's own, or that of the other."""
+def _references(points: list[OperatingPoint]) -> ReferenceSlip:
+    """Return the reference slips of the operating points.
+
+    A rail without an operating point has the adhesion law's reference slip, or else that of the other rail.
+    """
     by_rail = {point.rail: point.slip for point in points}
     other, law = points[0].slip, points[0].law.reference
     dry, wet = (by_rail.get(rail, getattr(law, rail.value, other)) for rail in (Rail.DRY, Rail.WET))

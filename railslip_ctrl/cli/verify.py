@@ -1,4 +1,4 @@
-"""`railslip verify`."""
+"""The command `railslip verify`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ LAWS: tuple[Law, ...] = get_args(Law)
 @preset(
     "--law",
     "|".join(LAWS),
-    "The published law with the robust variants after it, the robust variants alone, or the predictive law, which "
-    "slides behind the actuator.",
+    "paper: the published law, then the robust variants; robust: the robust variants alone; predictive: the predictive "
+    "law, whose sliding includes the actuator.",
     "paper",
 )
 @number_option(
     "--K",
     "N*m",
-    f"Gain on the sign of the surface, 0 to {LARGEST_GAIN:g}: N*m; of the predictive law N*m/s.",
+    f"Gain on the sign of s, 0 to {LARGEST_GAIN:g} N*m; for the predictive law in N*m/s.",
     "Table 4's 70; robust: 1.1 times the K of equation (40) over its box; predictive: its own rule",
     to="gain",
     ge=0,
@@ -38,7 +38,7 @@ LAWS: tuple[Law, ...] = get_args(Law)
 @number_option(
     "--D",
     "N*m/(m/s)",
-    f"Gain on s, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the predictive law has none.",
+    f"Gain on s, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; not for the predictive law.",
     "Table 4's 1.53 N*m/(km/h)",
     to="damping",
     gt=0,
@@ -55,13 +55,14 @@ def command(
     cases: CaseOptions,
     as_json: bool,
 ) -> None:
-    """Which stability conditions of the sliding-mode law hold, how that was decided, and on what evidence. Exit status
-    1 if one fails or cannot be decided (of the published law several fail, and of the robust variants those with the
-    actuator), 2 for bad input.
+    """Decide which stability conditions of the sliding-mode law hold, with method and evidence.
 
-    The predictive law is decided over a box of speed, slip and load, for any static adhesion law and vehicle, on the
-    rails named; the bristle model is taken by its static curve. An adhesion file has to give its reference slip, or
-    --slip does. The other laws take --vehicle, but no --adhesion: they contain the bristle model. --inertia-scale must
+    Exit status 1 if a condition fails or cannot be decided, 2 for bad input. Several conditions of the published law
+    fail, and those of the robust variants that include the actuator.
+
+    The predictive law is verified over a box of speed, slip and load, for any static adhesion law and vehicle, on the
+    rails given; the bristle model is replaced by its static curve. The reference slip comes from the adhesion file or
+    from --slip. The other laws take --vehicle, but no --adhesion: they contain the bristle model. --inertia-scale must
     be 0.5 to 10.
 
     Example: railslip verify --law predictive
@@ -70,7 +71,7 @@ def command(
         raise InputError("--law: 'layered' was replaced by the predictive law; give --law predictive")
     adhesion, vehicle = _adhesion(cases), cases.chosen_vehicle
     result = verify(
-        law=law,  # type: ignore[arg-type]  # checked there
+        law=law,  # type: ignore[arg-type]  # `verify` checks it
         vehicle=vehicle,
         K=gain,
         D=damping,
@@ -86,19 +87,19 @@ def command(
 
 
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
-    """The adhesion named. A file's parameters are for one rail, and say themselves what follows on the other."""
+    """Return the adhesion of the options. An adhesion file is for one rail and states how to get the other."""
     rails = cases.chosen_rails()
     if not is_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
     try:
         law = cases.law(Rail.DRY)
-    except InputError:  # parameters for wet rail; or a file that is refused here again
+    except InputError:  # the parameters are for wet rail; a faulty file raises the error again
         law = cases.law(Rail.WET)
     return RailAdhesion(law, rails, cases.slip, cases.initial_speed)
 
 
 def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str], ...]:
-    """Vehicle and adhesion with its reference slips, for the report's head, where any was named."""
+    """Return rows for the report's head: the vehicle, and the adhesion with its reference slips, if given."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
     source = f" ({cases.adhesion})" if is_file(cases.adhesion) else ""

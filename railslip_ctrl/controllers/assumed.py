@@ -1,7 +1,7 @@
-"""The force of an adhesion law that a controller assumes, at rest, in the language of steps.
+"""Static force of the adhesion law that a controller assumes, as a function that a step can call.
 
-A law in closed form has its generated functions (`model.numeric`) written again with named parameters. A law without
-one is read from the table that kernels have too (`model.kernels`).
+For a law in closed form the generated functions (`model.numeric`) are rewritten with named parameters. A law without
+closed form is read from the same table as in kernels (`model.kernels`).
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from railslip_ctrl.model.numeric import has_table, source
 from railslip_ctrl.sliding.law import module_of
 
 BEFORE_LOAD = 7
-"""Numbers of the plant before the wheel load in the generated functions' `p`; no force reads them."""
+"""Number of plant parameters before the wheel load in the generated functions' `p`; no force reads them."""
 
-# what the generated text has, and what stands for it in a step
+# patterns in the generated text, and their replacements in a step
 _REPLACED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"\bnumpy\.sign\(", "sign("),
     (r"\bnumpy\.arctan\(", "math.atan("),
     (r"\bnumpy\.", "math."),
     (r"\b_x(?=\d)", "x"),
-    (r"\bp\[(\d+)\]", lambda found: f"p.assumed[{int(found[1]) - BEFORE_LOAD}]"),
+    (r"\bp\[(\d+)\]", lambda match: f"p.assumed[{int(match[1]) - BEFORE_LOAD}]"),
     (r", z, Tb, Td, Tr, p, \*nodes", ", z, p"),
 )
 _HEAD = '''import math
 
 
 def sign(x):
-    """sgn x."""
+    """Return the sign of x, 0 for 0."""
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
 
 
 def where(condition, one, other):
-    """The first number if the condition holds, else the second."""
+    """Return the first number if the condition holds, else the second."""
     return one if condition > 0.0 else other
 
 
@@ -45,18 +45,21 @@ def where(condition, one, other):
 _LAST = '''
 
 def assumed_force(v, sigma, p):
-    """Adhesion force, N, at rest at a train speed and a slip velocity, m/s."""
+    """Return the static adhesion force, N, at a train speed and a slip velocity, m/s."""
     return force(v, sigma, rest_state(v, sigma, 0.0, p), p)
 '''
 
 
 @cache
 def force_of(law: type[AdhesionLaw]) -> Callable[..., Any]:
-    """The function of (v, sigma, parameters) of a law: `parameters.assumed` has the wheel load (N) and the law's
-    parameters, `parameters.assumed_table` the table of a law without closed form."""
+    """Return the force of a law as a function of (v, sigma, parameters).
+
+    `parameters.assumed` has the wheel load (N) and the law's parameters, `parameters.assumed_table` the table of a law
+    without closed form.
+    """
     if has_table(law):
         return _force_from_table
-    functions = {one.name: one for one in ast.parse(source(law)).body if isinstance(one, ast.FunctionDef)}
+    functions = {node.name: node for node in ast.parse(source(law)).body if isinstance(node, ast.FunctionDef)}
     text = "\n\n\n".join(ast.unparse(functions[name]) for name in ("force", "rest_state"))
     for pattern, replacement in _REPLACED:
         text = re.sub(pattern, replacement, text)
@@ -65,11 +68,11 @@ def force_of(law: type[AdhesionLaw]) -> Callable[..., Any]:
 
 
 def _force_from_table(v: Any, sigma: Any, p: Any) -> Any:
-    """Adhesion force, N, at a train speed and a slip velocity, m/s: `tabulated` of a kernel."""
+    """Return the adhesion force, N, at a train speed and a slip velocity, m/s, like `tabulated` of a kernel."""
     table_cells = int(0.5 * len(p.assumed_table)) - 1
-    place = abs(sigma / v) * p.assumed_table[0]
-    i = int(min(table_cells - 1.0, place))
-    u = place - i
+    position = abs(sigma / v) * p.assumed_table[0]
+    i = int(min(table_cells - 1.0, position))
+    u = position - i
     f0, d0 = p.assumed_table[1 + 2 * i], p.assumed_table[2 + 2 * i]
     f1, d1 = p.assumed_table[3 + 2 * i], p.assumed_table[4 + 2 * i]
     rise = f1 - f0

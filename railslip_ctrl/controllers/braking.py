@@ -1,4 +1,4 @@
-"""Any linear system as a controller that brakes."""
+"""Make a controller that brakes of any linear system."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
 SURE_SHARE = 0.8
-"""Share of the torque that the least adhesive operating point takes, with which a linear controller starts and to which
-it hands over; the rest is left for the random force."""
+"""Start and hand-over torque of a linear controller, relative to the brake torque at the point of least adhesion.
+
+The rest is reserve for the random force.
+"""
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
-    """A linear system as it brakes, of the kind that it is; every 10 ms or at its own period, by Tustin's rule, unless
-    `fields` say otherwise.
+    """Return the controller of a linear system: a PI, transfer function or state space.
 
-    InputError for what is no linear system.
+    It is sampled every 10 ms or at its own period, by Tustin's rule, unless `fields` set them. InputError if it is not
+    a linear system.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
@@ -46,10 +48,10 @@ def braking_control(
     period: float | None = None,
     **fields: Any,
 ) -> LinearControl:
-    """A linear system for some operating points as it brakes: by Tustin's rule, within 0 and the full brake.
+    """Return the controller of a linear system for some operating points, by Tustin's rule, within 0 and full brake.
 
-    It starts with `SURE_SHARE` of the torque that the least adhesive point takes, and hands over to that torque below a
-    speed (km/h; 0: never).
+    It starts with `SURE_SHARE` of the torque at the point of least adhesion, and holds that torque below a speed (km/h;
+    0: never).
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)
     vehicle = points[0].vehicle

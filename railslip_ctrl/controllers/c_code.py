@@ -1,8 +1,8 @@
-"""Any controller as C99, with its guard: a header and a source file, translated from the Python that its runs have.
+"""Print any controller with its guard as C99, a header and a source file, from the Python functions that runs use.
 
 Fields of the records become fields of structures, the functions of the step and of `guard` become functions
-(`c_function`). Numbers are of one type, double, or float if `..._FLOAT32` is defined. A generated sliding-mode law has
-such a program without a controller's numbers (`law_program`).
+(`c_function`). All numbers are double, or float if `..._FLOAT32` is defined. For a generated sliding-mode law
+`law_program` prints the same program without a controller's numbers.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from railslip_ctrl.sliding.law import module_of
 
 from .base import LEAST_PERIOD, PERIOD, Controller
 from .c_function import WIDTH, CFunction, Structures, c_name, commented, number
-from .guard import Guard, Status, guarded, is_good, step_parameters, taken
+from .guard import Guard, Status, guarded, is_good, step_parameters, valid_applied_torque
 from .translate import MATH, MEASURED, MEASUREMENT, PARAMETERS, STATE, Function, read_step
 
 if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
 _PREFIX = "slip_"
-"""Before the names of a step's functions, which may be those of other functions of the program or of C."""
+"""Prefix of a step's functions, whose names may equal those of other functions of the program or of C."""
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 @dataclass(frozen=True)
 class CProgram:
-    """The header and the source file of a controller, and the prefix of their names."""
+    """C program of a controller: texts of the header and the source file, and the prefix of their names."""
 
     header: str
     source: str
@@ -46,14 +46,14 @@ class CProgram:
 
     @property
     def in_one_file(self) -> str:
-        """Both as one translation unit."""
+        """Header and source as one translation unit."""
         _, _, after_include = self.source.partition('.h"\n')
         return self.header + after_include
 
 
 @dataclass(frozen=True)
 class Member:
-    """A field of a structure: name, meaning with unit, what it must be, length if it is an array, number."""
+    """Field of a C structure: name, meaning with unit, conditions, length if it is an array, value."""
 
     name: str
     comment: str
@@ -63,12 +63,12 @@ class Member:
 
     @property
     def declaration(self) -> str:
-        """In a structure."""
+        """Declaration in a structure."""
         return f"{c_name(self.name)}{'' if self.length is None else f'[{max(self.length, 1)}]'};"
 
     @property
     def initialiser(self) -> str:
-        """Its number, or its numbers."""
+        """Initialiser: a number, or a list of numbers."""
         if self.length is None:
             return _real(self.value)
         return "{" + ", ".join(map(_real, self.value or (0.0,))) + "}"
@@ -77,15 +77,15 @@ class Member:
 def c_program(
     control: Controller, vehicle: Vehicle, *, name: str = "", rail: Rail = Rail.DRY, notes: Iterable[str] = ()
 ) -> CProgram:
-    """A controller with its numbers as C99.
+    """Return a controller with its numbers as C99.
 
     - control: a controller.
-    - vehicle: what it believes where its parameters do not say it; its name stands in the header.
-    - name: of the two files, without ending; left out, the controller's label.
-    - rail: whose reference slip is set at first.
+    - vehicle: vehicle for the parameters that the controller does not set; its name is in the header.
+    - name: name of the two files, without ending; by default the controller's label.
+    - rail: rail of the initial reference slip.
     - notes: lines for the head of the header.
 
-    InputError: a controller known by a Python step alone, or without numbers that it needs.
+    InputError: a controller that is only a Python step, or lacks numbers that it needs.
     """
     control = control.believing(vehicle)
     period = PERIOD if control.period is None else control.period
@@ -101,25 +101,25 @@ def c_program(
 
 
 LAW_INPUTS = {"v": "train_speed", "omega": "wheel_speed", "Ta": "adhesion_torque"}
-"""Arguments of the generated law's step, and of the step in C."""
+"""Names in C of the arguments of the generated law's step."""
 
 
 def law_program(code: LawCode, *, name: str = "asmc") -> CProgram:
-    """A generated sliding-mode law as C99, with its guard; `name` is that of the two files, without ending.
+    """Return a generated sliding-mode law with its guard as C99; `name` is that of the two files, without ending.
 
-    The numbers are the user's: the default parameters have zeros, most of which init refuses. The numbers of an
-    adhesion law that come with the law are definitions in the header.
+    The user sets the numbers: the default parameters are zero, and init rejects most zeros. The numbers of an adhesion
+    file are macros in the header.
     """
     law = module_of(code.python)
     step = read_step(law.law_step, {"state": STATE, "p": PARAMETERS})
     state = _state_members((law.State,), law.State.__annotations__, law.start)
     parameters = [
-        Member(one, *_described((law.Parameters,), one), value=law.Parameters._field_defaults.get(one, 0.0))
-        for one in law.Parameters._fields
+        Member(field, *_described((law.Parameters,), field), value=law.Parameters._field_defaults.get(field, 0.0))
+        for field in law.Parameters._fields
     ]
-    limits = {one: info.get_default() for one, info in Guard.model_fields.items() if not info.is_required()}
+    limits = {field: info.get_default() for field, info in Guard.model_fields.items() if not info.is_required()}
     limits = dict.fromkeys(Guard.model_fields, 0.0) | limits
-    numbers = {one.rail: [f".adhesion_{key} = {value!r}" for key, value in one.parameters] for one in code.numbers}
+    numbers = {rows.rail: [f".adhesion_{key} = {value!r}" for key, value in rows.parameters] for rows in code.numbers}
 
     def head(operations: int) -> Iterable[str]:
         return (*code.head, "", _operations(operations))
@@ -136,43 +136,52 @@ def _program(
     head: Callable[[int], Iterable[str]],
     adhesion: Mapping[Rail, list[str]] = MappingProxyType({}),
 ) -> CProgram:
-    """The program of a step: members of its state and parameters, numbers of its guard, head by operation count, and
-    the initialisers of an adhesion law on each rail."""
+    """Return the program of a step.
+
+    - state, law: members of the structures of its state and parameters.
+    - guard: numbers of its guard.
+    - head: lines of the header's comment for an operation count.
+    - adhesion: initialisers of an adhesion law on each rail.
+    """
     prefix = f"railslip_{_stem(name)}"
-    limits = [Member(one, *_described((Guard,), one), value=value) for one, value in guard.items()]
+    limits = [Member(field, *_described((Guard,), field), value=value) for field, value in guard.items()]
     functions, count = _functions(prefix, step, {STATE: state, PARAMETERS: law})
-    lengths = [one.length for one in (*state, *law) if one.length is not None]
+    lengths = [member.length for member in (*state, *law) if member.length is not None]
     paragraphs = head(count(max(lengths, default=1)))
-    places = {STATE: "&state->law", MEASUREMENT: "&m", PARAMETERS: "&parameters->law"}
-    inputs = [one for one in step.arguments if one not in step.roles]
-    own = {
+    addresses = {STATE: "&state->law", MEASUREMENT: "&m", PARAMETERS: "&parameters->law"}
+    inputs = [name for name in step.arguments if name not in step.roles]
+    context = {
         "prefix": prefix,
         "PREFIX": prefix.upper(),
         "name": name,
         "head": "\n".join(
-            f" * {line}".rstrip() for one in paragraphs for line in textwrap.wrap(commented(one), WIDTH - 4) or [""]
+            f" * {line}".rstrip() for text in paragraphs for line in textwrap.wrap(commented(text), WIDTH - 4) or [""]
         ),
         "macros": [
             _wrapped(f"#define {prefix.upper()}_ADHESION_{rail.name} {', '.join(entries)}", "").replace("\n", " \\\n")
             for rail, entries in adhesion.items()
         ],
         "state": state,
-        "guard_state": [Member(one, *_described((Guard.State,), one), value=value) for one, value in Guard.State()],
+        "guard_state": [
+            Member(field, *_described((Guard.State,), field), value=value) for field, value in Guard.State()
+        ],
         "parameters": law,
         "limits": limits,
         "statuses": list(Status),
-        "math": [one for one in MATH if one != "isfinite"],
+        "math": [function for function in MATH if function != "isfinite"],
         "functions": functions,
         "step": f"{_PREFIX}{step.name}",
-        "given": ", ".join(places[step.roles[one]] if one in step.roles else LAW_INPUTS[one] for one in step.arguments),
-        "more": [LAW_INPUTS[one] for one in inputs if LAW_INPUTS[one] not in MEASURED],
+        "arguments": ", ".join(
+            addresses[step.roles[name]] if name in step.roles else LAW_INPUTS[name] for name in step.arguments
+        ),
+        "more": [LAW_INPUTS[name] for name in inputs if LAW_INPUTS[name] not in MEASURED],
         "wrapped": _wrapped,
         "real": _real,
         "guard": guard,
         "checks": [*_checks("law", law), *_checks("limits", limits)],
     }
     templates = environment("railslip_ctrl.controllers")
-    header, source = (templates.get_template(f"controller.{one}.jinja").render(own) for one in ("h", "c"))
+    header, source = (templates.get_template(f"controller.{ending}.jinja").render(context) for ending in ("h", "c"))
     return CProgram(header, source, prefix)
 
 
@@ -181,71 +190,76 @@ def _stem(name: str) -> str:
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
-    """Texts of the functions in order, and their operations as a function of the longest loop."""
+    """Return the texts of the functions in order, and their operation count as a function of the longest loop."""
     measured = {MEASUREMENT: f"{prefix}_measurement"}
-    lengths = {(role, one.name): one.length for role, own in members.items() for one in own if one.length is not None}
+    lengths = {
+        (role, member.name): member.length
+        for role, fields in members.items()
+        for member in fields
+        if member.length is not None
+    }
     of_law = Structures({STATE: f"{prefix}_law", PARAMETERS: f"{prefix}_parameters_law", **measured}, lengths, _PREFIX)
     of_guard = Structures({STATE: f"{prefix}_guard", PARAMETERS: f"{prefix}_limits", **measured})
-    found = [CFunction(one, of_law) for one in step.all().values()]
-    found += [CFunction(read_step(one), of_guard) for one in (is_good, taken, guarded)]
+    functions = [CFunction(function, of_law) for function in step.all().values()]
+    functions += [CFunction(read_step(function), of_guard) for function in (is_good, valid_applied_torque, guarded)]
 
     def operations(bound: int) -> int:
-        known: dict[str, int] = {}
-        for one in found:
-            known[one.name] = one.operations(bound, known)
-        return known[step.name] + sum(known[each.__name__] for each in (is_good, taken, guarded))
+        counts: dict[str, int] = {}
+        for function in functions:
+            counts[function.name] = function.operations(bound, counts)
+        return counts[step.name] + sum(counts[one.__name__] for one in (is_good, valid_applied_torque, guarded))
 
-    return [one.text for one in found], operations
+    return [function.text for function in functions], operations
 
 
 # --- fields -----------------------------------------------------------------------------------------------------------
 
 
 def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable[[float], Any]) -> list[Member]:
-    """The state with its numbers at the start; "train_speed" for one that begins as that."""
+    """Return the members of the state with their initial values; "train_speed" marks one that starts at that speed."""
     slow, fast = start(1.0), start(2.0)
-    found = []
+    members = []
     for name in names:
         value, other = getattr(slow, name), getattr(fast, name)
         length = len(value) if isinstance(value, tuple | list) else None
         if (value, other) == (1.0, 2.0):
             value = "train_speed"
-        elif repr(value) != repr(other):  # of NaN too
+        elif repr(value) != repr(other):  # repr() compares NaN too
             raise InputError(
-                f"state: {name} at the start is neither the train speed nor the same at every speed; set it in the "
+                f"state: the initial value of {name} depends on the speed without being the train speed; set it in the "
                 "first sample"
             )
-        found.append(Member(name, *_described(owners, name), length, value))
-    return found
+        members.append(Member(name, *_described(owners, name), length, value))
+    return members
 
 
 def _parameter_members(control: Controller, step: Function, values: Mapping[str, Any]) -> list[Member]:
-    """The parameters that a step reads, with their numbers."""
+    """Return the members of the parameters that a step reads, with their values."""
     read = {
         node.attr
-        for one in step.all().values()
-        for node in ast.walk(one.node)
-        if isinstance(node, ast.Attribute) and one.role(node.value) == PARAMETERS
+        for function in step.all().values()
+        for node in ast.walk(function.node)
+        if isinstance(node, ast.Attribute) and function.role(node.value) == PARAMETERS
     }
-    owners, found = (type(control), *control.described_in()), []
+    owners, members = (type(control), *control.described_in()), []
     for name in dict.fromkeys(("period", *control.parameter_fields(), *values)):
         if name not in read and name != "period":
             continue
         comment, rules = _described(owners, name)
         length = len(values[name]) if isinstance(values[name], tuple | list) else None
-        found.append(Member(name, comment, rules if length is None else (), length, values[name]))
-    return found
+        members.append(Member(name, comment, rules if length is None else (), length, values[name]))
+    return members
 
 
 _OF_EVERY_STEP = {
     "period": ("sampling period, s", (f"{{}} >= REAL({LEAST_PERIOD})",)),
     "reference_slip": ("reference slip ratio, 1", ("{} > REAL(0.0)", "{} < REAL(1.0)")),
 }
-"""Parameters that every step has."""
+"""Meaning and bounds of the parameters that every step has."""
 
 
 def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]:
-    """Meaning with unit of a field, and its bounds as conditions on {}; empty where no owner has the field.
+    """Return the meaning of a field with unit, and its bounds as conditions on {}; empty if no owner has the field.
 
     An owner is a record, or a class of a generated law, whose fields are annotated with meaning and bounds.
     """
@@ -267,14 +281,14 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
 
 
 def _checks(part: str, members: list[Member]) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
-    """Of each field its text, length, and the conditions that `init` asks of it."""
-    for one in members:
-        text = f"parameters->{part}.{c_name(one.name)}"
-        finite = f"is_finite({text}{'' if one.length is None else '[i]'})"
-        if part == "law" and one.name in ("torque_min", "torque_max"):
-            finite = f"{text} <= REAL(HUGE_VAL)"  # without a limit it is infinite, but never NaN
-        given = one.value == one.value  # NaN stands for a parameter that is left out
-        yield text, one.length, (finite, *(rule.format(text) for rule in one.rules)) if given else ()
+    """Yield the text of each field, its length, and the conditions that `init` checks."""
+    for member in members:
+        text = f"parameters->{part}.{c_name(member.name)}"
+        finite = f"is_finite({text}{'' if member.length is None else '[i]'})"
+        if part == "law" and member.name in ("torque_min", "torque_max"):
+            finite = f"{text} <= REAL(HUGE_VAL)"  # infinite without a limit, but never NaN
+        is_set = member.value == member.value  # NaN marks a parameter without a value
+        yield text, member.length, (finite, *(rule.format(text) for rule in member.rules)) if is_set else ()
 
 
 def _real(value: Any) -> str:
@@ -284,28 +298,28 @@ def _real(value: Any) -> str:
 
 
 def _wrapped(text: str, margin: str = "    ") -> str:
-    """Text in lines of a block."""
+    """Wrap text to the lines of a block."""
     lines = textwrap.wrap(margin + text, WIDTH, subsequent_indent=margin + "    ", break_long_words=False)
     return "\n".join(lines)
 
 
 def _operations(count: int) -> str:
     return (
-        f"A call of the step function takes at most {count} operations on numbers, whatever is measured; a loop "
-        "without a fixed end counts as long as the longest array. It allocates nothing and does not recurse."
+        f"A call of the step function takes at most {count} arithmetic operations, whatever the measurement; a loop "
+        "without a fixed end is counted with the length of the longest array. It does not allocate or recurse."
     )
 
 
 def _head(control: Controller, vehicle: Vehicle, period: float) -> tuple[str, ...]:
-    """What the header says first."""
+    """Return the first lines of the header's comment."""
     digest = hashlib.sha256(control.toml.encode()).hexdigest()
-    over = control.controlled_from
-    below = f"Below {over / KMH:.4g} km/h it does not control slip; it then holds {control.handed_over()}."
+    hand_over = control.controlled_from
+    below = f"Below {hand_over / KMH:.4g} km/h it does not control slip, but holds {control.handed_over()}."
     return (
         f"Slip controller {control.label!r}: {control.title} ({control.source}).",
         f"Written by railslip_ctrl {__version__}: do not edit. SHA-256 of its controller file: {digest}.",
         "",
-        f"Vehicle: {vehicle.name}. SI units throughout: m, s, kg, N, rad. Call the init function once when the brake "
-        f"is applied, and the step function every {period:g} s.",
-        below if over > 0 else "It controls slip at every speed.",
+        f"Vehicle: {vehicle.name}. All units are SI: m, s, kg, N, rad. Call the init function once when the brake "
+        f"is applied, then the step function every {period:g} s.",
+        below if hand_over > 0 else "It controls slip at every speed.",
     )

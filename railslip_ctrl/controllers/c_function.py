@@ -1,4 +1,4 @@
-"""A function of a step (`translate.Function`) printed in C99: one return, constants where nothing is written."""
+"""Print a function of a step (`translate.Function`) as C99, with a single return and `const` where possible."""
 
 from __future__ import annotations
 
@@ -31,19 +31,18 @@ _RESERVED = frozenset(
     union unsigned using virtual void volatile wchar_t while xor xor_eq main floor ceil y0 y1 yn j0 j1 jn gamma
     NAN INFINITY HUGE_VAL M_PI M_E real lesser larger square modulo is_finite""".split()  # noqa: SIM905
 ) | {name for one in MATH for name in (one, f"{one}f")}
-"""Names that a C or C++ compiler, or one of a small controller, or the program itself takes."""
+"""Names reserved by C, C++, embedded compilers, or the program itself."""
 
 
 def c_name(name: str) -> str:
-    """A name as C has it: without leading underscores, in lower case only if it was, and not a reserved one."""
+    """Return a name for C: without leading underscores, and with a trailing one if it is reserved."""
     name = name.lstrip("_")
     return f"{name}_" if name.rstrip("_") in _RESERVED else name
 
 
 @dataclass(frozen=True)
 class Structures:
-    """The C types of the three structures, the lengths of their arrays, by role and field, and what stands before the
-    names of functions."""
+    """C types of the three structures by role, lengths of their arrays by role and field, prefix of functions."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
@@ -51,14 +50,14 @@ class Structures:
 
 
 def writes_state(function: Function) -> bool:
-    """Whether a function, or one that it calls, writes a field of the state."""
+    """Return True if a function, or one that it calls, writes a field of the state."""
     stores = (node for node in ast.walk(function.node) if isinstance(node, ast.Attribute | ast.Subscript))
     own = any(isinstance(node.ctx, ast.Store) for node in stores)
-    return own or any(writes_state(one) for one in function.calls.values())
+    return own or any(writes_state(called) for called in function.calls.values())
 
 
 class CFunction:
-    """A function in C; `head` is its declaration, `text` all of it."""
+    """Function in C; `head` is its declaration, `text` the whole function."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
@@ -73,12 +72,12 @@ class CFunction:
 
     @property
     def name(self) -> str:
-        """The name of the function in Python."""
+        """Name of the function in Python."""
         return self._function.name
 
     @property
     def head(self) -> str:
-        """Result, name and arguments."""
+        """Declaration: result type, name and arguments."""
         function, arguments = self._function, []
         for name in function.arguments:
             role = function.roles.get(name)
@@ -92,7 +91,7 @@ class CFunction:
 
     @property
     def text(self) -> str:
-        """Comment, head and body."""
+        """Text of the function: comment, head and body."""
         doc = commented(" ".join(self._function.doc.split()))
         comment = textwrap.wrap(f"/* {doc} */", WIDTH, subsequent_indent="   ")
         declared = [f"int {name} = 0;" for name in sorted(self._ints & self._variables)]
@@ -112,28 +111,28 @@ class CFunction:
 
     @property
     def _outputs(self) -> list[str]:
-        """Names of the arguments by which several numbers are returned."""
+        """Names of the output arguments of a function that returns several numbers."""
         return [f"{self._result}{i}_out" for i in range(self._values)] if self._values > 1 else []
 
     # --- names ---
 
     @property
     def _variables(self) -> set[str]:
-        """Names that are declared at the top: assigned, and not declared where they are."""
-        found = set()
+        """Names declared at the top of the function; the others are declared with their assignment."""
+        variables = set()
         for node in self._walk():
             if isinstance(node, ast.Assign) and id(node) not in self._constants:
-                found |= {one.id for target in node.targets for one in _names(target)}
+                variables |= {one.id for target in node.targets for one in _names(target)}
             elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
-                found.add(node.target.id)
-        return found - set(self._function.arguments)
+                variables.add(node.target.id)
+        return variables - set(self._function.arguments)
 
     def _walk(self) -> Iterator[ast.AST]:
         for statement in self._body:
             yield from ast.walk(statement)
 
     def _whole_names(self) -> set[str]:
-        """Names that are only ever assigned whole numbers or truths."""
+        """Return the names to which only integers or booleans are assigned."""
         values: dict[str, list[ast.expr | None]] = {}
         for node in self._walk():
             if isinstance(node, ast.Assign):
@@ -156,7 +155,7 @@ class CFunction:
             whole = kept
 
     def _is_whole(self, node: ast.expr, names: set[str] | None = None) -> bool:
-        """Whether an expression is a whole number or a truth."""
+        """Return True if an expression is an integer or a boolean."""
         names = self._ints if names is None else names
         match node:
             case ast.Constant():
@@ -177,7 +176,7 @@ class CFunction:
         return False
 
     def _declared_at_once(self) -> Iterator[ast.stmt]:
-        """Assignments of names that are assigned once, and used in their own block alone."""
+        """Yield the assignments whose names are assigned once and used only in their own block."""
         uses: dict[str, int] = {}
         stores: dict[str, int] = {}
         for node in self._walk():
@@ -237,11 +236,11 @@ class CFunction:
         raise self._refused(node)
 
     def _loop(self, node: ast.For) -> list[str]:
-        assert isinstance(node.iter, ast.Call), "as `translate` has it"
+        assert isinstance(node.iter, ast.Call), "`translate` allows only range()"
         (target,), (*begin, end) = _names(node.target), node.iter.args
         name, before = c_name(target.id), list[str]()
         first, last = (self._whole(one) for one in (begin[0] if begin else ast.Constant(0), end))
-        if not last.isdecimal():  # as it was before the loop
+        if not last.isdecimal():  # evaluate the end once, before the loop
             before, last = [f"const int {name}_end = {last};"], f"{name}_end"
         stop = f"{self._returned} == 0 && " if self._sets_returned(node) else ""
         head = f"for (int {name} = {first}; {stop}{name} < {last}; {name}++) {{"
@@ -261,7 +260,7 @@ class CFunction:
             if value is not None and any(
                 ast.unparse(one) in texts for one in ast.walk(value) if isinstance(one, ast.expr)
             ):
-                raise self._refused(node)  # a value reads a target beside it
+                raise self._refused(node)  # a value depends on another target of the same assignment
         for target, value in pairs:
             assert value is not None
             whole = isinstance(target, ast.Name) and target.id in self._ints
@@ -274,27 +273,27 @@ class CFunction:
     # --- expressions ---
 
     def _bare(self, node: ast.expr, real: bool = False) -> str:
-        """An expression without the brackets around it."""
+        """Return the text of an expression without outer brackets."""
         text = self._text(node, real)
         inner = isinstance(node, ast.BinOp | ast.BoolOp | ast.Compare | ast.IfExp)
         return text[1:-1] if inner and text.startswith("(") and not text.startswith("(real)") else text
 
     def _whole(self, node: ast.expr) -> str:
-        """An index, or an end of a loop."""
+        """Return the text of an index or of the end of a loop."""
         return self._bare(node) if self._is_whole(node) else f"(int){self._text(node, True)}"
 
     def _truth(self, node: ast.expr) -> str:
-        """An expression of which only the truth counts."""
+        """Return the text of an expression that is used as a condition."""
         if isinstance(node, ast.BoolOp):
             return f"({f' {_OPERATORS[type(node.op)]} '.join(map(self._truth, node.values))})"
         return f"!({self._condition(node.operand)})" if _is_not(node) else self._text(node)
 
     def _condition(self, node: ast.expr) -> str:
-        """As `_truth`, without the brackets around it."""
+        """Return the same as `_truth` without outer brackets."""
         return self._truth(node)[1:-1] if isinstance(node, ast.BoolOp) else self._bare(node)
 
     def _chosen(self, node: ast.BoolOp) -> str:
-        """The operand that `and` or `or` gives."""
+        """Return the text of `and` or `or` used as a value: one of the operands."""
         if _is_truth(node):
             return self._truth(node)
         as_real = not self._is_whole(node)
@@ -305,14 +304,14 @@ class CFunction:
         return text
 
     def _text(self, node: ast.expr, real: bool = False) -> str:
-        """An expression, each operation in brackets; as a real number if `real`."""
+        """Return the text of an expression with every operation in brackets; as a real number if `real`."""
         if real and self._is_whole(node) and not isinstance(node, ast.Constant):
             return f"(real){self._text(node)}"
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
                 return number(float(value) if real else value)
             case ast.Name() | ast.Attribute() | ast.Subscript():
-                return self._place(node, real)
+                return self._variable(node, real)
             case ast.BinOp():
                 return self._operation(node)
             case ast.UnaryOp(op=ast.Not()):
@@ -331,8 +330,8 @@ class CFunction:
                 return self._call(node)
         raise self._refused(node)
 
-    def _place(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
-        """A name, a field, or an entry of an array."""
+    def _variable(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
+        """Return the text of a name, a field, or an element of an array."""
         if isinstance(node, ast.Name):
             value = self._function.constants.get(node.id)
             return c_name(node.id) if value is None else number(float(value) if real else value)
@@ -347,8 +346,8 @@ class CFunction:
         sides = [node.left, *node.comparators]
         real = not all(self._is_whole(one) for one in sides)
         pairs = zip(sides[:-1], node.ops, sides[1:], strict=True)
-        told = [f"({self._text(a, real)} {_OPERATORS[type(op)]} {self._text(b, real)})" for a, op, b in pairs]
-        return told[0] if len(told) == 1 else f"({' && '.join(told)})"
+        texts = [f"({self._text(a, real)} {_OPERATORS[type(op)]} {self._text(b, real)})" for a, op, b in pairs]
+        return texts[0] if len(texts) == 1 else f"({' && '.join(texts)})"
 
     def _operation(self, node: ast.BinOp) -> str:
         as_real = not self._is_whole(node)
@@ -399,37 +398,39 @@ class CFunction:
             f"{self._function.name}: {ast.unparse(node)!r} cannot be written in C; write it in simpler steps"
         )
 
-    # --- how long it can take ---
+    # --- operation count ---
 
-    def operations(self, bound: int, known: Mapping[str, int]) -> int:
-        """Most floating-point operations of a call: loops without a fixed end count as `bound`, called functions as
-        `known`."""
-        return sum(self._count(statement, bound, known) for statement in self._body)
+    def operations(self, bound: int, counts: Mapping[str, int]) -> int:
+        """Return the largest number of floating-point operations of a call.
 
-    def _count(self, node: ast.AST, bound: int, known: Mapping[str, int]) -> int:
+        A loop without a fixed end counts as `bound` turns, a called function as in `counts`.
+        """
+        return sum(self._count(statement, bound, counts) for statement in self._body)
+
+    def _count(self, node: ast.AST, bound: int, counts: Mapping[str, int]) -> int:
         own, turns = int(isinstance(node, _COUNTED)), 1
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in self._function.calls:
-            own = known[self._function.calls[node.func.id].name]
+            own = counts[self._function.calls[node.func.id].name]
         if isinstance(node, ast.For | ast.While):
             turns = bound
         if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
             end = self._whole(node.iter.args[-1])
             turns = int(end) if end.isdecimal() else bound
-        return own + turns * sum(self._count(one, bound, known) for one in ast.iter_child_nodes(node))
+        return own + turns * sum(self._count(child, bound, counts) for child in ast.iter_child_nodes(node))
 
 
 _COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.IfExp)
 
 
 class _Returns:
-    """Statements whose every `return` has become an assignment to the result, what follows it moved aside."""
+    """Replaces every `return` by an assignment to the result, and moves the following statements into branches."""
 
     def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
         self._returned = returned
 
     def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
-        """The statements of a function, or of a loop."""
+        """Return the new statements of a function or of a loop."""
         done: list[ast.stmt] = []
         for k, node in enumerate(nodes):
             rest = nodes[k + 1 :]
@@ -452,14 +453,14 @@ class _Returns:
 
     def _result(self, node: ast.Return, in_loop: bool) -> list[ast.stmt]:
         values = [] if node.value is None else _elements(node.value)
-        found: list[ast.stmt] = (
+        statements: list[ast.stmt] = (
             [ast.Assign([ast.Name(name, ast.Store())], value) for name, value in zip(self._names, values, strict=True)]
             if values
             else []
         )
         if in_loop:
-            found.append(ast.Assign([ast.Name(self._returned, ast.Store())], ast.Constant(1)))
-        return found
+            statements.append(ast.Assign([ast.Name(self._returned, ast.Store())], ast.Constant(1)))
+        return statements
 
 
 def _has_return(node: ast.AST) -> bool:
@@ -467,7 +468,7 @@ def _has_return(node: ast.AST) -> bool:
 
 
 def _unused(name: str, used: set[str]) -> str:
-    """A name that is not used yet."""
+    """Return a name that is not used yet."""
     return name if name not in used else _unused(f"{name}_", used)
 
 
@@ -476,21 +477,21 @@ def _is_not(node: ast.expr) -> TypeGuard[ast.UnaryOp]:
 
 
 def _is_truth(node: ast.expr) -> bool:
-    """Whether an expression is 0 or 1."""
+    """Return True if the value of an expression is 0 or 1."""
     if isinstance(node, ast.BoolOp):
         return all(map(_is_truth, node.values))
     return isinstance(node, ast.Compare) or _is_not(node)
 
 
 def _changed(node: ast.AugAssign) -> ast.BinOp:
-    """What an augmented assignment gives."""
+    """Return the new value of an augmented assignment."""
     old: Any = copy.deepcopy(node.target)
     old.ctx = ast.Load()
     return ast.BinOp(old, node.op, node.value)
 
 
 def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
-    """The blocks of statements, each as a list."""
+    """Yield the blocks of statements, each as a list."""
     yield nodes
     for node in nodes:
         for name in ("body", "orelse"):
@@ -511,7 +512,7 @@ def _names(node: ast.expr) -> list[ast.Name]:
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
-    """Targets and values of an assignment, one by one; None for what a called function gives."""
+    """Yield pairs of target and value of an assignment; None for values returned by a called function."""
     for target in node.targets:
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             yield from zip(target.elts, node.value.elts, strict=True)
@@ -522,7 +523,7 @@ def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
 
 
 def number(value: float) -> str:
-    """A number in C."""
+    """Return a number in C."""
     if isinstance(value, bool | int):
         return str(int(value))
     if not math.isfinite(value):
@@ -531,14 +532,14 @@ def number(value: float) -> str:
 
 
 def commented(text: str) -> str:
-    """Text as it may stand in a comment."""
+    """Return text that is safe inside a comment."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def indented(lines: list[str]) -> list[str]:
-    """Lines of a block, at most `WIDTH` wide."""
-    found = []
+    """Return the lines of a block, indented and at most `WIDTH` wide."""
+    wrapped = []
     for line in lines:
         margin = " " * (len(line) - len(line.lstrip()) + 12)
-        found += textwrap.wrap("    " + line, WIDTH, subsequent_indent=margin, break_long_words=False) or [""]
-    return found
+        wrapped += textwrap.wrap("    " + line, WIDTH, subsequent_indent=margin, break_long_words=False) or [""]
+    return wrapped

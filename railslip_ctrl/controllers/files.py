@@ -1,18 +1,20 @@
-"""The kinds by name, their files, and whatever is given as a controller.
+"""Registry of the kinds, reading of their files, and conversion of any given controller.
 
-kind = "pi"                       # a kind's name; the keys are its parameters, plain numbers SI
+An example of a file:
+
+kind = "pi"                       # name of the kind; the other keys are its parameters, plain numbers SI
 kp = "336 N*m/(km/h)"
 ki = 1220.0
 torque_max = "9 kN*m"
-hand_over_speed = "20 km/h"       # below it slip is not controlled and hand_over_torque commanded; left out: never
+hand_over_speed = "20 km/h"       # below this speed hand_over_torque is commanded; left out: slip control at any speed
 hand_over_torque = 1862.0
 
-[reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet
+[reference]                       # reference slip ratio; left out: 0.132 dry, 0.092 wet
 dry = 0.132
 wet = 0.092
 
-A file of a kind of the user's also has `python`, the Python file with its class. A Python file is run and assigns a
-controller, or the class of a kind, to `CONTROLLER`.
+The file of a user's own kind also has the key `python`, the Python file with its class. A Python file is run and
+assigns a controller, or the class of a kind, to `CONTROLLER`.
 """
 
 from __future__ import annotations
@@ -45,45 +47,46 @@ if TYPE_CHECKING:
 
 @cache
 def controller_kinds() -> Mapping[str, type[Controller]]:
-    """The kinds that a file may have, by name."""
-    found: dict[str, type[Controller]] = {}
-    names = {one.name for one in pkgutil.iter_modules([str(Path(__file__).parent)])} - {"step_calls"}  # it loads Numba
-    for name in names:
+    """Return the kinds that a file may have, by name."""
+    kinds: dict[str, type[Controller]] = {}
+    names = {module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])}
+    for name in names - {"step_calls"}:  # this module loads Numba
         module = importlib.import_module(f"{__package__}.{name}")
         for value in vars(module).values():
             if is_kind(value) and value.__module__ == module.__name__ and value is not StepControl:
-                found[value.kind] = value
-    return MappingProxyType(dict(sorted(found.items())))
+                kinds[value.kind] = value
+    return MappingProxyType(dict(sorted(kinds.items())))
 
 
 def _check_kind(kind: type[Controller], where: str) -> None:
-    """InputError for a class that lacks what a kind has."""
+    """Raise InputError for a class that lacks an attribute of a kind."""
     for name in ("kind", "title", "source"):
         if not isinstance(getattr(kind, name, None), str):
-            raise InputError(f"{where}: {kind.__name__} has no {name}; give it kind, title and source, texts")
+            raise InputError(f"{where}: {kind.__name__} has no {name}; give it the texts kind, title and source")
     if kind.step is Controller.step:
         raise InputError(f"{where}: {kind.__name__} has no step; give it step(state, measurement, parameters)")
     if not isinstance(inspect.getattr_static(kind, "step"), staticmethod):
-        raise InputError(f"{where}: {kind.__name__}.step is no static method; write @staticmethod above it")
+        raise InputError(f"{where}: {kind.__name__}.step is not a static method; write @staticmethod above it")
 
 
 def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
-    """Whether it is the class of a kind."""
+    """Return True if an object is the class of a kind."""
     return inspect.isclass(thing) and issubclass(thing, Controller) and "kind" in vars(thing)
 
 
 @cache
 def structures() -> Mapping[str, type[Controller]]:
-    """The kinds that `tune` makes: those with gains kp and ki, and those with a loop of their own; by name."""
-    made = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
-    own = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
-    return MappingProxyType({**made, **own})
+    """Return the kinds that `tune` makes, by name: those with gains kp and ki, and those with a loop of their own."""
+    with_gains = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
+    with_loop = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
+    return MappingProxyType({**with_gains, **with_loop})
 
 
 def structure_named(name: str | type[Controller]) -> type[Controller]:
-    """The class of a kind that `tune` makes: by its name, by a Python file that assigns it to CONTROLLER, or itself.
+    """Return the class of a kind that `tune` makes.
 
-    InputError for anything else.
+    It is given by its name, by a Python file that assigns it to CONTROLLER, or as the class itself. InputError for
+    anything else.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
@@ -100,34 +103,32 @@ def structure_named(name: str | type[Controller]) -> type[Controller]:
 
 @checked
 def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Any:
-    """Read a controller.
+    """Read a controller from a TOML or Python file.
 
-    - path: the TOML file; the module says what is in it. A Python file is run as a script is: give only those you
-      trust.
-    - initial_speed: v0 of the run, m/s, at which an adhesion model of its own is taken that has polynomials of v0; not
-      needed without.
+    - path: TOML file as described in this module, or a Python file, which is run; use only files that you trust.
+    - initial_speed: v0 of the run, m/s, for a controller whose own adhesion model has polynomials of v0.
 
-    Returns what a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object, a function, a
-    controller, or the class of a kind. InputError: one line naming the file, the key, the value and what is allowed; of
-    a Python file that fails, its line.
+    Returns the controller. From a Python file it is the object `CONTROLLER`: a linear system, a step object, a
+    function, a controller, or the class of a kind. InputError: one line with the file, the key, the value and what is
+    allowed; for a Python file that fails, its line.
     """
     path = given_path(path)
     where = file_name(path)
     if path.suffix.lower() == ".py":
         return _from_python(path)
     content = read_toml(path)
-    made = _kind_of(content, path, where)
+    kind = _kind_of(content, path, where)
     keys = {name: value for name, value in content.items() if name not in ("kind", "python")}
     if not keys.get("name"):
-        keys["name"] = made.kind
+        keys["name"] = kind.kind
     try:
-        return made.from_keys(keys, path, initial_speed)
+        return kind.from_keys(keys, path, initial_speed)
     except InputError as error:
         raise InputError(str(error) if str(error).startswith(where) else f"{where}: {error}") from None
 
 
 def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller]:
-    """The class of the kind that a file names."""
+    """Return the class of the kind that a file names."""
     kind, kinds = content.get("kind"), controller_kinds()
     if isinstance(python := content.get("python"), str):
         given = _from_python(path.parent / python)
@@ -136,41 +137,42 @@ def _kind_of(content: dict[str, Any], path: Path, where: str) -> type[Controller
             raise InputError(f"{where}: kind: {shown(kind)} is not the kind that {python} assigns to CONTROLLER")
         return own
     if not isinstance(kind, str) or kind not in kinds:
-        given = "missing" if kind is None else f"{shown(kind)} is not one"
+        fault = "is missing" if kind is None else f"{shown(kind)} is not known"
         near = close_match(kind, kinds) if isinstance(kind, str) else ""
-        raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(kinds)}")
+        raise InputError(f"{where}: kind: {fault}; {near}choose one of {', '.join(kinds)}")
     return kinds[kind]
 
 
 def _from_python(path: Path) -> Any:
-    """What a Python file calls `CONTROLLER`; InputError, which names the file, for what is no controller."""
-    found = record_in(path, "CONTROLLER", ())
-    own: Any = found if inspect.isclass(found) else type(found)
-    if issubclass(own, Controller):
-        _check_kind(own, f"{file_name(path)}: CONTROLLER")
-    if isinstance(found, Controller) or is_kind(found) or (has_step(found) and not inspect.isclass(found)):
-        return found
-    if inspect.isclass(found) or not callable(linear_of(found)):
+    """Return the object `CONTROLLER` of a Python file; InputError with the file name if it is not a controller."""
+    controller = record_in(path, "CONTROLLER", ())
+    is_class = inspect.isclass(controller)
+    kind: Any = controller if is_class else type(controller)
+    if issubclass(kind, Controller):
+        _check_kind(kind, f"{file_name(path)}: CONTROLLER")
+    if isinstance(controller, Controller) or is_kind(controller) or (has_step(controller) and not is_class):
+        return controller
+    if is_class or not callable(linear_of(controller)):
         try:
-            linear_controller(found)
+            linear_controller(controller)
         except InputError as error:
-            told = str(error).removeprefix("controller: ")
-            raise InputError(f"{file_name(path)}: CONTROLLER: {told}") from None
-    return found
+            message = str(error).removeprefix("controller: ")
+            raise InputError(f"{file_name(path)}: CONTROLLER: {message}") from None
+    return controller
 
 
 def as_control(
     controller: Any, vehicle: Vehicle, reference: ReferenceSlip | None, name: str | None = None
 ) -> Controller:
-    """Whatever is given as a controller, as one that runs on a vehicle that it believes to have.
+    """Convert any given controller to a `Controller` that runs on a vehicle.
 
-    - controller: a `Controller` or a design that has one; the class of a kind, which is made for the vehicle by its
-      rule; a linear system (`systems.linear_controller`), sampled every 10 ms or at its own period, by Tustin's rule,
-      within 0 and the vehicle's full brake, with anti-windup; or anything else with a step, called at its `period`.
-    - vehicle: what the controller believes where its parameters do not say it.
-    - reference, name: where it says none.
+    - controller: a `Controller`, or a design that has one; the class of a kind, made for the vehicle by its rule; a
+      linear system (`systems.linear_controller`), sampled every 10 ms or at its own period, by Tustin's rule, within 0
+      and the vehicle's full brake, with anti-windup; or any other object with a step, called at its `period`.
+    - vehicle: vehicle for the parameters that the controller does not set.
+    - reference, name: used if the controller has none.
 
-    InputError for what is none of these, or a linear one without a reference slip.
+    InputError for any other object, or for a linear controller without a reference slip.
     """
     if isinstance(own := getattr(controller, "controller", None), Controller):
         controller = own
@@ -181,30 +183,30 @@ def as_control(
                 raise _no_reference()
             made = made.model_copy(update={"reference": reference})
         return made.believing(vehicle)  # type: ignore[no-any-return]
-    own_reference, told = getattr(controller, "reference", None), own_name(controller) or name
+    own_reference, label = getattr(controller, "reference", None), own_name(controller) or name
     if has_step(controller) and not inspect.isclass(controller):
         period = {} if getattr(controller, "period", None) is None else {"period": controller.period}
-        told = told or getattr(controller, "__name__", None) or type(controller).__name__
-        fields = {"thing": controller, "reference": own_reference, "name": str(told), **period}
-        return validated(StepControl, fields, f"controller {told}")
+        label = label or getattr(controller, "__name__", None) or type(controller).__name__
+        fields = {"thing": controller, "reference": own_reference, "name": str(label), **period}
+        return validated(StepControl, fields, f"controller {label}")
     if not is_system(controller) and callable(linear_of(controller)) and not inspect.isclass(controller):
         raise InputError(
-            f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
-            "it step(t, v, omega)"
+            f"controller: {type(controller).__name__} has only linear(operating_point), which cannot run; add "
+            "step(t, v, omega)"
         )
-    design, held = linear_controller(controller), own_reference or reference
-    if held is None:
+    design, slips = linear_controller(controller), own_reference or reference
+    if slips is None:
         raise _no_reference()
-    told = told or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
+    label = label or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-")
     limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle)}
-    return linear_control(design, reference=held, name=told, **limits).believing(vehicle)
+    return linear_control(design, reference=slips, name=label, **limits).believing(vehicle)
 
 
 def _no_reference() -> InputError:
-    return InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
+    return InputError("controller: neither it nor the adhesion law has a reference slip; give the controller one")
 
 
 def own_name(controller: Any) -> str | None:
-    """The name that a controller was given; None without one, as of python-control's systems named sys[3]."""
+    """Return the name that the user gave a controller; None for python-control's default names, such as sys[3]."""
     name = getattr(controller, "name", None)
     return None if not name or "[" in str(name) else str(name)

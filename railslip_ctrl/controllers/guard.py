@@ -1,7 +1,7 @@
-"""What stands between any controller and its brake: bad samples, a stuck sensor, a locked wheel, limits.
+"""Guard between any controller and its brake, against bad samples, a stuck sensor, a locked wheel and limits.
 
-The same in Python (`ControlUnit`) and in the generated C99, which has these functions and no others. In their formulas
-g is the guard's state, m the measurement and q the guard's parameters.
+Python (`ControlUnit`) and the generated C99 use the same functions. In these g is the guard's state, m the measurement
+and q the guard's parameters.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from .linear import full_brake_torque
 
 
 class Status(IntEnum):
-    """What the guard did with a sample.
+    """Action of the guard at a sample.
 
-    OK: the controller's command, within the limits. HOLDING: a bad sample, the last command. RELEASING: bad samples for
-    longer than the hold, the command falls to 0. FAULT: it is 0, and the samples are still bad. LOCKED: the wheel
-    stands while the train moves, the command is 0.
+    - OK: the controller's command, within the limits
+    - HOLDING: bad sample; the last command is held
+    - RELEASING: bad samples for longer than the hold time; the command falls to 0
+    - FAULT: the samples are still bad; the command is 0
+    - LOCKED: the wheel is locked while the train moves; the command is 0
     """
 
     OK = 0
@@ -35,11 +37,11 @@ class Status(IntEnum):
     LOCKED = 4
 
 
-OK, HOLDING, RELEASING, FAULT, LOCKED = (float(one) for one in Status)
+OK, HOLDING, RELEASING, FAULT, LOCKED = (float(status) for status in Status)
 
 
 class Guard(Record):
-    """The guard's parameters; SI. `for_controller` has the limits and the wheel of a controller."""
+    """Parameters of the guard, SI; `for_controller` takes limits and wheel radius from a controller."""
 
     period: float = quantity("s", "sampling period", gt=0)
     radius: float = quantity("m", "wheel radius", gt=0)
@@ -50,30 +52,33 @@ class Guard(Record):
     hold_time: float = quantity("s", "time for which bad samples hold the last command", ge=0, default=0.1)
     release_time: float = quantity("s", "time in which the largest command is then released", gt=0, default=0.2)
     stuck_time: float = quantity(
-        "s", "time without any change of the wheel speed that is a stuck sensor", gt=0, default=1.0
+        "s", "time without change of the wheel speed after which the sensor counts as stuck", gt=0, default=1.0
     )
     locked_share: float = quantity(
-        "1", "share of the train speed below which the wheel stands", gt=0, lt=1, default=0.02
+        "1", "share of the train speed below which the wheel counts as locked", gt=0, lt=1, default=0.02
     )
-    lock_time: float = quantity("s", "time for which a wheel may stand", ge=0, default=0.1)
-    moving_speed: float = quantity("m/s", "train speed below which a wheel may stand", ge=0, default=0.5)
+    lock_time: float = quantity("s", "longest time for which a wheel may be locked", ge=0, default=0.1)
+    moving_speed: float = quantity("m/s", "train speed below which a wheel may be locked", ge=0, default=0.5)
     ahead_share: float = quantity(
-        "1", "share of the train speed, beyond moving_speed, by which a wheel may be ahead", gt=0, default=0.2
+        "1",
+        "share of the train speed by which the rim speed may exceed it, in addition to moving_speed",
+        gt=0,
+        default=0.2,
     )
 
     class State(Record):
-        """What the guard remembers."""
+        """State of the guard."""
 
-        status: float = quantity("1", "what it did with the last sample, see `Status`", default=0.0)
-        last_command: float = quantity("N*m", "command of the sample before", default=0.0)
-        last_wheel_speed: float = quantity("rad/s", "wheel speed of the sample before", default=-1.0)
+        status: float = quantity("1", "action at the last sample, see `Status`", default=0.0)
+        last_command: float = quantity("N*m", "command of the previous sample", default=0.0)
+        last_wheel_speed: float = quantity("rad/s", "wheel speed of the previous sample", default=-1.0)
         same_time: float = quantity("s", "time for which the wheel speed has not changed", default=0.0)
         bad_time: float = quantity("s", "time for which samples have been bad", default=0.0)
-        locked_time: float = quantity("s", "time for which the wheel has stood", default=0.0)
+        locked_time: float = quantity("s", "time for which the wheel has been locked", default=0.0)
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """The guard of a controller: within its own limits, or 0 and the vehicle's full brake, if it has none."""
+        """Return the guard of a controller, with the controller's limits, or else 0 and the vehicle's full brake."""
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(
@@ -85,18 +90,18 @@ class Guard(Record):
 
 
 _SAME_TIME = 1e-9
-"""Relative; times are sums of periods, and reach their limit within this."""
+"""Relative tolerance for comparing times, which are sums of periods."""
 
 
 def is_good(g: Any, m: Any, q: Any) -> Any:
-    """1 if the controller may use a sample, else 0.
+    """Return 1 if the controller may use a sample, else 0.
 
-    Bad is a speed that is not finite, negative or above the sensor's range; a wheel speed that has not changed for
-    `stuck_time` while torque acts; and a rim speed that is far above the train speed, as no brake makes it: one of the
-    sensors is wrong.
+    A sample is bad if a speed is not finite, negative or above the sensor's range; if the wheel speed has not changed
+    for `stuck_time` while torque acts; or if the rim speed is far above the train speed, which braking cannot cause, so
+    that one of the sensors is wrong.
     """
     v, omega = m.train_speed, m.wheel_speed
-    plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # NaN is not
+    plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # 0 for NaN
     if plausible > 0.0 and q.radius * omega > (1.0 + q.ahead_share) * v + q.moving_speed:
         plausible = 0.0
     if plausible > 0.0 and omega > 0.0 and omega == g.last_wheel_speed and g.last_command > 0.0:
@@ -108,14 +113,14 @@ def is_good(g: Any, m: Any, q: Any) -> Any:
     return 0.0 if g.same_time >= q.stuck_time * (1.0 - _SAME_TIME) else plausible
 
 
-def taken(g: Any, m: Any, q: Any) -> Any:
-    """The torque that the brake took, within the limits; what is no number is the last command."""
+def valid_applied_torque(g: Any, m: Any, q: Any) -> Any:
+    """Return the applied torque, N*m, within the limits; the last command if it is not finite."""
     torque = m.applied_torque if math.isfinite(m.applied_torque) else g.last_command
     return min(max(torque, q.torque_min), q.torque_max)
 
 
 def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
-    """The command to the brake, N*m, for the controller's `wanted` one; sets the status."""
+    """Return the command to the brake, N*m, for the controller's command `wanted`; set the status."""
     if good > 0.0 and math.isfinite(wanted):
         torque = min(max(wanted, q.torque_min), q.torque_max)
         g.bad_time, g.status = 0.0, OK
@@ -137,21 +142,21 @@ def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
 
 
 class Command(NamedTuple):
-    """The command to the brake, N*m, and what the guard did."""
+    """Command to the brake, N*m, and action of the guard."""
 
     torque: float
     status: Status
 
 
 class ControlUnit:
-    """A controller with its guard, sample by sample, as the generated C99 runs.
+    """Controller with its guard, run sample by sample like the generated C99.
 
     - control: a controller.
-    - vehicle: what the controller believes where its parameters do not say it.
+    - vehicle: vehicle for the parameters that the controller does not set.
     - speed: train speed when the brake is applied, m/s.
-    - rail: whose reference slip it holds.
+    - rail: rail condition of the reference slip.
 
-    InputError: a controller known by a Python step alone, or parameters that its guard refuses.
+    InputError: a controller that is only a Python step, or parameters that the guard rejects.
     """
 
     @checked
@@ -168,19 +173,22 @@ class ControlUnit:
 
     @property
     def state(self) -> SimpleNamespace:
-        """The controller's state."""
+        """State of the controller."""
         return self._x
 
     def step(self, train_speed: float, wheel_speed: float, applied_torque: float) -> Command:
-        """One sample: train speed (m/s), wheel speed (rad/s), and the torque that the brake took since the sample
-        before (N*m; 0 in the first)."""
+        """Make one sample and return the command.
+
+        - train_speed: m/s; wheel_speed: rad/s.
+        - applied_torque: torque that the brake applied since the previous sample, N*m; 0 in the first.
+        """
         m = Measurement(self._samples * self.period, train_speed, wheel_speed, applied_torque)
         good, wanted = is_good(self._g, m, self._q), 0.0
-        m = m._replace(applied_torque=taken(self._g, m, self._q))
+        m = m._replace(applied_torque=valid_applied_torque(self._g, m, self._q))
         if good > 0.0:
             try:
                 wanted = self._step(self._x, m, self._p)
-            except (ArithmeticError, ValueError):  # what C gives as infinite or no number
+            except (ArithmeticError, ValueError):  # C gives an infinite number or NaN instead
                 wanted = math.nan
         torque = guarded(self._g, m, self._q, good, wanted)
         self._samples += 1
@@ -188,17 +196,17 @@ class ControlUnit:
 
 
 def mutable(state: Any) -> SimpleNamespace:
-    """A state that a step can change."""
-    values = dict(state) if isinstance(state, Record) else vars(state)
-    return SimpleNamespace(**{name: list(one) if isinstance(one, tuple) else one for name, one in values.items()})
+    """Return a copy of a state that a step can change."""
+    fields = dict(state) if isinstance(state, Record) else vars(state)
+    return SimpleNamespace(**{name: list(x) if isinstance(x, tuple) else x for name, x in fields.items()})
 
 
 def step_parameters(control: Controller, rail: Rail, period: float) -> dict[str, Any]:
-    """The parameters of a step on a rail, by name; InputError for a controller that lacks its reference."""
+    """Return the parameters of a step on a rail, by name; InputError for a controller that lacks its reference slip."""
     if control.reference is None and control.follows_reference:
         raise InputError(f"controller {control.label}: it has no reference slip; give it a reference")
     law = control.model_law
     situation = Situation(rail, period, law.on(rail) if law is not None else None)
-    held = math.nan if control.reference is None else control.reference.on(rail)
-    numbers = {**control.parameters(situation), **control.outside_numbers(situation), "reference_slip": held}
+    slip = math.nan if control.reference is None else control.reference.on(rail)
+    numbers = {**control.parameters(situation), **control.outside_numbers(situation), "reference_slip": slip}
     return {name: math.nan if value is None else value for name, value in numbers.items()} | {"period": period}

@@ -1,4 +1,4 @@
-"""Linear controllers as they brake: sampled, with limits, anti-windup and a hand-over at low speed."""
+"""Linear kinds of controllers: sampled, with torque limits, anti-windup and a hand-over at low speed."""
 
 from __future__ import annotations
 
@@ -18,78 +18,80 @@ from railslip_ctrl.model.vehicle import PARK2008, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller, DesignNumber, Situation
 from .sampled import Rule, SampledController, linear_step, state_names
-from .systems import LinearController, PolynomialController, StateSpaceController, system_words
+from .systems import LinearController, PolynomialController, StateSpaceController, describe_system
 
 TORQUE_LIMIT = 9000.0
-"""Full brake of the published vehicle, N*m: twice what the best adhesion, 0.3 of its wheel load, can take."""
+"""Full brake of the published vehicle, N*m: twice the torque of the highest adhesion, 0.3 of its wheel load."""
 
-_MOST_COEFFICIENTS = 12  # of a polynomial that is shaped by its coefficients
+_MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial in `design`
 
 TRACKING_TIME = 2.0
 """Tracking time of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
-    """The largest torque of a vehicle's brake, N*m, at which designs are limited and bounds taken: `TORQUE_LIMIT`, in
-    proportion to wheel load, loaded where that is more, times radius."""
+    """Return the torque limit for designs and bounds of a vehicle, N*m.
+
+    `TORQUE_LIMIT` scaled by wheel load times radius, with the larger of the empty and loaded wheel load.
+    """
     return TORQUE_LIMIT * adhesion_share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
 
 
 def adhesion_share(vehicle: Vehicle, wheel_load: float) -> float:
-    """The torque that the adhesion of a wheel load (N) takes, over that of the published vehicle."""
+    """Return wheel load (N) times radius, relative to the published vehicle."""
     return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
 class LinearControl(Controller):
-    """Base of the linear kinds: the error e = lambda_d v - sigma goes through difference equations, see
-    `sampled.SampledController`.
+    """Base class of the linear kinds, with difference equations for the slip error e = lambda_d v - sigma.
 
-    Below `hand_over_speed` the slip is not controlled, and `hand_over_torque` is commanded. InputError: limits without
-    a torque in between, or a period or tracking time out of the range of `SampledController`.
+    The equations are those of `sampled.SampledController`. Below `hand_over_speed` the slip is not controlled, and
+    `hand_over_torque` is commanded. InputError: torque limits that are not low < high, or a period or tracking time out
+    of the range of `SampledController`.
     """
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
 
     period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_PERIOD, default=None)
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    torque_min: float | None = quantity("N*m", "least torque; none if left out", default=None)
+    radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
+    torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
-    anti_windup: bool = Field(True, description="whether the states follow a torque that is limited")
+    anti_windup: bool = Field(True, description="whether the states follow a limited torque")
     tracking_time: float | None = quantity(
         "s", "tracking time of the anti-windup; that of the slowest zero if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
     hand_over_speed: float = quantity("m/s", "train speed below which it does not control slip", ge=0, default=0.0)
-    hand_over_torque: float = quantity("N*m", "torque that it commands there", default=0.0)
-    rule: Rule = Field(Rule.BACKWARD, description="how the system becomes a difference equation")
+    hand_over_torque: float = quantity("N*m", "torque below this speed", default=0.0)
+    rule: Rule = Field(Rule.BACKWARD, description="rule that makes the system a difference equation")
 
     class State(Record):
-        """What the difference equations remember."""
+        """State of the difference equations."""
 
-        error: float = quantity("m/s", "slip error of the sample before", default=0.0)
-        unlimited_torque: float = quantity("N*m", "torque of the sample before, without limits", default=0.0)
+        error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
+        unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
         states: tuple[float, ...] = quantity("1", "states of the difference equations", default=())
-        room: tuple[float, ...] = quantity("1", "their next values", default=())
+        room: tuple[float, ...] = quantity("1", "memory for the next states", default=())
 
     class Parameters(Record):
-        """The difference equations with limits and hand-over."""
+        """Difference equations with limits and hand-over."""
 
         radius: float = quantity("m", "wheel radius")
         hand_over_speed: float = quantity("m/s", "speed below which it does not control slip")
-        hand_over_torque: float = quantity("N*m", "torque that it commands there")
-        torque_min: float = quantity("N*m", "least torque")
+        hand_over_torque: float = quantity("N*m", "torque below this speed")
+        torque_min: float = quantity("N*m", "smallest torque")
         torque_max: float = quantity("N*m", "largest torque")
         direct: float = quantity("N*m/(m/s)", "from the error to the torque")
         output: tuple[float, ...] = quantity("1", "from the states to the torque")
         now: tuple[float, ...] = quantity("1", "from the error to the states")
-        before: tuple[float, ...] = quantity("1", "from the error before to the states")
-        tracking: tuple[float, ...] = quantity("1", "from what the brake took less what was asked to the states")
-        transition: tuple[float, ...] = quantity("1", "from the states to the next ones, by rows")
+        before: tuple[float, ...] = quantity("1", "from the previous error to the states")
+        tracking: tuple[float, ...] = quantity("1", "from applied minus unlimited torque to the states")
+        transition: tuple[float, ...] = quantity("1", "from the states to the next states, by rows")
 
     @property
     @abstractmethod
     def system(self) -> LinearController:
-        """The linear system, from slip error (m/s) to torque (N*m)."""
+        """Linear system from slip error (m/s) to torque (N*m)."""
 
     @model_validator(mode="after")
     def _can_run(self) -> Self:
@@ -98,7 +100,7 @@ class LinearControl(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """The difference equations on the slip error; below the hand-over speed a held torque."""
+        """Return the torque of the difference equations; below the hand-over speed a constant torque."""
         if measurement.train_speed < parameters.hand_over_speed:
             return parameters.hand_over_torque
         slip_velocity = measurement.train_speed - parameters.radius * measurement.wheel_speed
@@ -113,49 +115,49 @@ class LinearControl(Controller):
         return {**own, **self.sampled(situation.period).numbers}
 
     def logged(self, state: Record) -> dict[str, int]:
-        places = super().logged(state)
-        own = (name for name in places if name.startswith("states_"))
-        named = {name: places[one] for name, one in zip(state_names(self.system), own, strict=True)}
-        return {**named, "error": places["error"], "unlimited_torque": places["unlimited_torque"]}
+        indices = super().logged(state)
+        states = (name for name in indices if name.startswith("states_"))
+        named = {name: indices[key] for name, key in zip(state_names(self.system), states, strict=True)}
+        return {**named, "error": indices["error"], "unlimited_torque": indices["unlimited_torque"]}
 
     def linear(self, point: OperatingPoint | None) -> LinearController:
         return self.system
 
     def sampled(self, period: float) -> SampledController:
-        """The difference equations at a period, s."""
+        """Return the difference equations at a period, s."""
         tracking = self.tracking_time if self.anti_windup else math.inf
         return SampledController(self.system, period, self.least_torque, self.largest_torque, self.rule, tracking)
 
     @cached_property
     def as_run(self) -> SampledController | None:
-        """The difference equations, where they do not follow the step of the run."""
+        """Difference equations at the own period; None if the period is the step of the run."""
         return None if self.period is None else self.sampled(self.period)
 
     def described(self) -> str:
-        return f"{self.label}, {system_words(self.system)}"
+        return f"{self.label}, {describe_system(self.system)}"
 
     def limits_described(self) -> str:
-        return super().limits_described() + windup_words(self, self.anti_windup)
+        return super().limits_described() + describe_windup(self, self.anti_windup)
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Within 0 and the vehicle's full brake, with anti-windup."""
+        """Return the controller with limits 0 and the vehicle's full brake, and anti-windup."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 
-def windup_words(control: Any, anti_windup: bool) -> str:
-    """Start, anti-windup and rule of a linear or scheduled controller, for its `limits_described`."""
+def describe_windup(control: Any, anti_windup: bool) -> str:
+    """Describe start, anti-windup and rule of a linear or scheduled controller, for its `limits_described`."""
     tracking = "by its gains" if control.tracking_time is None else f"{control.tracking_time:g} s"
     windup = tracking if anti_windup else "none"
     return f", initial torque {control.initial_torque:g} N·m, anti-windup {windup}, rule {control.rule.value}"
 
 
 class SystemControl(LinearControl):
-    """Base of linear systems of any order, continuous or `discrete`."""
+    """Base class of linear systems of any order, continuous or `discrete`."""
 
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=PERIOD)
-    rule: Rule = Field(Rule.TUSTIN, description="how the system becomes a difference equation")
-    discrete: bool = Field(False, description="whether it is one already, at its period")
+    rule: Rule = Field(Rule.TUSTIN, description="rule that makes a continuous system a difference equation")
+    discrete: bool = Field(False, description="whether the system is discrete, with the sampling period")
 
     def gain_values(self) -> dict[str, Any]:
         numbers = {name: value for name, value in asdict(self.system).items() if value is not None}
@@ -167,7 +169,7 @@ class SystemControl(LinearControl):
 
 
 class TransferFunction(SystemControl):
-    """C = num/den: coefficients of descending powers of s, or of z if it is discrete."""
+    """Transfer function C = num/den, with coefficients of descending powers of s, or of z if discrete."""
 
     kind: ClassVar[str] = "transfer-function"
     title: ClassVar[str] = "ratio of polynomials"
@@ -177,13 +179,13 @@ class TransferFunction(SystemControl):
 
     @cached_property
     def system(self) -> LinearController:
-        for name, given in (("num", self.num), ("den", self.den)):
-            if not given:
+        for name, coefficients in (("num", self.num), ("den", self.den)):
+            if not coefficients:
                 raise InputError(f"{name}: is empty; give at least one coefficient")
         return PolynomialController(self.num, self.den, self._own_period)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Its coefficients: b2, b1, b0 of the numerator and a2, a1, a0 of the denominator, by their power."""
+        """Return the coefficients as design parameters: b2, b1, b0 of the numerator, a2, a1, a0 of the denominator."""
         parts = {"b": self.num, "a": self.den}
         return [
             DesignNumber(f"{letter}{power}", value, "1", f"coefficient of the power {power}")
@@ -192,56 +194,57 @@ class TransferFunction(SystemControl):
         ]
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Of the coefficients in `values` alone: others are 0, and the order is that of the highest."""
+        """Return the transfer function with the coefficients in `values`; all others are 0."""
         powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
         for name, value in values.items():
             letter, power = name[:1], name[1:]
             if letter not in powers or not (
                 power.isascii() and power.isdigit() and int(power[:3]) < _MOST_COEFFICIENTS
             ):
-                raise InputError(f"{shown(name)} is no coefficient; give b0 to b{_MOST_COEFFICIENTS - 1}, a0 and so on")
+                last = _MOST_COEFFICIENTS - 1
+                raise InputError(f"{shown(name)} is not a coefficient; give b0 to b{last} and a0 to a{last}")
             powers[letter][int(power)] = value
-        num, den = (tuple(one.get(i, 0.0) for i in range(max(one, default=0), -1, -1)) for one in powers.values())
+        num, den = (tuple(part.get(i, 0.0) for i in range(max(part, default=0), -1, -1)) for part in powers.values())
         return super().with_design_numbers({}, num=num, den=den, **others)
 
 
 class StateSpace(SystemControl):
-    """x' = A x + B e, torque = C x + D e, SI; of a discrete one x of the next sample for x'.
+    """State-space controller x' = A x + B e, torque = C x + D e, SI; if discrete, x' is the next x.
 
-    Matrices as other tools write them too: keys in lower case, B a column, C and D in rows, numbers without brackets.
+    Keys may be in lower case, B a column, C and D rows, and single numbers without brackets, as other tools write them.
     """
 
     kind: ClassVar[str] = "state-space"
     title: ClassVar[str] = "linear system by its matrices"
 
-    A: tuple[tuple[float, ...], ...] = quantity("1", "by rows")
-    B: tuple[float, ...] = quantity("1", "from the error")
-    C: tuple[float, ...] = quantity("1", "to the torque")
-    D: float = quantity("1", "from error to torque", default=0.0)
+    A: tuple[tuple[float, ...], ...] = quantity("1", "state matrix by rows")
+    B: tuple[float, ...] = quantity("1", "from the error to the states")
+    C: tuple[float, ...] = quantity("1", "from the states to the torque")
+    D: float = quantity("1", "from the error to the torque", default=0.0)
 
     @model_validator(mode="before")
     @classmethod
     def _as_matrices(cls, content: dict[str, Any]) -> dict[str, Any]:
-        found = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
-        if len(found) < len(content):
-            raise InputError("A, B, C, D: one is given in both cases; give it once")
-        if isinstance(found.get("A"), int | float):
-            found["A"] = [[found["A"]]]
-        if "B" in found:
-            found["B"] = [_only(row) for row in _listed(found["B"])]
-        if "C" in found:
-            found["C"] = _listed(_only(found["C"]))
-        if "D" in found:
-            found["D"] = _only(_only(found["D"]))
-        if any(not isinstance(row, list | tuple) for row in _listed(found.get("A", []))):
-            raise InputError("A: give its rows, [[...], ...]")
-        lengths = sorted({len(row) for row in found.get("A", [])})
+        keys = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
+        if len(keys) < len(content):
+            raise InputError("A, B, C, D: a matrix is given both in upper and lower case; give it once")
+        if isinstance(keys.get("A"), int | float):
+            keys["A"] = [[keys["A"]]]
+        if "B" in keys:
+            keys["B"] = [_single(row) for row in _listed(keys["B"])]
+        if "C" in keys:
+            keys["C"] = _listed(_single(keys["C"]))
+        if "D" in keys:
+            keys["D"] = _single(_single(keys["D"]))
+        if any(not isinstance(row, list | tuple) for row in _listed(keys.get("A", []))):
+            raise InputError("A: is not a list of rows; give [[...], ...]")
+        lengths = sorted({len(row) for row in keys.get("A", [])})
         if len(lengths) > 1:
             raise InputError(f"A: has rows of {lengths[0]} and of {lengths[-1]} numbers; give n rows of n")
         for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
-            if any(isinstance(entry, list) for entry in found.get(key, ())):
-                raise InputError(f"{key}: is not of one input and one output; give {shape}")
-        return found
+            if any(isinstance(entry, list) for entry in keys.get(key, ())):
+                raise InputError(f"{key}: is not for one input and one output; give {shape}")
+        return keys
 
     @cached_property
     def system(self) -> LinearController:
@@ -252,6 +255,6 @@ def _listed(value: Any) -> Any:
     return value if isinstance(value, list | tuple) else [value]
 
 
-def _only(value: Any) -> Any:
-    """The entry of a list of one; else the value."""
+def _single(value: Any) -> Any:
+    """Return the entry of a list with one entry; otherwise the value itself."""
     return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value

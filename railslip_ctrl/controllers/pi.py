@@ -1,4 +1,4 @@
-"""PI, PI with a lead, and PID in series form."""
+"""The kinds PI, PI with a lead, and PID in series form."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .linear import LinearControl
 from .systems import PIController
 
 FILTER_RATIO = 0.1
-"""Time constant of a lead's filter over that of the lead, if none is given: the usual N = 10 of a PID."""
+"""Default time constant of a lead's filter, relative to that of the lead: the usual N = 10 of a PID."""
 
 
 class PI(LinearControl):
-    """C(s) = kp + ki/s, with (lead s + 1)/(lead_filter s + 1) behind it where a lead or a filter is given."""
+    """PI controller C(s) = kp + ki/s, in series with (lead s + 1)/(lead_filter s + 1) if a lead or filter is given."""
 
     kind: ClassVar[str] = "pi"
     title: ClassVar[str] = "PI"
 
     kp: float = quantity("N*m/(m/s)", "proportional gain")
     ki: float = quantity("N*m/m", "integral gain")
-    lead: float = quantity("s", "time constant of a lead", ge=0, default=0.0)
-    lead_filter: float = quantity("s", "time constant of its filter", ge=0, default=0.0)
+    lead: float = quantity("s", "time constant of the lead", ge=0, default=0.0)
+    lead_filter: float = quantity("s", "time constant of the lead's filter", ge=0, default=0.0)
 
     @cached_property
     def system(self) -> PIController:
@@ -34,19 +34,19 @@ class PI(LinearControl):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """As of `LinearControl`, with the gains given: `tune` finds them.
+        """Return the controller as `LinearControl.for_vehicle`, with the given kp and ki.
 
-        InfeasibleDesignError without them.
+        InfeasibleDesignError without kp and ki, which `tune` finds.
         """
         if not {"kp", "ki"} <= given.keys():
             raise InfeasibleDesignError(
-                f"controller {cls.kind}: its gains do not follow from the vehicle alone; tune it, or give kp and ki"
+                f"controller {cls.kind}: no rule gives its gains for a vehicle; tune it, or give kp and ki"
             )
         return super().for_vehicle(vehicle, **given)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Its gains, and its lead if it has one."""
-        return [one for one in super().design_numbers() if one.value or one.name in ("kp", "ki")]
+        """Return the design parameters: the gains, and the lead if there is one."""
+        return [number for number in super().design_numbers() if number.value or number.name in ("kp", "ki")]
 
     def headline(self) -> str:
         lead = f", lead {self.lead:.4g}/{self.lead_filter:.4g} s" if self.lead > 0 else ""
@@ -57,19 +57,21 @@ class PI(LinearControl):
 
     @classmethod
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
-        """What is multiplied by kp + ki/s when the gains are tuned for an `actuator`; `lead` and `lead_filter`, s, are
-        those of the rule if None."""
+        """Return the factor beside kp + ki/s when the gains are tuned for an `actuator`.
+
+        `lead` and `lead_filter`, s, follow from the rule of the kind if they are None.
+        """
         return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
 
 
 class PILead(PI):
-    """A PI with a lead at the actuator's lag, which it cancels; its filter is a tenth of that."""
+    """PI with a lead that cancels the actuator's lag, and a filter of a tenth of that time constant."""
 
     kind: ClassVar[str] = "pi-lead"
     title: ClassVar[str] = "PI with a lead on the actuator's lag"
 
     lead: float = quantity("s", "time constant of the lead", gt=0)
-    lead_filter: float = quantity("s", "time constant of its filter", gt=0)
+    lead_filter: float = quantity("s", "time constant of the lead's filter", gt=0)
 
     @classmethod
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
@@ -78,14 +80,14 @@ class PILead(PI):
 
 
 class PID(PILead):
-    """A PI-lead whose lead, the derivative time, is tuned too: a PID in series form."""
+    """PID in series form: a PI-lead whose lead, the derivative time, is tuned too."""
 
     kind: ClassVar[str] = "pid"
     title: ClassVar[str] = "PID in series form"
 
 
 def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
-    """A PI as it brakes, of a `kind`, or a `PILead` if the design has a lead; `fields` are those of `LinearControl`."""
-    made = kind or (PILead if design.lead > 0 else PI)
+    """Return the controller of a PI design: of a `kind`, or else a `PILead` if it has a lead; `fields` are set too."""
+    kind = kind or (PILead if design.lead > 0 else PI)
     times = {"lead": design.lead, "lead_filter": design.lead_filter}
-    return made(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)
+    return kind(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

@@ -1,9 +1,9 @@
-"""The loop of the predictive law as it runs, sampled: its step in z, the wheel behind hold and dead time exact.
+"""Sampled loop of the predictive law, with its step in z and the wheel behind hold and dead time exact.
 
-Within the boundary layer the step is linear. With w = z - 1 and the train's speed frozen its command is -L times the
-command that the brake takes, L = N/D: D is of the controller alone, N has the wheel's responses to a held command,
-ratios of polynomials in w over z^periods ([Astrom1997] 2). D + N has no pole outside the unit circle but the wheel's,
-so that its winding along the circle counts the unstable poles of the closed loop.
+Within the boundary layer the step is linear. With w = z - 1 and a constant train speed its command is -L times the
+command applied to the brake, L = N/D. D depends on the controller alone; N has the wheel's responses to a held command,
+which are ratios of polynomials in w over z^periods ([Astrom1997] 2). The only poles of D + N outside the unit circle
+are those of the wheel, so that its winding along the circle counts the unstable poles of the closed loop.
 """
 
 from __future__ import annotations
@@ -27,20 +27,23 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
     Rows = NDArray[np.intp]
 
-_GRID, _LOWEST = 250, 1e-3  # frequencies first looked at, and the least, over 1/(dead time + lag)
-_CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
-_TURN, _NARROWEST = 1.0, 1e-9  # rad, of D + N in a step along the circle; rad/s, of a step through a zero on it
-_TERMS, _SMALL = 14, 0.5  # of the exponential's series, and the norm up to which it serves: 0.5^15/15! = 2e-17
+_GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; its lowest, relative to 1/(dead time + lag)
+_CLOSER, _CLOSE_GRID = 5, 9  # refinements at a peak, and points of each; |S| is flat there, relative error 1e-9
+_TURN = 1.0  # rad, largest change of the angle of D + N in a step along the circle
+_NARROWEST = 1e-9  # rad/s, smallest step; smaller ones occur only at a zero on the circle
+_TERMS, _SMALL = 14, 0.5  # terms of the exponential's series, and its largest norm: error 0.5^15/15! = 2e-17
 
 
 @dataclass(frozen=True)
 class SampledLaws:
-    """The loops of one law at n cases of wheels of one order, as they run.
+    """Sampled loops of one law in n cases with wheels of one order.
 
     - law: the controller, a `Predictive`; its sampling period is `period`, s.
-    - slip: held, (n,); `unstable`: poles of the wheel right of the imaginary axis, (n,).
-    - pole, sigma, speed: coefficients in descending powers of w, (n, order): of the wheel's denominator, and of its
-      numerators to the slip velocity and to the speed gained in a period, (n, 2, order), one for each of two commands.
+    - slip: reference slip ratio, (n,).
+    - unstable: number of unstable poles of the wheel, (n,).
+    - pole: denominator of the wheel, coefficients in descending powers of w, (n, order).
+    - sigma, speed: numerators to the slip velocity and to the speed gained in a period, (n, 2, order), one for each of
+      the two commands that act in a period.
     - periods: whole periods of the brake's dead time, (n,).
     """
 
@@ -58,8 +61,10 @@ class SampledLaws:
         return float(self.law.period)
 
     def parts(self, omega: Floats, row: Rows) -> tuple[Complexes, Complexes]:
-        """D and N at frequencies, rad/s, from 0 to pi/h, (n, k), of the cases number `row`, (n,); (1, k) serve all
-        cases."""
+        """Return D and N at frequencies `omega`, rad/s, from 0 to pi/h, of the cases with indices `row`, (n,).
+
+        - omega: (n, k), or (1, k) for the same frequencies in all cases.
+        """
         law, h = self.law, self.period
         turn = 1j * omega * h
         w, z = np.expm1(turn), np.exp(turn)
@@ -72,16 +77,16 @@ class SampledLaws:
         ahead, observed, braked = slower / (w + slower), blend * z / (w + blend), slow * z / (w + slow)
         acting = (1 - (count - whole)) * z**-whole + (count - whole) * z ** -(whole + 1.0)
         with np.errstate(invalid="ignore"):
-            before = np.where(w == 0, whole, -np.expm1(-turn * whole) / (w / z))  # the sum of z^-i
+            before = np.where(w == 0, whole, -np.expm1(-turn * whole) / (w / z))  # sum of z^-i
         under_way = h * (before + (count - whole) * acting)
         held = gain * (1 + law.kappa * law.dead_time) + law.kappa
         own = 1 - ahead * (1 - lag * (gain * (1 + law.kappa * under_way) + law.kappa) + lag * held * observed * acting)
         behind = np.exp(-turn * self.periods[row, None]) / _horner(self.pole[row], w)
-        found = []
+        responses = []
         for numerator in (self.sigma[row], self.speed[row]):
             first, second = (_horner(numerator[:, i], w) for i in (0, 1))
-            found.append((first + second / z) * behind)
-        sigma, rate = found[0], found[1] / (z * h)
+            responses.append((first + second / z) * behind)
+        sigma, rate = responses[0], responses[1] / (z * h)
         slip = self.slip[row, None]
         holding = observed * sigma * w / (z * h) + ((1 - slip) * braked - observed) * rate
         wheel = lag * law.wheel_inertia / law.radius * (held * holding + gain * law.kappa * sigma)
@@ -89,7 +94,7 @@ class SampledLaws:
 
     @cached_property
     def stable_and_ms(self) -> tuple[NDArray[np.bool_], Floats]:
-        """Whether each loop is stable, and its Ms, inf where not, (n,)."""
+        """Stability of each loop, and its Ms, inf if unstable, (n,)."""
         lowest = _LOWEST / (self.law.dead_time + self.law.lag)
         grid = np.append(0.0, np.geomspace(lowest, math.pi / self.period, _GRID))
         every = np.arange(self.slip.size)
@@ -110,12 +115,12 @@ class SampledLaws:
         return stable, ms
 
     def _windings(self, grid: Floats, values: Complexes) -> Rows:
-        """Turns of D + N along the upper half of the circle, twice those of half a turn, (n,)."""
+        """Return the winding number of D + N along the unit circle, (n,), from its upper half."""
         change = np.angle(values[:, 1:] / values[:, :-1])
         total = np.where(np.abs(change) <= _TURN, change, 0.0).sum(axis=1)
         row, at = np.nonzero(np.abs(change) > _TURN)
         low, high, first, last = grid[at], grid[at + 1], values[row, at], values[row, at + 1]
-        while row.size:  # halved until the steps are short
+        while row.size:  # halve the steps until the angle changes little in each
             middle = (low + high) / 2
             own, wheel = self.parts(middle[:, None], row)
             value = (own + wheel)[:, 0]
@@ -130,7 +135,7 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """One loop of `SampledLaws`, `of`."""
+    """Single loop of the predictive law: `of` has only one case."""
 
     of: SampledLaws
 
@@ -140,26 +145,26 @@ class SampledLaw:
         return self.of.period
 
     def response(self, omega: Floats) -> Complexes:
-        """L at frequencies, rad/s, 1-D, up to pi/h."""
+        """Return L at frequencies, rad/s, 1-D, up to pi/h."""
         own, wheel = self.of.parts(np.asarray(omega)[None, :], np.zeros(1, dtype=np.intp))
         return np.asarray((wheel / own)[0])
 
     def is_stable(self) -> bool:
-        """Whether every pole of the closed loop lies within the unit circle."""
+        """Return True if every pole of the closed loop is inside the unit circle."""
         return bool(self.of.stable_and_ms[0][0])
 
     def margins(self) -> Margins:
-        """Ms; the other margins are those of the continuous loop, NaN here."""
-        nothing: dict[str, Any] = dict.fromkeys(Margins.__dataclass_fields__, math.nan)
+        """Return margins with Ms alone; the others are NaN, see the continuous loop."""
+        empty: dict[str, Any] = dict.fromkeys(Margins.__dataclass_fields__, math.nan)
         lists = ("gain_crossovers", "phase_margins_deg", "phase_crossovers", "phase_crossover_gains")
-        nothing |= dict.fromkeys(lists, np.zeros(0))
-        return Margins(**{**nothing, "ms": float(self.of.stable_and_ms[1][0])})
+        empty |= dict.fromkeys(lists, np.zeros(0))
+        return Margins(**{**empty, "ms": float(self.of.stable_and_ms[1][0])})
 
 
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Pairs of the numbers of some cases and their loops: `case` as of `Controller.stable_and_ms`."""
+    """Yield groups of cases of equal order: their indices, and their loops; `case` as in `Controller.stable_and_ms`."""
     wheels = [_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
     lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
@@ -175,29 +180,34 @@ def sampled_laws(
 
 
 def _wheel(point: OperatingPoint) -> Floats:
-    """Of the rates of slip velocity, adhesion state and train speed, by rows: what each of them is to these, the
-    speed frozen, and to the acting torque, (m + 1, m + 2)."""
+    """Return the matrix of the rates of slip velocity, adhesion state and train speed, (m + 1, m + 2).
+
+    Its columns are these states, with a constant speed in the plant, and the acting torque.
+    """
     plant, moving = linearize(point), linearize(point, speed_state=True)
     m = len(plant.states)
-    found = np.zeros((m + 1, m + 2))
-    found[:m, :m], found[:m, -1] = plant.A, plant.B[:, 0]
-    found[m, :m], found[m, -1] = moving.A[0, 1:], moving.B[0, 0]
-    return found
+    matrix = np.zeros((m + 1, m + 2))
+    matrix[:m, :m], matrix[:m, -1] = plant.A, plant.B[:, 0]
+    matrix[m, :m], matrix[m, -1] = moving.A[0, 1:], moving.B[0, 0]
+    return matrix
 
 
 def _driven(wheels: Floats, lag: Floats | None) -> Floats:
-    """The rates of wheel, train and, behind a lag, acting torque to these and the command, square with a row of 0."""
+    """Return the matrices of the rates of wheel, train and, with a lag, acting torque.
+
+    Their columns are these states and the command; a row of zeros makes them square.
+    """
     n, m = wheels.shape[0], wheels.shape[1]
     size = m + 1 if lag is None else m + 2
-    found = np.zeros((n, size, size))
-    found[:, :m, :m], found[:, :m, m] = wheels[:, :, :-1], wheels[:, :, -1]
+    matrices = np.zeros((n, size, size))
+    matrices[:, :m, :m], matrices[:, :m, m] = wheels[:, :, :-1], wheels[:, :, -1]
     if lag is not None:
-        found[:, m, m], found[:, m, m + 1] = -1 / lag, 1 / lag
-    return found
+        matrices[:, m, m], matrices[:, m, m + 1] = -1 / lag, 1 / lag
+    return matrices
 
 
 def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: Floats, speed: int) -> SampledLaws:
-    """The loops of wheels whose rates are `driven` by the state and the command; number `speed` is the train's."""
+    """Return the loops of wheels with rate matrices `driven`; the state with index `speed` is the train speed."""
     h, d = float(law.period), driven.shape[1] - 1
     periods = np.floor(dead_time / h + 1e-9).astype(np.intp)
     late = np.maximum(dead_time - periods * h, 0.0)
@@ -208,13 +218,13 @@ def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: 
     earlier = np.einsum("nij,nj->ni", after[:, :d, :d], before[:, :d, d])
     one, pole = np.broadcast_to(np.eye(d), growth.shape), [np.ones(slip.size)]
     rows = [one]
-    for k in range(1, d + 1):  # Leverrier's: the adjugate's matrices and the determinant's coefficients
+    for k in range(1, d + 1):  # Leverrier's algorithm for the matrices of the adjugate and the determinant
         product = growth @ rows[-1]
         pole.append(-np.trace(product, axis1=1, axis2=2) / k)
         rows.append(product + pole[-1][:, None, None] * one)
     gammas = np.stack([now, earlier], axis=1)
     answers = np.einsum("knij,ncj->ncik", np.array(rows[:d]), gammas)  # (n, command, state, power)
-    # the speed drives nothing: w is a factor of the determinant, and of the numerator of the slip velocity
+    # no rate depends on the speed: w is a factor of the determinant and of the numerator of the slip velocity
     sigma, gained = answers[:, :, 0, : d - 1], answers[:, :, speed, :]
     return SampledLaws(law, slip, unstable, np.array(pole[:d]).T, sigma, gained, periods)
 
@@ -225,16 +235,16 @@ def _exponential(matrices: Floats) -> Floats:
     halvings = max(math.ceil(math.log2(norm / _SMALL)), 0) if norm > 0 else 0
     small = matrices / 2**halvings
     one = np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape)
-    found = one
+    series = one
     for k in range(_TERMS, 0, -1):
-        found = one + small @ found / k
+        series = one + small @ series / k
     for _ in range(halvings):
-        found = found @ found
-    return np.asarray(found)
+        series = series @ series
+    return np.asarray(series)
 
 
 def _horner(coefficients: Floats, w: Complexes) -> Complexes:
-    """Polynomials, (n, order), in descending powers at w, (n, k)."""
+    """Return the values of polynomials, (n, order), in descending powers, at w, (n, k)."""
     value: Complexes = coefficients[:, 0, None].astype(complex)
     for k in range(1, coefficients.shape[1]):
         value = value * w + coefficients[:, k, None]

@@ -1,4 +1,4 @@
-"""A controller's step and numbers as Python that needs nothing but the standard library."""
+"""Print a controller's step and numbers as Python that needs only the standard library."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from .translate import Function, read_step
 
 
 def python_text(control: Controller, speed: float = 100 / 3.6) -> str:
-    """The functions of the step, as the simulations run them, its numbers on dry rail, and a state at its start.
+    """Return Python text with the functions of the step, its numbers on dry rail, and its initial state.
 
-    - control: a controller with what it believes of the vehicle filled in.
-    - speed: train speed at which the state starts, m/s; few controllers use it.
+    - control: a controller whose assumed vehicle parameters are set (`believing`).
+    - speed: train speed of the initial state, m/s; few controllers use it.
 
-    InputError: a controller known by a Python step alone, or without numbers that it needs.
+    InputError: a controller that is only a Python step, or lacks numbers that it needs.
     """
     period = PERIOD if control.period is None else control.period
     functions = read_step(control.whole_step).all()
-    constants = {name: value for one in functions.values() for name, value in one.constants.items()}
+    constants = {name: value for function in functions.values() for name, value in function.constants.items()}
     state, parameters = control.start(speed, period), step_parameters(control, Rail.DRY, period)
     return "\n".join(
         (
             f'"""{control.label}: {control.title}; railslip_ctrl {__version__}, {control.source}. SI units.',
             "",
-            "Once a period: torque = step(state, measurement, PARAMETERS), N*m; measurement has time, train_speed,",
-            'wheel_speed and applied_torque. Without the guard that the C99 program has."""',
+            "Call torque = step(state, measurement, PARAMETERS), N*m, once a period. A measurement has time,",
+            'train_speed, wheel_speed and applied_torque. The guard of the C99 program is not included."""',
             "",
             "import math",
             "from types import SimpleNamespace",
             "",
             *(f"{name} = {value!r}" for name, value in constants.items()),
-            *(text for one in functions.values() for text in ("", "", _text_of(one))),
+            *(text for function in functions.values() for text in ("", "", _text_of(function))),
             "",
             "",
             f"PARAMETERS = SimpleNamespace(**{_numbers(parameters)})",

@@ -1,4 +1,4 @@
-"""Linear controllers sampled: difference equations, limits and anti-windup, and the exact loops that they close.
+"""Sampled linear controllers: difference equations with limits and anti-windup, and their exact loops.
 
 With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
 """
@@ -32,15 +32,16 @@ from .systems import (
     linear_controller,
 )
 
-_STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
-_WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e-8, are not moved by a hair
-# of `sampled_peak`: poles that ring, frequencies over the slowest feature, points, and times it looks closer
+_STANDING = 1e-9  # zeros and poles slower than this, relative to 1/h, count as 0
+_WORTH_MOVING = 1.01  # smallest ratio of rates for moving a pole; rounding splits double poles by 1e-8
+# `sampled_peak`: smallest magnitude of ringing poles; lowest frequency relative to the slowest feature; points of the
+# grid; points of a refinement; number of refinements
 _RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
-_AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
+_AT_INFINITY = 1e-12  # a zero this close to 2/h (backward: 1/h), relative, is at infinity in z
 
 
 class Rule(StrEnum):
-    """How s becomes a difference."""
+    """Rule that replaces s by a difference."""
 
     TUSTIN = "tustin"
     BACKWARD = "backward"
@@ -48,27 +49,28 @@ class Rule(StrEnum):
 
 @dataclass(frozen=True)
 class SampledController:
-    """A linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
+    """Linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
 
-    With the continuous design x' = A x + B e, torque = C x + D e (a `PIController`'s states are the integral part of
-    its torque and the error behind the lead's filter), at sample k::
+    The continuous design is x' = A x + B e, torque = C x + D e. For a `PIController` the states are the integral part
+    of its torque and the error behind the lead's filter. At sample k::
 
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    phi, now and before are those of the rule, exact for it; of a discrete design its own. While a limit acts, `back`
-    moves the slow poles, and leaves those of leads and filters where they are: poles and zeros in order of their speed,
-    each pole that is slower than its zero goes to the speed of that, 1/T, at 1 - h/T. With all poles at the zeros it
-    would be the conditioned controller of [Hanus1987], whose states are those of an error that the brake could have
-    followed; of a PI it is back-calculation with Tt = kp/ki. `linear_step` is what runs.
+    phi, now and before follow exactly from the rule, or are those of a discrete design. While a limit acts, `back`
+    moves the slow poles and leaves those of leads and filters unchanged: with poles and zeros sorted by speed, a pole
+    slower than its zero moves to the zero's speed 1/T, that is to 1 - h/T. With all poles at the zeros this is the
+    conditioned controller of [Hanus1987], whose states are those of an error that the brake could have followed. For a
+    PI it is back-calculation with Tt = kp/ki. `linear_step` runs the equations.
 
-    - design: linear system; `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
-    - period: h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
-    - torque_min, torque_max: N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
-    - rule: tustin's, or the backward difference.
-    - tracking_time: Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest
-      zero (of a PI kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no
-      anti-windup.
+    - design: linear system, as for `systems.linear_controller`; kept as its record.
+    - period: h, s, > 0; for a discrete design its own. With Tustin's rule no real pole may be faster than 2/h, because
+      it would ring.
+    - torque_min, torque_max: N*m, limits of the command, low < high; for a brake 0 and its largest torque.
+    - rule: Tustin's rule or the backward difference.
+    - tracking_time: Tt, s, >= h, of the slowest pole, mostly an integrator; by default that of the slowest zero (for a
+      PI kp/ki). If there are fewer zeros than poles, the speed of the fastest pole, or 1/h, replaces the missing ones.
+      inf: no anti-windup.
 
     InputError: a design that is not linear, a period, limit or tracking time out of its range.
     """
@@ -97,11 +99,11 @@ class SampledController:
 
     @property
     def as_run(self) -> SampledController:
-        """Itself: how its design is run."""
+        """Sampled controller of a run: this object itself."""
         return self
 
     def linear(self, point: OperatingPoint) -> LinearController:
-        """The design, the same at every operating point."""
+        """Return the design, which is the same at every operating point."""
         return self.design  # type: ignore[no-any-return]
 
     @property
@@ -111,7 +113,7 @@ class SampledController:
 
     @cached_property
     def numbers(self) -> Mapping[str, Any]:
-        """The parameters of `linear_step`, by name."""
+        """Parameters of `linear_step` by name."""
         phi, now, before, c, d = _difference(self.design, self.rule, self.period)
         arrays = {"output": c, "now": now, "before": before, "tracking": self._back(phi, c), "transition": phi.ravel()}
         limits = {"torque_min": self.torque_min, "torque_max": self.torque_max}
@@ -119,14 +121,14 @@ class SampledController:
 
     def _back(self, phi: Floats, c: Floats) -> Floats:
         rates, h = self._tracking_rates, self.period
-        if isinstance(self.design, PIController):  # of its two states only the integral winds up
+        if isinstance(self.design, PIController):  # only the integral winds up, not the filtered error
             return np.append(h * rates, np.zeros(c.size - 1))
         slow = (phi[1:, 1:] - np.eye(c.size - 1)) / h if self.design.period else _continuous(self.design)[0][1:, 1:]
         return np.append(0.0, _back_calculation(phi[1:, 1:], slow, c[1:], h, rates))
 
     @cached_property
     def _tracking_rates(self) -> Floats:
-        """What the poles, slowest first, are moved to where they decay more slowly while a limit acts, 1/s."""
+        """Anti-windup decay rates, 1/s, slowest first: lower bounds on the decay of the poles while a limit acts."""
         system, h = self.design.transfer_function, self.period
         if isinstance(self.design, PIController):
             gains = self.design.gains
@@ -142,9 +144,9 @@ class SampledController:
         return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
 
     def start(self, torque: float = 0.0) -> SimpleNamespace:
-        """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
+        """Return the state from which a step without error gives exactly this `torque`, N*m, and holds it.
 
-        Raises InputError if the torque is outside the limits.
+        InputError if the torque is outside the limits.
         """
         if not self.torque_min <= torque <= self.torque_max:
             raise InputError(
@@ -156,19 +158,19 @@ class SampledController:
         )
 
     def at_rest(self, torque: float) -> dict[str, Any]:
-        """The fields of the state at rest but for a `torque`, N*m, that stays."""
+        """Return the fields of the state that holds a constant `torque`, N*m."""
         rest = (0.0,) * (len(self.states) - 1)
         return {"error": 0.0, "unlimited_torque": torque, "states": (torque, *rest), "room": (0.0, *rest)}
 
     def step(self, state: Any, error: float, applied: float | None = None) -> float:
-        """The torque to command until the next sample, N*m.
+        """Make one sample: return the torque to command until the next, N*m, and change `state`.
 
-        - state: from `start`; changed.
+        - state: from `start`.
         - error: lambda_d v - sigma, m/s.
-        - applied: the command that the brake took since the sample before, N*m, where something beyond the controller's
-          own limits held it back; left out, its own.
+        - applied: torque that the brake applied since the previous sample, N*m, if something beyond the controller's
+          limits changed it; by default the controller's last command.
 
-        A sample that is not finite is skipped: state and torque stay as they were.
+        A sample that is not finite is skipped: state and torque do not change.
         """
         if applied is None:
             applied = min(max(state.unlimited_torque, self.torque_min), self.torque_max)
@@ -180,25 +182,25 @@ class SampledController:
 
     @cached_property
     def transfer_function(self) -> Rational:
-        """C in the variable z, between the limits, of the same equations; an integrator's pole at 1 is exact."""
+        """Transfer function C(z) of the equations without limits; an integrator's pole at 1 is exact."""
         system: Rational = self.design.transfer_function
         if not isinstance(self.design, PIController) and self.design.period is not None:
             return system
         h = self.period
         above, zeros = _mapped(system.zeros, self.rule, h)
         below, poles = _mapped(system.poles, self.rule, h)
-        # every s - root has z + 1 (of Tustin's rule) or z (of the backward difference) below its line
+        # every factor s - root has the denominator z + 1 (Tustin's rule) or z (backward difference)
         rest = np.full(system.relative_degree, -1.0 if self.rule is Rule.TUSTIN else 0.0)
         return Rational(np.append(zeros, rest), poles, float((system.gain * above / below).real))
 
 
 def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
-    """One sample of the difference equations of `SampledController`: the torque to command, N*m; changes `state`.
+    """Make one sample of the equations of `SampledController`: return the torque to command, N*m; change `state`.
 
-    - state: `states` and `room` (n each), `error` (m/s) and `unlimited_torque` (N*m) of the sample before.
+    - state: `states` and `room` (n each), `error` (m/s) and `unlimited_torque` (N*m) of the previous sample.
     - parameters: `output`, `now`, `before`, `tracking` (n each), `transition` (n by n, by rows), `direct`, limits.
     - error: lambda_d v - sigma, m/s; a sample that is not finite is skipped.
-    - applied: the command that the brake took since the sample before, N*m.
+    - applied: torque that the brake applied since the previous sample, N*m.
     """
     if not math.isfinite(error):
         return applied
@@ -219,7 +221,7 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
-    """The product of s - root in z, but for the rule's denominators: its leading factor and its roots."""
+    """Return leading factor and roots in z of the product of all s - root, without the rule's denominators."""
     ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
     at_infinity = np.abs(ahead) < _AT_INFINITY
     scale = 2 / h if rule is Rule.TUSTIN else 1 / h
@@ -246,7 +248,7 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
     rising, falling = float(np.max(real, initial=0.0)), float(np.max(-real, initial=0.0))
     fastest = max(rising, falling) if rule is Rule.TUSTIN else rising
     if rising * h >= limit or (rule is Rule.TUSTIN and falling * h > limit):
-        other = ", or the backward rule, as LinearControl and a file take it" if rule is Rule.TUSTIN else ""
+        other = ', or the backward rule (in a file rule = "backward")' if rule is Rule.TUSTIN else ""
         raise InputError(
             f"period: {h:g} s is not allowed with a pole of {fastest:g} 1/s; give a value <= {limit / fastest:.3g} (s)"
             f"{other}"
@@ -254,9 +256,9 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
 
 
 def run_period(design: LinearController, period: float | None = None) -> float:
-    """Sampling period of a design, s: its own if it is discrete, else `period`.
+    """Return the sampling period of a design, s: its own if it is discrete, else `period`.
 
-    The default is `PERIOD`, or twice the filter of a lead if that is less.
+    The default is `PERIOD`, or twice the time constant of the lead's filter if that is less.
     """
     if not isinstance(design, PIController):
         return design.period or period or PERIOD
@@ -264,14 +266,14 @@ def run_period(design: LinearController, period: float | None = None) -> float:
 
 
 def state_names(design: LinearController) -> tuple[str, ...]:
-    """Names of the states of a design's difference equations."""
+    """Return the names of the states of a design's difference equations."""
     if isinstance(design, PIController):
         return ("integral", "lagged_error") if design.lead_filter > 0 else ("integral",)
     return ("initial_torque", *(f"x{i + 1}" for i in range(_continuous(design)[1].size - 1)))
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
-    """A, B, C, D; the first state is the integral part of a PI's torque, of another design a constant torque."""
+    """Return A, B, C, D; the first state is the integral part of a PI's torque, or else a constant torque."""
     if isinstance(design, PIController):
         kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
         if lag == 0:
@@ -282,8 +284,8 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
     if isinstance(design, StateSpaceController):
         inner, b, c, d = np.array(design.a, dtype=float), np.array(design.b), np.array(design.c), design.d
     else:
-        made = realise(design.transfer_function)
-        inner, b, c, d = made.a, made.b, made.c, made.d
+        system = realise(design.transfer_function)
+        inner, b, c, d = system.a, system.b, system.c, system.d
     n = b.size
     a = np.zeros((n + 1, n + 1))
     a[1:, 1:] = inner.reshape(n, n)
@@ -291,7 +293,7 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 
 
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
-    """phi, now, before, C and D of the difference equations."""
+    """Return phi, now, before, C and D of the difference equations."""
     a, b, c, d = _continuous(design)
     one = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:
@@ -306,16 +308,17 @@ def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats,
 
 
 def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
-    """Weights of acted - unlimited that move slow poles of phi to 1 - h rate: see `SampledController`.
+    """Return the weights of acted - unlimited that move slow poles of phi to 1 - h rate, see `SampledController`.
 
-    `slow` has the invariant subspaces of phi and its poles in s. On that of the poles up to the last one moved, by
-    Ackermann's formula in (z - 1)/h, where poles near 1 lie well apart. Modes that the torque does not show stay.
+    `slow` has the same invariant subspaces as phi, and its poles in s. Ackermann's formula is applied on the subspace
+    of the poles up to the last one moved, in (z - 1)/h, where poles near 1 are well separated. Modes that are not
+    observable in the torque do not move.
     """
     from scipy.linalg import schur
 
     poles = np.linalg.eigvals(slow)
     poles = poles[np.argsort(np.abs(poles))]
-    decays = np.minimum(np.abs(poles), -2 * poles.real)  # less than its speed where it rings, damping below 0.5
+    decays = np.minimum(np.abs(poles), -2 * poles.real)  # smaller than the magnitude for a damping ratio below 0.5
     moved = np.flatnonzero(rates > decays * _WORTH_MOVING)
     if not moved.size:
         return np.zeros(c.size)
@@ -337,7 +340,10 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 def sampled_loop(
     plant: LinearPlant, controller: SampledController, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
-    """The wheel-slip loop with a discrete controller, exact; `computation` (s) adds to the actuator's dead time."""
+    """Return the exact wheel-slip loop with a discrete controller.
+
+    `computation`, s, is added to the actuator's dead time.
+    """
     extra = number("computation", computation, "s", ge=0)
     return SampledLoop(
         controller.transfer_function, actuated_plant(plant, actuator), actuator.dead_time + extra, controller.period
@@ -345,8 +351,10 @@ def sampled_loop(
 
 
 def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
-    """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
-    make a difference."""
+    """Return the sampled loop of a controller with a sampling period.
+
+    None without a period of its own, or if the period is too short to make a difference.
+    """
     if isinstance(controller, Controller) and (own := controller.loop_as_run(plant.point, actuator)) is not None:
         return own
     sampled = getattr(controller, "as_run", None)
@@ -356,9 +364,9 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
 
 
 def sampled_peak(loop: SampledLoop) -> float:
-    """Ms of a sampled loop, inf where it is unstable, on a grid and not between bounds: `margins` is exact, and slower.
+    """Return Ms of a sampled loop, inf if it is unstable; computed on a grid, while `margins` is exact and slower.
 
-    Peaks stand at the angles of the closed-loop poles near the circle; the highest is looked at ever more closely.
+    Peaks are at the angles of the closed-loop poles near the unit circle; the highest one is refined.
     """
     if not loop.is_stable():
         return math.inf
@@ -369,7 +377,7 @@ def sampled_peak(loop: SampledLoop) -> float:
 
 
 def peak_near(loop: Any, omega: Floats) -> float:
-    """The highest |S| on a grid of frequencies, rad/s, looked at ever more closely."""
+    """Return the highest |S| on a grid of frequencies, rad/s, refined around its maximum."""
     for _ in range(_CLOSER):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))

@@ -1,4 +1,4 @@
-"""Gains scheduled over speed and rail: a PI with one lead, taken over without a bump in torque."""
+"""PI-lead with gains scheduled over speed and rail; gain changes cause no jump of the torque."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PIGains, Rail, Record, Vehicle
 
 from .base import Controller, Situation
-from .linear import TRACKING_TIME, full_brake_torque, windup_words
+from .linear import TRACKING_TIME, describe_windup, full_brake_torque
 from .sampled import Rule, SampledController
 from .systems import PIController
 
 
 @dataclass(frozen=True)
 class ScheduleEntry:
-    """Gains at one speed on one rail, tuned over the vehicle's loads there, and the worst Ms with them."""
+    """Gains at one speed on one rail, tuned over the vehicle's loads, and their worst Ms."""
 
     rail: Rail
     speed_kmh: float
@@ -40,8 +40,8 @@ class ScheduleEntry:
 class GainSchedule:
     """PI gains over speed and rail, linear in speed between entries and constant outside, with one lead (s) for all.
 
-    Below `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms`
-    is the largest Ms over the scheduled speeds and between them. InputError for values that no schedule has.
+    Below `lowest_speed_kmh` some loops of the schedule are unstable; slip control must be switched off there.
+    `worst_ms` is the largest Ms at the scheduled speeds and between them. InputError for invalid values.
     """
 
     entries: tuple[ScheduleEntry, ...]
@@ -53,13 +53,13 @@ class GainSchedule:
     def __post_init__(self) -> None:
         check_fields(self)
         if not self.entries:
-            raise InputError("gain schedule: it has no entries; give at least one speed")
+            raise InputError("gain schedule: it has no entries; give one for at least one speed")
         seen = set()
         for entry in self.entries:
             number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)
             number("gain schedule: worst Ms", entry.worst_ms, ge=1)
             if (entry.rail, entry.speed_kmh) in seen:
-                raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h comes twice; keep one")
+                raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h is given twice; keep one")
             seen.add((entry.rail, entry.speed_kmh))
         number("gain schedule: lowest speed", self.lowest_speed_kmh, "km/h", ge=0)
         if not self.worst_ms >= 1:
@@ -67,9 +67,9 @@ class GainSchedule:
         PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
-        """The controller at a speed (m/s, > 0) on a rail.
+        """Return the controller at a speed (m/s, > 0) on a rail.
 
-        Raises InputError for a speed that is not finite and positive, or a rail without entries.
+        InputError for a speed that is not finite and positive, or a rail without entries.
         """
         number("speed", speed, "m/s", gt=0)
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
@@ -81,7 +81,7 @@ class GainSchedule:
         return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
 
     def to_json(self) -> str:
-        """The schedule as JSON, SI except where a key names a unit; `from_json` reads it back."""
+        """Return the schedule as JSON, SI except where a key names a unit; `from_json` reads it."""
         entries = []
         for e in self.entries:
             gains = {"kp_si": e.gains.kp, "ki_si": e.gains.ki}
@@ -92,7 +92,7 @@ class GainSchedule:
 
     @classmethod
     def from_json(cls, text: str) -> GainSchedule:
-        """Read what `to_json` wrote; InputError for anything else."""
+        """Read a schedule written by `to_json`; InputError for any other text."""
         try:
             content = json.loads(text)
             entries = []
@@ -103,14 +103,15 @@ class GainSchedule:
         except InputError:
             raise
         except (ValueError, KeyError, TypeError) as error:
-            raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
+            reason = " ".join(str(error).split())
+            raise InputError(f"gain schedule: is not JSON of to_json ({reason}); write it by to_json") from None
         return cls(tuple(entries), *others)
 
 
 class Scheduled(Controller):
-    """A `GainSchedule` as it brakes. Its anti-windup follows the gains, kp/ki, unless a tracking time is given.
+    """Controller with a `GainSchedule`; the tracking time of its anti-windup is kp/ki unless it is given.
 
-    InputError: as of `LinearControl`; a schedule without entries for a rail of the run.
+    InputError: as for `LinearControl`; a schedule without entries for a rail of the run.
     """
 
     kind: ClassVar[str] = "scheduled"
@@ -118,43 +119,43 @@ class Scheduled(Controller):
     source: ClassVar[str] = "this project"
 
     schedule: GainSchedule
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    torque_min: float | None = quantity("N*m", "least torque; none if left out", default=None)
+    radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
+    torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
     tracking_time: float | None = quantity(
         "s", "tracking time of the anti-windup; kp/ki if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
-    rule: Rule = Field(Rule.BACKWARD, description="how the PI becomes a difference equation")
+    rule: Rule = Field(Rule.BACKWARD, description="rule that makes the PI a difference equation")
 
     class State(Record):
-        """The PI behind the lead."""
+        """State of lead and PI."""
 
         integral: float = quantity("N*m", "integral part of the torque", default=0.0)
-        error: float = quantity("m/s", "slip error of the sample before", default=0.0)
-        filtered_error: float = quantity("m/s", "behind the lead", default=0.0)
-        unlimited_torque: float = quantity("N*m", "torque of the sample before, without limits", default=0.0)
+        error: float = quantity("m/s", "slip error of the previous sample", default=0.0)
+        filtered_error: float = quantity("m/s", "output of the lead", default=0.0)
+        unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
 
     class Parameters(Record):
         """Lead, integrator, limits, and the gains of the rail over speed."""
 
         radius: float = quantity("m", "wheel radius")
         lead_pole: float = quantity("1", "pole of the lead in z")
-        lead_now: float = quantity("1", "from the error to the filtered one")
-        lead_before: float = quantity("1", "from the error before to the filtered one")
+        lead_now: float = quantity("1", "from the error to the filtered error")
+        lead_before: float = quantity("1", "from the previous error to the filtered error")
         weight_now: float = quantity("s", "weight of the filtered error in the integral")
-        weight_before: float = quantity("s", "weight of the filtered error before")
-        tracking: float = quantity("1", "period over tracking time; below 0: period ki/kp")
-        torque_min: float = quantity("N*m", "least torque")
+        weight_before: float = quantity("s", "weight of the previous filtered error in the integral")
+        tracking: float = quantity("1", "period over tracking time; below 0: period times ki/kp")
+        torque_min: float = quantity("N*m", "smallest torque")
         torque_max: float = quantity("N*m", "largest torque")
-        speed_count: float = quantity("1", "speeds in use")
+        speed_count: float = quantity("1", "number of speeds in use")
         speeds: tuple[float, ...] = quantity("m/s", "speeds, rising")
-        kp: tuple[float, ...] = quantity("N*m/(m/s)", "proportional gains at them")
-        ki: tuple[float, ...] = quantity("N*m/m", "integral gains at them")
+        kp: tuple[float, ...] = quantity("N*m/(m/s)", "proportional gains at these speeds")
+        ki: tuple[float, ...] = quantity("N*m/m", "integral gains at these speeds")
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """`schedule` may name a file written by `GainSchedule.to_json`."""
+        """Read the keys of a file; `schedule` may be the name of a file written by `GainSchedule.to_json`."""
         if isinstance(content.get("schedule"), str):
             schedule = GainSchedule.from_json(read_text(path.parent / content["schedule"]))
             content = {**content, "schedule": schedule}
@@ -170,19 +171,19 @@ class Scheduled(Controller):
         return self
 
     def linear(self, point: OperatingPoint | None) -> PIController:
-        """The PI at an operating point's speed and rail."""
+        """Return the PI at an operating point's speed and rail."""
         if point is None:
-            raise InputError(f"controller {self.label}: it is linear at an operating point; give one")
+            raise InputError(f"controller {self.label}: its gains depend on the speed; give an operating point")
         return self.schedule.controller(point.speed, point.rail)
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
         h, rail = situation.period, situation.rail
         by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is one}) for one in Rail]
-        speeds = by_rail[tuple(Rail).index(rail)] or [1.0]  # none: the schedule refuses
+        speeds = by_rail[tuple(Rail).index(rail)] or [1.0]  # without entries the schedule raises the error
         designs = [self.schedule.controller(speed, rail).gains for speed in speeds]
         p, q0, q1 = self._lead(h)
         now, before = (h * 0.5, h * 0.5) if self.rule is Rule.TUSTIN else (h, 0.0)
-        unused = (0.0,) * (max(map(len, by_rail)) - len(speeds))  # a run has as many of each rail
+        unused = (0.0,) * (max(map(len, by_rail)) - len(speeds))  # arrays of both rails have the same length
         return {
             **{"radius": self.radius, "lead_pole": p, "lead_now": q0, "lead_before": q1},
             **{"weight_now": now, "weight_before": before},
@@ -194,18 +195,18 @@ class Scheduled(Controller):
         }
 
     def _lead(self, h: float) -> tuple[float, float, float]:
-        """Pole p and weights q0, q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
+        """Return the pole p and the weights q0, q1 of the lead (q0 z + q1)/(z - p), equal at all speeds."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
         limits = self.least_torque, self.largest_torque
-        made = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
-        return float(np.sum(made.poles).real), made.gain, -made.gain * float(np.sum(made.zeros).real)
+        lead = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
+        return float(np.sum(lead.poles).real), lead.gain, -lead.gain * float(np.sum(lead.zeros).real)
 
     def start(self, speed: float, period: float) -> Record:
         return self.State(integral=self.initial_torque, unlimited_torque=self.initial_torque)
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """A PI with a lead whose gains follow the train's speed, linear between those of the schedule."""
+        """Return the torque of a PI-lead whose gains are interpolated at the train speed."""
         speed, applied = measurement.train_speed, measurement.applied_torque
         error = parameters.reference_slip * speed - (speed - parameters.radius * measurement.wheel_speed)
         if not math.isfinite(error):
@@ -218,7 +219,7 @@ class Scheduled(Controller):
             share = (speed - parameters.speeds[i]) / (parameters.speeds[i + 1] - parameters.speeds[i])
             kp += share * (parameters.kp[i + 1] - kp)
             ki += share * (parameters.ki[i + 1] - ki)
-        integral = state.unlimited_torque - kp * state.filtered_error  # the torque goes on as with the gains before
+        integral = state.unlimited_torque - kp * state.filtered_error  # no jump of the torque when the gains change
         filtered = (
             parameters.lead_pole * state.filtered_error
             + parameters.lead_now * error
@@ -238,7 +239,7 @@ class Scheduled(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Within 0 and the vehicle's full brake, with anti-windup; its `schedule` is given."""
+        """Return the controller with the given `schedule`, limits 0 and full brake, and anti-windup."""
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)
 
@@ -252,7 +253,7 @@ class Scheduled(Controller):
         )
 
     def limits_described(self) -> str:
-        return super().limits_described() + windup_words(self, anti_windup=True)
+        return super().limits_described() + describe_windup(self, anti_windup=True)
 
     def gain_values(self) -> dict[str, Any]:
         return {}

@@ -1,4 +1,4 @@
-"""Rule-based wheel slide protection."""
+"""Rule-based wheel slide protection by a dump, hold and fill valve."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from railslip_ctrl.model.vehicle import GRAVITY, Record, Vehicle
 from .base import LEAST_PERIOD, Controller
 from .linear import full_brake_torque
 
-_WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients
-_DUMPED = 0.8  # of N r, in dead time and lag: the best rail's torque, and the wheel's turn back to rolling
-_FILTER_TIME = 0.05  # s
+_WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients of a very low and of the best adhesion
+_DUMPED = 0.8  # torque dumped in dead time plus lag, in N r: that of the best rail, and to bring the wheel to rolling
+_FILTER_TIME = 0.05  # s, default time constant of the filter of the wheel speed
 
 
 class SlideProtection(Controller):
-    """The valve dumps where the slip is above `dump_slip`, or above `fill_slip` while the wheel decelerates by more
-    than `dump_deceleration`; it fills where the slip is below `fill_slip`, and holds in between. The torque asked for
-    moves by `fill_rate` and `dump_rate` between 0 and `torque_max`, which a driver's full brake asks for. `reference`
-    only judges the slip, if it is given.
+    """Slide protection with a valve: dump at large slip, fill at small slip, hold in between.
 
-    The slips are of the size that wheel slide protection in service acts on (5 to 30 %); the other defaults are those
-    of the published vehicle by the rule of `for_vehicle`. InputError unless fill_slip < dump_slip.
+    The valve dumps if the slip is above `dump_slip`, or if it is above `fill_slip` and the wheel decelerates by more
+    than `dump_deceleration`. It fills if the slip is below `fill_slip`, and otherwise holds. The commanded torque
+    changes by `fill_rate` and `dump_rate` between 0 and `torque_max`, the driver's full brake. `reference` is optional
+    and used only to judge the slip.
+
+    The default slips have the size at which wheel slide protection in service acts (5 to 30 %); the other defaults are
+    those of the published vehicle by the rule of `for_vehicle`. InputError unless fill_slip < dump_slip.
     """
 
     kind: ClassVar[str] = "slide-protection"
@@ -40,19 +42,19 @@ class SlideProtection(Controller):
 
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=0.01)
     reference: ReferenceSlip | None = None
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    fill_slip: float = quantity("1", "slip to fill below", gt=0, lt=1, default=0.07)
-    dump_slip: float = quantity("1", "slip to dump above", gt=0, lt=1, default=0.15)
-    dump_deceleration: float = quantity("m/s^2", "wheel deceleration to dump above", gt=0, default=4.75)
+    radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
+    fill_slip: float = quantity("1", "slip below which the valve fills", gt=0, lt=1, default=0.07)
+    dump_slip: float = quantity("1", "slip above which the valve dumps", gt=0, lt=1, default=0.15)
+    dump_deceleration: float = quantity("m/s^2", "wheel deceleration above which the valve dumps", gt=0, default=4.75)
     fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=989.0)
     dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=15824.0)
-    torque_max: float = quantity("N*m", "full brake", gt=0, default=9000.0)
-    filter_time: float = quantity("s", "filter of the wheel's speed", gt=0, default=_FILTER_TIME)
+    torque_max: float = quantity("N*m", "torque of the full brake", gt=0, default=9000.0)
+    filter_time: float = quantity("s", "time constant of the wheel speed's filter", gt=0, default=_FILTER_TIME)
 
     class State(Record):
-        """Valve, filter and torque; it begins released, and takes the wheel's speed at the first sample."""
+        """State of valve, filter and torque; initially released, the filter starts with the first sample."""
 
-        torque_asked: float = quantity("N*m", "torque asked for", default=0.0)
+        torque_asked: float = quantity("N*m", "commanded torque", default=0.0)
         filtered_rim_speed: float = quantity("m/s", "filtered wheel speed r omega", default=0.0)
         started: float = quantity("1", "1 after the first sample", default=0.0)
         valve: float = quantity("1", "-1 dumps, 0 holds, 1 fills", default=1.0)
@@ -68,7 +70,7 @@ class SlideProtection(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """The valve's position by slip and wheel deceleration, and the torque that it moves."""
+        """Set the valve by slip and wheel deceleration; return the torque."""
         speed = measurement.train_speed
         rim = parameters.radius * measurement.wheel_speed
         if not (math.isfinite(speed) and math.isfinite(rim)):
@@ -104,12 +106,12 @@ class SlideProtection(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Thresholds and rates for a vehicle with dead time theta and lag T; the slips as they are.
+        """Return the controller with thresholds and rates for a vehicle with dead time theta and lag T.
 
-        In theta + T, by which it knows of a slide too late, the valve fills as much torque as a weak rail holds, and
-        dumps sixteen times that. It dumps where the wheel decelerates by more than the train does on the best rail, and
-        by a random force's more, [Park2008] p. 55: 0.0125 of the wheel load, N r^2/J times that at the rim. A swing of
-        the wheel about its rolling contact, some 5 Hz, is filtered away, as it is no slide.
+        During theta + T, its reaction time to a slide, the valve fills the torque of a weak rail, or dumps sixteen
+        times as much. It dumps above the train's deceleration on the best rail plus that of a random force
+        ([Park2008] p. 55: 0.0125 of the wheel load; N r^2/J times that at the rim). The filter removes the oscillation
+        of the wheel on its rolling contact, about 5 Hz, which is not a slide. The slips keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

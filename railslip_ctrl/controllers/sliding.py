@@ -1,4 +1,4 @@
-"""The published adaptive sliding-mode law as it brakes."""
+"""The published adaptive sliding-mode law as a controller."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from .base import Controller, Situation, layout_of, outside
 from .translate import ARGUMENTS, PARAMETERS
 
 FILTER_TIME = 0.1
-"""Time constant of the filter that estimates v', s; any value serves, and [Park2008] gives none."""
+"""Time constant of the filter that estimates v', s; [Park2008] gives none, and the results hardly depend on it."""
 
 _LEAST_SPEED = 1e-3
-"""m/s; below it no adhesion is assumed, as the slip ratio is not defined at standstill."""
+"""Train speed below which no adhesion is assumed, m/s, because the slip ratio is not defined at standstill."""
 
 
 @outside
 def assumed_force(v: Any, sigma: Any, parameters: Any) -> Any:
-    """The force of the assumed adhesion law at rest, N, at a train speed and a slip velocity, m/s."""
+    """Return the static force of the assumed adhesion law, N, at a train speed and a slip velocity, m/s."""
     raise NotImplementedError
 
 
 @outside
 def law_step(state: Any, v: Any, omega: Any, Ta: Any, parameters: Any) -> Any:
-    """The generated law's step."""
+    """Make the step of the generated law."""
     raise NotImplementedError
 
 
 class Sliding(Controller):
-    """The sliding-mode law that `sliding.derivation` derives, [Park2008] (45), sampled.
+    """Sampled sliding-mode law of [Park2008] (45), derived by `sliding.derivation`.
 
-    Ta comes from an adhesion law at the measured slip velocity, its state at rest: that of the run, or `adhesion`. On
-    a change of rail that the controller knows (`knows_rail`) its model turns wet too; else it keeps the model it had
-    and only the reference changes. InputError: limits without a torque in between.
+    Ta is the static torque of an adhesion law at the measured slip velocity: that of the run, or `adhesion`. When the
+    rail changes, a controller with `knows_rail` changes its model too; otherwise only the reference changes.
+    InputError: torque limits that are not low < high.
     """
 
     kind: ClassVar[str] = "asmc"
@@ -65,24 +65,24 @@ class Sliding(Controller):
     leak: float = quantity("1/s", "sigma-modification", ge=0, default=0.0)
     dead_zone: bool = Field(False, description="whether the estimates rest within the boundary layer")
     box: tuple[tuple[float, float], tuple[float, float]] | None = Field(
-        None, description="least and largest theta1_hat (1/(kg*m)) and theta2_hat (m/s); no bounds if left out"
+        None, description="bounds of theta1_hat (1/(kg*m)) and theta2_hat (m/s); none if left out"
     )
-    radius: float | None = quantity("m", "wheel radius that it believes; the vehicle's if left out", gt=0, default=None)
-    wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia J that it believes", gt=0, default=None)
-    wheel_load: float | None = quantity("N", "wheel load that it believes", gt=0, default=None)
+    radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
+    wheel_inertia: float | None = quantity("kg*m^2", "assumed wheel inertia J", gt=0, default=None)
+    wheel_load: float | None = quantity("N", "assumed wheel load", gt=0, default=None)
     inertia_scale: float | None = quantity("1", "factor on nominal mass and friction", gt=0, default=None)
     nominal_mass: float | None = quantity("kg", "Mn; the vehicle's if left out", gt=0, default=None)
     nominal_viscous_friction: float | None = quantity("N*m*s", "Bn; the vehicle's if left out", ge=0, default=None)
-    filter_time: float = quantity("s", "of the filter that estimates v'", gt=0, default=FILTER_TIME)
-    torque_min: float | None = quantity("N*m", "least torque; none if left out", default=None)
+    filter_time: float = quantity("s", "time constant of the filter that estimates v'", gt=0, default=FILTER_TIME)
+    torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
     anti_windup: bool = Field(False, description="whether the integral in s stops while the torque is limited")
-    knows_rail: bool = Field(True, description="whether its adhesion model turns wet with the rail")
-    adhesion: AdhesionLaw | None = Field(None, description="adhesion law that it assumes; that of the run if left out")
+    knows_rail: bool = Field(True, description="whether its adhesion model follows a change of the rail")
+    adhesion: AdhesionLaw | None = Field(None, description="assumed adhesion law; that of the run if left out")
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """`adhesion` names the file of an adhesion law, or has its keys."""
+        """Read the keys of a file; `adhesion` is the name of an adhesion law's file, or has its keys."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):
@@ -98,7 +98,7 @@ class Sliding(Controller):
 
     @property
     def gains(self) -> LawGains:
-        """Its gains as the record that the verification takes."""
+        """Gains as the record that the verification uses."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "box", "dead_zone")
         return LawGains(**{name: getattr(self, name) for name in names})
 
@@ -138,14 +138,14 @@ class Sliding(Controller):
         )
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Those of the generated law, and the numbers of the adhesion law that it assumes."""
-        assert self.wheel_load is not None, "filled in by `believing`"
-        assert self.inertia_scale is not None, "as above"
-        assert self.nominal_mass is not None, "as above"
-        assert self.nominal_viscous_friction is not None, "as above"
-        assert self.reference is not None, "it holds a slip"
+        """Return the parameters of the generated law, and the numbers of the assumed adhesion law."""
+        assert self.wheel_load is not None, "`believing` sets it"
+        assert self.inertia_scale is not None, "`believing` sets it"
+        assert self.nominal_mass is not None, "`believing` sets it"
+        assert self.nominal_viscous_friction is not None, "`believing` sets it"
+        assert self.reference is not None, "checked by `step_parameters`"
         if situation.assumed is None:
-            raise InputError(f"controller {self.label}: it has no adhesion law to assume; give it one as `adhesion`")
+            raise InputError(f"controller {self.label}: it has no adhesion law to assume; give it the key `adhesion`")
         law = generated_law().Parameters
         return {
             **law._field_defaults,
@@ -166,7 +166,7 @@ class Sliding(Controller):
         law = situation.assumed
         if law is None or not has_table(type(law)):
             return {}
-        assert self.wheel_load is not None, "filled in by `believing`"
+        assert self.wheel_load is not None, "`believing` sets it"
         return {"assumed_table": tuple(adhesion_table(law, self.wheel_load).tolist())}
 
     def gain_values(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class Sliding(Controller):
     def described(self) -> str:
         knows = "" if self.knows_rail else "; its adhesion model stays dry"
         model = self.adhesion
-        own = "" if model is None else f"; its adhesion model is {model.name!r}, {model.file or 'given'}"
+        own = "" if model is None else f"; its adhesion model is {model.name!r}, {model.file or 'without file'}"
         return (
             f"{self.label}, K {self.K:g} N·m, D {self.D:g} N·m/(m/s), rho {self.rho:g} 1/s, boundary layer "
             f"{self.layer:g} m/s{self._adaptation}{knows}{own}"
@@ -201,7 +201,7 @@ class Sliding(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """The generated law, with Ta of the assumed adhesion law at the measured slip velocity, its state at rest."""
+        """Return the torque of the generated law, with the static Ta of the assumed adhesion law."""
         v, omega, Ta = measurement.train_speed, measurement.wheel_speed, 0.0
         if v > _LEAST_SPEED:
             Ta = parameters.r * assumed_force(v, v - parameters.r * omega, parameters)
@@ -218,14 +218,16 @@ class Sliding(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """What it believes is the vehicle's; its gains are given."""
+        """Return the controller with the given gains and the vehicle's parameters as assumed ones."""
         return cls(**given).believing(vehicle)
 
 
 @cache
 def _force_text(kind: type[Sliding], model: type[AdhesionLaw] | None) -> str:
-    """The kernel's `assumed_force`, and the functions of the assumed law; without a model those of the run's law, which
-    the kernel has."""
+    """Return the kernel's `assumed_force` and the functions of the assumed law.
+
+    Without a model it calls the functions of the run's adhesion law, which are in the kernel already.
+    """
     own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "own_"), "own_")
     return f"""{own}
 @compiled

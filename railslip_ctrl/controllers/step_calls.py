@@ -1,4 +1,4 @@
-"""A call from a kernel to a user's controller by its address, so that no kernel is compiled for it."""
+"""Call a user's controller from a kernel by its address, so that no kernel is compiled for it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 STEP = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_void_p)
-"""Of a step: time (s), train speed (m/s), wheel speed (rad/s), address of its own numbers; the torque, N*m."""
+"""C type of a step: from time (s), train speed (m/s), wheel speed (rad/s) and the address of its state to torque, N*m.
+"""
 
 
 def address_of(step: Any) -> int:
-    """Where a `STEP` is; it has to be kept as long as it is called."""
+    """Return the address of a `STEP`; the caller must keep a reference while it is called."""
     return ctypes.cast(step, ctypes.c_void_p).value or 0
 
 
 def call_step(address: float, t: float, v: float, omega: float, x: Any) -> float:
-    """The torque of the step at an address; in a kernel by the function below."""
+    """Return the torque of the step at an address; kernels use the compiled function below."""
     return float(STEP(int(address))(t, v, omega, x.ctypes.data))
 
 

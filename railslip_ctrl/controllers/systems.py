@@ -1,4 +1,4 @@
-"""Linear controllers as systems, and the loop that a controller closes around the wheel.
+"""Linear controllers as systems, and the wheel-slip loop of a controller.
 
 The loop transfer function is L(s) = C(s) Ga(s) P(s): C from the slip-velocity error e = lambda_d v - sigma to the
 commanded brake torque, Ga the brake actuator with its dead time, P from acting torque to -e. More torque gives
@@ -31,15 +31,15 @@ from .base import Controller
 
 @dataclass(frozen=True)
 class PIController:
-    """C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1).
+    """PI controller with optional lead, C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1).
 
     - gains: kp in N*m/(m/s), ki in N*m/m.
-    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase: one equal to the actuator's lag
-      cancels that.
+    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase; a lead equal to the actuator's lag
+      cancels it.
     - lead_filter: time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0;
-      > 0 with a lead, or C is not proper. Without a lead it filters the error.
+      must be > 0 with a lead, so that C is proper. Without a lead it filters the error.
 
-    InputError: a field of another kind, a negative or non-finite time constant, or a lead without a filter.
+    InputError: a field of wrong type, a negative or non-finite time constant, or a lead without a filter.
     """
 
     gains: PIGains
@@ -51,21 +51,21 @@ class PIController:
         number("lead", self.lead, "s", ge=0)
         number("lead filter", self.lead_filter, "s", ge=0)
         if self.lead > 0 and self.lead_filter == 0:
-            raise InputError(f"lead filter: 0 s with a lead of {self.lead:g} s is not proper; give a value > 0")
+            raise InputError(f"lead filter: 0 s is not allowed with a lead of {self.lead:g} s; give a value > 0 (s)")
 
     @property
     def structure(self) -> str:
-        """ "PI" or "PI-lead"."""
+        """Name of the structure, "PI" or "PI-lead"."""
         return "PI-lead" if self.lead > 0 or self.lead_filter > 0 else "PI"
 
     @property
     def transfer_function(self) -> Rational:
-        """C(s) in factored form."""
+        """Transfer function C(s) in factored form."""
         return pi_transfer_function(self.gains.kp, self.gains.ki) * _first_order(self.lead, self.lead_filter)
 
 
 def pi_transfer_function(kp: float, ki: float) -> Rational:
-    """kp + ki/s in factored form; ki = 0 has no integrator."""
+    """Return kp + ki/s in factored form; without integrator if ki = 0."""
     if ki == 0:
         return Rational(np.array([]), np.array([]), kp)
     zeros = np.array([]) if kp == 0 else np.array([-ki / kp])
@@ -73,14 +73,14 @@ def pi_transfer_function(kp: float, ki: float) -> Rational:
 
 
 def _first_order(lead: float, lag: float) -> Rational:
-    """(lead s + 1)/(lag s + 1)."""
+    """Return the transfer function (lead s + 1)/(lag s + 1)."""
     zeros = np.array([-1 / lead]) if lead > 0 else np.array([])
     poles = np.array([-1 / lag]) if lag > 0 else np.array([])
     return Rational(zeros, poles, (lead or 1.0) / (lag or 1.0))
 
 
 class _System:
-    """What records of systems share; a `period` of s makes a discrete-time one."""
+    """Base class of the records of systems; a `period`, s, makes the system discrete."""
 
     period: Any
     transfer_function: Any
@@ -93,7 +93,7 @@ class _System:
 
     @property
     def structure(self) -> str:
-        """What it is, in words."""
+        """Short description of the system."""
         system = self.transfer_function
         if system.poles.size == 0 and self.period is None:
             return f"gain {system.gain:g} N*m/(m/s)"
@@ -102,12 +102,13 @@ class _System:
 
 @dataclass(frozen=True)
 class PolynomialController(_System):
-    """C = num/den, a ratio of polynomials.
+    """Transfer function C = num/den as a ratio of polynomials.
 
-    - num, den: coefficients of descending powers of s, C in N*m/(m/s); with a `period` of z.
-    - period: of a discrete-time controller, s; left out, it is continuous.
+    - num, den: coefficients of descending powers of s, or of z with a `period`; C in N*m/(m/s).
+    - period: sampling period of a discrete controller, s; None for a continuous one.
 
-    InputError: coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
+    InputError: coefficients that are not finite, a zero denominator, more zeros than poles, or a period that is not
+    > 0.
     """
 
     num: tuple[float, ...]
@@ -122,10 +123,10 @@ class PolynomialController(_System):
 
 @dataclass(frozen=True)
 class StateSpaceController(_System):
-    """C as x' = a x + b e, torque = c x + d e (of a discrete one x of the next sample for x').
+    """State-space controller x' = a x + b e, torque = c x + d e; if discrete, x' is the next x.
 
     - a, b, c, d: tuples of float; n by n, n, n and a number; SI, torque in N*m for e in m/s.
-    - period: as of `PolynomialController`, s.
+    - period: as in `PolynomialController`, s.
 
     InputError: shapes that do not fit, entries that are not finite, or a period that is not > 0.
     """
@@ -147,8 +148,8 @@ class StateSpaceController(_System):
         return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
 
 
-def system_words(design: LinearController) -> str:
-    """Structure and numbers of a linear controller, in a line."""
+def describe_system(design: LinearController) -> str:
+    """Describe structure and numbers of a linear controller in one line."""
     if isinstance(design, PIController):
         kp, ki = design.gains.kp, design.gains.ki
         text = f"{design.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
@@ -160,23 +161,23 @@ def system_words(design: LinearController) -> str:
 
 
 def plain_number(value: float | tuple[Any, ...]) -> str:
-    """A number, or a list of them, with six digits."""
+    """Return a number, or a list of numbers, with six digits."""
     return f"[{' '.join(map(plain_number, value))}]" if isinstance(value, tuple) else f"{value:.6g}"
 
 
 LinearController = PIController | PolynomialController | StateSpaceController
-"""The records that any linear controller becomes."""
+"""Records to which any linear controller is converted."""
 
 
 @checked
 def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
-    """A linear controller as a record, from slip error e (m/s) to torque (N*m).
+    """Convert a linear controller to a record, from slip error e (m/s) to torque (N*m).
 
     - controller: linear system; `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
       system, `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
-    - point: what `linear` is asked for.
+    - point: argument for `linear`.
 
-    InputError: what is none of these: a step object or function has no margins.
+    InputError: any other object; a step object or function has no margins.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
@@ -205,24 +206,24 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         num, den = (controller.num[0][0], controller.den[0][0]) if one else (controller.num, controller.den)
         num, den = (tuple(np.atleast_1d(each).astype(float).tolist()) for each in (num, den))
         return PolynomialController(num, den, period)
-    made = realise(system)
+    parts = realise(system)
     return StateSpaceController(
-        tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
+        tuple(map(tuple, parts.a.tolist())), tuple(parts.b.tolist()), tuple(parts.c.tolist()), float(parts.d), period
     )
 
 
 def _check_object(controller: Any) -> None:
-    """Refuse a name and a class."""
+    """Raise InputError for a name or a class."""
     if isinstance(controller, str):
         raise InputError(
-            f"controller: {shown(controller)} is a name; give the controller, of a file by load_controller"
+            f"controller: {shown(controller)} is a text; give a controller object, from a file by load_controller"
         )
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
 
 
 def _linear_kind(controller: Controller, point: OperatingPoint | None) -> LinearController:
-    """The linear system of a controller of a kind; InputError where it has none."""
+    """Return the linear system of a controller of a kind; InputError if it has none."""
     system = controller.linear(point)
     if system is None:
         raise InputError(
@@ -232,52 +233,53 @@ def _linear_kind(controller: Controller, point: OperatingPoint | None) -> Linear
 
 
 def linear_of(controller: Any) -> Any:
-    """Its `linear`, or None; InputError where it is there and cannot be had, such as a property that fails."""
+    """Return the attribute `linear`, or None without one; InputError if reading it fails, as a property may."""
     try:
         return controller.linear
     except Exception as error:  # a user's property may fail in any way
-        kept = inspect.getattr_static(controller, "linear", None)
-        if kept is None:
+        attribute = inspect.getattr_static(controller, "linear", None)
+        if attribute is None:
             return None
-        told = call_failure(error, getattr(kept, "fget", kept), "linear", "")
-        raise InputError(f"controller {_name(controller)}: {told}") from error
+        message = call_failure(error, getattr(attribute, "fget", attribute), "linear", "")
+        raise InputError(f"controller {_name(controller)}: {message}") from error
 
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
-    """What the method `linear` of a user's object gives at a point."""
+    """Return the system that the method `linear` of a user's object gives at a point."""
     if point is None:
-        raise InputError(f"controller {name}: it is linear at an operating point; give one")
+        raise InputError(f"controller {name}: its linear system depends on the operating point; give one")
     try:
-        made = linear(point)
+        system = linear(point)
     except InputError:
         raise
     except Exception as error:  # a user's method may fail in any way
         raise InputError(f"controller {name}: {call_failure(error, linear, 'linear', 'operating_point')}") from error
-    if isinstance(made, _System) or not hasattr(made, "linear"):
+    if isinstance(system, _System) or not hasattr(system, "linear"):
         try:
-            return linear_controller(made)
+            return linear_controller(system)
         except InputError as error:
-            raise InputError(f"controller {name}: {place_of(linear)}what linear gives is refused: {error}") from None
+            raise InputError(f"controller {name}: {place_of(linear)}the result of linear is invalid: {error}") from None
     raise InputError(
-        f"controller {name}: {place_of(linear)}linear gives {_name(made)}, which is no system; give python-control's"
+        f"controller {name}: {place_of(linear)}linear returns {_name(system)}, which is not a linear system; return a "
+        "python-control system"
     )
 
 
 def is_function(thing: Any) -> bool:
-    """Whether it is called itself: a function, a method, or Numba's."""
+    """Return True for a function, a method, or a function compiled by Numba."""
     return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
 
 
 def is_system(controller: Any) -> bool:
-    """Whether it is a linear system as it stands: python-control's and SciPy's have ports and a `dt`."""
+    """Return True for a linear system; python-control's and SciPy's have inputs and a `dt`."""
     ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
     return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
 
 
 def has_step(controller: Any) -> bool:
-    """Whether it is known by its step: a function, or an object with `step` that is no linear system.
+    """Return True for a step controller: a function, or an object with `step` that is not a linear system.
 
-    Of a linear system of scipy.signal `step` is its response, and a step object may have a `dt`.
+    A linear system of scipy.signal has a `step` too, its step response; and a step object may have a `dt`.
     """
     if isinstance(controller, Controller):
         return False
@@ -285,12 +287,12 @@ def has_step(controller: Any) -> bool:
 
 
 def step_alone(controller: Any) -> InputError:
-    """The refusal of margins for what is known by its step."""
+    """Return the error for margins of a controller that only has a step."""
     where = place_of(getattr(controller, "step", controller))
     lacking = "an object that has step and" if is_function(controller) else "it"
     return InputError(
-        f"controller: {where}{_name(controller)} is known by its step alone and has no margins; give {lacking} a "
-        "method linear(operating_point) that returns a python-control system"
+        f"controller: {where}{_name(controller)} only has a step, and so no margins; give {lacking} a method "
+        "linear(operating_point) that returns a python-control system"
     )
 
 
@@ -300,35 +302,36 @@ def _name(thing: Any) -> str:
 
 @checked
 def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
-    """C(s) of a continuous linear `controller`, N*m/(m/s), at a `point`; arguments and errors of `linear_controller`.
+    """Return C(s) of a continuous linear controller, N*m/(m/s), at an operating point.
 
-    InputError also for a discrete one, whose margins are those of `sampled.sampled_loop`.
+    Arguments and errors are those of `linear_controller`. InputError also for a discrete controller, whose margins are
+    those of `sampled.sampled_loop`.
     """
     if isinstance(controller, Rational):
         return controller
     design = linear_controller(controller, point)
     if not isinstance(design, PIController) and design.period is not None:
         raise InputError(
-            f"controller: a discrete-time system (dt = {design.period:g}) has no transfer function in s; its margins "
-            "are those of wheel_slip_loop"
+            f"controller: a discrete-time system (dt = {design.period:g}) has no transfer function in s; use "
+            "wheel_slip_loop for its margins"
         )
     return design.transfer_function
 
 
 def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Numerator and denominator of a continuous linear `controller`, coefficients of descending powers of s."""
-    num, den = (one.coeffs()[::-1] for one in controller_system(controller).polynomials)
+    """Return numerator and denominator of a continuous linear controller, coefficients of descending powers of s."""
+    num, den = (polynomial.coeffs()[::-1] for polynomial in controller_system(controller).polynomials)
     return tuple(map(float, num)), tuple(map(float, den))
 
 
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """From commanded torque (N*m) to -e (m/s) without the dead time.
+    """Return the system from commanded torque (N*m) to -e (m/s), without the dead time.
 
     - plant: the wheel.
-    - actuator: its lag, s, is put before the wheel.
+    - actuator: the actuator, whose lag is in series with the wheel.
 
-    Returns m/s over N*m, SISO.
+    Returns a SISO system in m/s over N*m.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
@@ -339,18 +342,18 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
 
 @checked
 def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None) -> Any:
-    """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact.
+    """Return the loop L(s) = C(s) Ga(s) P(s) with exact dead time; for a discrete controller the exact sampled loop.
 
-    Of a kind with a loop of its own, such as the seeking controller, that loop.
+    For a kind with a loop of its own, such as the seeking controller, it is that loop.
 
-    - plant: P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
+    - plant: P, from torque at the wheel (N*m) to -e (m/s), which is sigma if the train speed is constant.
     - controller: linear system, or a kind with a loop; C, from slip error e = lambda_d v - sigma (m/s) to torque
       (N*m): see `linear_controller`.
-    - actuator: Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
+    - actuator: Ga, dead time and lag, s. [Park2008] p. 55. By default that of the operating point's vehicle.
 
-    Returns L, dimensionless, SISO, closed by unity negative feedback: a `DeadTimeLoop`, of a controller with a dt a
-    `SampledLoop`, of a loop with delays inside a `DelayedLoop`.
-    InputError: an argument of another kind, or a controller without a transfer function.
+    Returns L, dimensionless, SISO, closed by unity negative feedback: a `DeadTimeLoop`; a `SampledLoop` for a
+    controller with a dt; a `DelayedLoop` for a loop with delays inside.
+    InputError: an argument of wrong type, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)

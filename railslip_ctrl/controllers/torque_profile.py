@@ -1,4 +1,4 @@
-"""A torque given over time, open loop."""
+"""Open-loop controller with a given torque over time."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from .base import Controller
 
 
 class TorqueProfile(Controller):
-    """A torque over time, linear in between and constant after; `reference` only judges the slip, if it is given.
+    """Torque over time, linear between points and constant outside.
 
-    InputError: lists of different lengths, or times that do not rise.
+    `reference` is optional and used only to judge the slip. InputError: lists of different lengths, or times that do
+    not rise.
     """
 
     kind: ClassVar[str] = "torque-profile"
@@ -28,13 +29,13 @@ class TorqueProfile(Controller):
 
     reference: ReferenceSlip | None = None
     times: tuple[float, ...] = quantity("s", "times, rising")
-    torques: tuple[float, ...] = quantity("N*m", "torques at them")
+    torques: tuple[float, ...] = quantity("N*m", "torques at these times")
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
         if not self.times or len(self.times) != len(self.torques):
             raise InputError(
-                f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give as many of each"
+                f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give equal numbers of both"
             )
         for earlier, later in pairwise(self.times):
             if not later > earlier:
@@ -43,7 +44,7 @@ class TorqueProfile(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """The torque at the time, linear between the points, constant outside."""
+        """Return the torque at the time, linear between the points, constant outside."""
         last = len(parameters.times) - 1
         if measurement.time <= parameters.times[0]:
             return parameters.torques[0]

@@ -1,9 +1,9 @@
-"""The step of a controller, read from its Python source and printed as the text of a kernel.
+"""Read the step of a controller from its Python source, and print it as the text of a kernel.
 
 A step is a function of (state, measurement, parameters) in named fields. It and the functions that it calls use numbers
 alone: assignments, `if`, `while`, `for ... in range(...)`, `return`; `min`, `max`, `abs`, `int`, `float`, `len`;
-functions of `math` (`MATH`); and constants of their modules. They write the state alone, and read it, the measurement
-and the parameters by their fields. `c_code` prints the same functions as C99.
+functions of `math` (`MATH`); and constants of their modules. They read state, measurement and parameters by their
+fields, and write only the state. `c_code` prints the same functions as C99.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 STATE, MEASUREMENT, PARAMETERS = "state", "measurement", "parameters"
 ROLES = (STATE, MEASUREMENT, PARAMETERS)
-"""What the first three arguments of a step are."""
+"""Roles of the first three arguments of a step."""
 
 MEASURED = MappingProxyType({"time": "_t", "train_speed": "_v", "wheel_speed": "_omega", "applied_torque": "_applied"})
 """Fields of a measurement (s, m/s, rad/s, N*m), and their names in a kernel."""
@@ -36,7 +36,7 @@ MATH = {
     **dict.fromkeys(("exp", "log", "sqrt", "fabs", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "isfinite"), 1),
     **dict.fromkeys(("pow", "atan2", "hypot", "copysign"), 2),
 }
-"""Functions of `math` that Numba and C have too, by the number of their arguments."""
+"""Functions of `math` that Numba and C have too, with their number of arguments."""
 _NODES = (
     *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
     *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
@@ -45,19 +45,20 @@ _NODES = (
     *(ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq),
 )
 _LARGEST_WHOLE = 2**31 - 1
-"""Of a whole number that every language has."""
+"""Largest integer that every target language can represent."""
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function of a step.
+    """Function of a step, read from its source.
 
     - name: unique among the functions of the step.
     - node: its definition, without decorators, annotations and docstring.
     - doc: its docstring.
-    - roles: those of its arguments that are the state, the measurement or the parameters.
-    - constants: the numbers of its module that it uses, by name.
-    - calls: the functions that it calls, by the name that it calls them by.
+    - roles: roles of the arguments that are the state, the measurement or the parameters.
+    - constants: numbers of its module that it uses, by name.
+    - calls: functions that it calls, by their names in its text.
+    - is_outside: True if each target language defines the function itself.
     """
 
     name: str
@@ -71,38 +72,38 @@ class Function:
     @property
     def arguments(self) -> tuple[str, ...]:
         """Names of the arguments, in order."""
-        return tuple(one.arg for one in self.node.args.args)
+        return tuple(argument.arg for argument in self.node.args.args)
 
     def role(self, node: ast.AST) -> str | None:
-        """The role of an expression that is an argument of the function; None of any other."""
+        """Return the role of an expression that is an argument of the function; None for any other expression."""
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
-        """This function and those that it calls, the called before the calling, by name."""
-        found: dict[str, Function] = {}
-        for one in self.calls.values():
-            found |= {name: each for name, each in one.all().items() if name not in found}
-        return found | {self.name: self}
+        """Return this function and those that it calls, by name; each comes after those that it calls."""
+        functions: dict[str, Function] = {}
+        for called in self.calls.values():
+            functions |= {name: each for name, each in called.all().items() if name not in functions}
+        return functions | {self.name: self}
 
 
 def outside(function: F) -> F:
-    """Mark a function of (state, measurement, parameters) that each language gets from elsewhere, under its name."""
+    """Mark a function of (state, measurement, parameters) that each target language defines under the same name."""
     function.__dict__["is_outside"] = True
     return function
 
 
 def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
-    """A step that calls `functions` under names that are `outside` in its module."""
+    """Return a step that calls `functions` in place of the functions marked `outside` in its module."""
     assert isinstance(step, FunctionType), "a kind's step is a static method"
     return FunctionType(step.__code__, {**step.__globals__, **functions}, step.__name__) if functions else step
 
 
 def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) -> Function:
-    """The functions of a step, or of a function whose first arguments are those of a step.
+    """Read a step, or a function whose first arguments are those of a step, and all functions that it calls.
 
-    - roles: which arguments are the state, the measurement or the parameters; left out, the first three.
+    - roles: roles of the arguments by name; by default the first three are state, measurement and parameters.
 
-    InputError, with file and line, for what cannot be translated.
+    InputError, with file and line, for anything that cannot be translated.
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
     if roles is None and len(arguments) < len(ROLES):
@@ -112,7 +113,7 @@ def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) 
 
 
 def returned_values(function: Function) -> int:
-    """How many numbers a function returns."""
+    """Return how many numbers a function returns."""
     return max((_values(node) for node in ast.walk(function.node) if isinstance(node, ast.Return)), default=0)
 
 
@@ -121,7 +122,7 @@ def _values(node: ast.Return) -> int:
 
 
 def ends(nodes: Sequence[ast.stmt]) -> bool:
-    """Whether every way through statements ends in a return."""
+    """Return True if every path through the statements ends with a return."""
     last = nodes[-1] if nodes else None
     if isinstance(last, ast.If):
         return ends(last.body) and ends(last.orelse)
@@ -129,7 +130,7 @@ def ends(nodes: Sequence[ast.stmt]) -> bool:
 
 
 def _place(function: Any, line: int) -> str:
-    """File and line; `line` from the function's first one on."""
+    """Return file and line; `line` is counted from the function's first line."""
     return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
 
 
@@ -139,12 +140,15 @@ def _read(
     known: dict[FunctionType, Function],
     above: tuple[FunctionType, ...],
 ) -> Function:
-    """A function; `known` are those read before, `above` those that call it."""
+    """Read a function; `known` are the functions read before, `above` those that call it."""
     if function in above:
         raise InputError(f"{_place(function, 0)}: {function.__name__} calls itself; write a loop")
     if function in known:
         if dict(known[function].roles) != dict(roles):
-            raise InputError(f"{_place(function, 0)}: {function.__name__} is called with other arguments elsewhere")
+            raise InputError(
+                f"{_place(function, 0)}: {function.__name__} is called with different roles of arguments; call it with "
+                "the same roles everywhere"
+            )
         return known[function]
     try:
         text = textwrap.dedent(inspect.getsource(function))
@@ -162,38 +166,38 @@ def _read(
     node.decorator_list, node.returns = [], None
     for argument in node.args.args:
         argument.annotation = None
-    name, taken = function.__name__, {one.name for one in known.values()}
-    while name in taken:
+    name, used = function.__name__, {other.name for other in known.values()}
+    while name in used:
         name += "_"
-    made = Function(name, node, doc, dict(roles), {}, {}, getattr(function, "is_outside", False))
-    known[function] = made
-    if not made.is_outside:
-        _check(made, function)
-        constants, calls = _names(made, function, known, (*above, function))
-        made.calls.update(calls)
-        object.__setattr__(made, "constants", constants)
-    return made
+    read = Function(name, node, doc, dict(roles), {}, {}, getattr(function, "is_outside", False))
+    known[function] = read
+    if not read.is_outside:
+        _check(read, function)
+        constants, calls = _names(read, function, known, (*above, function))
+        read.calls.update(calls)
+        object.__setattr__(read, "constants", constants)
+    return read
 
 
 def _check(read: Function, function: FunctionType) -> None:
-    """Refuse what is not in the language of steps, in which all languages agree."""
+    """Raise InputError for anything outside the subset of Python that steps may use."""
     for node, why in _faults(read):
         raise InputError(f"{_place(function, getattr(node, 'lineno', 1) - 1)}: {why}")
 
 
 def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """What is not in the language of steps, and why."""
+    """Yield the nodes that a step may not have, with the reason."""
     parts = list(ast.walk(read.node))
     by_name = {id(one) for node in parts if isinstance(node, ast.Call) for one in node.args}
     by_name |= {id(node.value) for node in parts if isinstance(node, ast.Attribute)}
     stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
     for name in (*stored, *read.arguments):
         if name.startswith("_"):
-            yield read.node, f"{name!r} begins with _, which names of a step do not"
+            yield read.node, f"{name!r} begins with _, which is not allowed for names in a step; rename it"
     for node in parts:
         kind = type(node).__name__
         if not isinstance(node, _NODES) or (isinstance(node, ast.FunctionDef) and node is not read.node):
-            yield node, f"{kind} cannot be translated; a step has assignments, if, while, for, return and numbers"
+            yield node, f"{kind} cannot be translated; use assignments, if, while, for, return and numbers"
         if isinstance(node, ast.For | ast.While) and node.orelse:
             yield node, f"{kind} with else cannot be translated; write it without"
         if isinstance(node, ast.For):
@@ -201,7 +205,7 @@ def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
         if isinstance(node, ast.Constant):
             yield from _constant_faults(node)
         if isinstance(node, ast.Name) and node.id in read.roles and id(node) not in by_name:
-            yield node, f"{node.id} has fields alone; write {node.id}.NAME, or give it to a function"
+            yield node, f"{node.id} is not a number; write {node.id}.NAME, or pass it to a function"
         if isinstance(node, ast.Attribute | ast.Subscript):
             yield from _field_faults(node, read)
         if isinstance(node, ast.Call):
@@ -210,38 +214,41 @@ def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
-    """What a number may not be."""
+    """Yield invalid constants with the reason."""
     if not isinstance(node.value, int | float):
-        yield node, f"{node.value!r} is no number; a step has numbers alone"
+        yield node, f"{node.value!r} is not a number; a step may use only numbers"
     elif isinstance(node.value, int) and node.value > _LARGEST_WHOLE:
-        yield node, f"{node.value} is too large for a whole number; write {float(node.value)!r}"
+        yield node, f"{node.value} is too large for an integer, largest {_LARGEST_WHOLE}; write {float(node.value)!r}"
 
 
 def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
-    """What a call may not be."""
+    """Yield invalid calls with the reason."""
     if isinstance(node.func, ast.Attribute) and MATH.get(node.func.attr) != len(node.args):
-        yield node, f"{ast.unparse(node)} cannot be translated; of math a step has {', '.join(MATH)}"
+        yield (
+            node,
+            f"{ast.unparse(node)} cannot be translated; a step may call these functions of math: {', '.join(MATH)}",
+        )
 
 
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
-    """What the returns of a function may not be."""
+    """Yield invalid returns with the reason."""
     if len({_values(node) for node in returns}) > 1:
-        yield returns[-1], "it returns one number here and another count of them elsewhere; return as many"
+        yield returns[-1], "the returns have different counts of numbers; return the same count everywhere"
     if returned_values(read) and not ends(read.node.body):
         yield read.node, f"{read.name} may end without a return; end it with one"
 
 
 def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """What a field, or an entry of one, may not be."""
+    """Yield invalid uses of a field, or of an element of one, with the reason."""
     field_ = node.value if isinstance(node, ast.Subscript) else node
     if isinstance(node.ctx, ast.Store) and (not isinstance(field_, ast.Attribute) or read.role(field_.value) != STATE):
-        yield node, f"{ast.unparse(node)} is written; a step writes the state alone"
+        yield node, f"{ast.unparse(node)} is written; a step may write only the state"
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.UnaryOp):
-        yield node, f"{ast.unparse(node)} counts from the end; write it with len(...)"
+        yield node, f"{ast.unparse(node)} has a negative index; write it with len(...)"
 
 
 def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
-    """What a `for` of a function with `parts` may not be."""
+    """Yield faults of a `for` loop, with the reason; `parts` are all nodes of the function."""
     call, target = loop.iter, loop.target
     is_range = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"
     if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
@@ -251,7 +258,7 @@ def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.
     mine = [one for each in parts if _is_loop(each, target.id) for one in ast.walk(each)]
     stores = [one for one in ast.walk(loop) if one in uses and isinstance(one.ctx, ast.Store)]
     if len(stores) > 1 or any(one not in mine for one in uses):
-        yield loop, f"{target.id} is used outside its loop or changed in it; take another name there"
+        yield loop, f"{target.id} is used outside its loop or changed in it; use another name there"
 
 
 def _is_loop(node: ast.AST, name: str) -> bool:
@@ -261,7 +268,7 @@ def _is_loop(node: ast.AST, name: str) -> bool:
 def _names(
     read: Function, function: FunctionType, known: dict[FunctionType, Function], above: tuple[FunctionType, ...]
 ) -> tuple[dict[str, float | int | bool], dict[str, Function]]:
-    """The constants and the functions that a function uses, by name."""
+    """Return the constants and the functions that a function uses, by name."""
     parts = list(ast.walk(read.node))
     stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
     own = stored | set(read.arguments)
@@ -278,15 +285,21 @@ def _names(
             names = tuple(inspect.signature(value).parameters)
             if any(len(node.args) != len(names) for node in called):
                 raise InputError(f"{where}: {one.id} takes {len(names)} arguments; give as many, in order")
-            found = [{name: read.role(given) for name, given in zip(names, node.args, strict=True)} for node in called]
-            if any(roles != found[0] for roles in found):
-                raise InputError(f"{where}: {one.id} is called with other arguments elsewhere")
-            roles = {name: role for name, role in found[0].items() if role is not None}
+            given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
+            if any(roles != given[0] for roles in given):
+                raise InputError(
+                    f"{where}: {one.id} is called with different roles of arguments; call it with the same roles "
+                    "everywhere"
+                )
+            roles = {name: role for name, role in given[0].items() if role is not None}
             calls[one.id] = _read(value, roles, known, above)
         elif isinstance(value, bool | int | float):
             constants[one.id] = value
         elif value is not math and not (one.id in BUILTINS and value is getattr(builtins, one.id)):
-            raise InputError(f"{where}: {one.id!r} is no number, no function of a step and not of math")
+            raise InputError(
+                f"{where}: {one.id!r} is neither a number nor a function that a step may call; use numbers, your own "
+                "functions, and those of math"
+            )
     return constants, calls
 
 
@@ -299,9 +312,9 @@ def _is_name(node: ast.AST, name: str) -> bool:
 
 @dataclass(frozen=True)
 class Layout:
-    """Places of the fields in a kernel's arrays: the state in `_x`, the parameters in `_c`.
+    """Indices of the fields in a kernel's arrays: the state in `_x`, the parameters in `_c`.
 
-    `_c` begins with `first` numbers of the kernel's own. Then come the scalars, the first place and the length of each
+    `_c` begins with `first` numbers that the kernel itself uses. Then come the scalars, first index and length of each
     array of the parameters and of the state, and the arrays of the parameters. `_x` has the scalars of the state, then
     its arrays.
     """
@@ -313,29 +326,29 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """The numbers of `_c` from `first` on."""
+        """Return the numbers of `_c` from index `first` on."""
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
-        place = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
+        index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
         for array in arrays:
-            header += [float(place), float(len(array))]
-            place += len(array)
-        place = len(self.state)
+            header += [float(index), float(len(array))]
+            index += len(array)
+        index = len(self.state)
         for size in state_sizes:
-            header += [float(place), float(size)]
-            place += size
+            header += [float(index), float(size)]
+            index += size
         scalars = (float(values[name]) for name in self.parameters)
         return (*scalars, *header, *(number for array in arrays for number in array))
 
     def scalar(self, role: str, name: str) -> str | None:
-        """The text of a scalar field; None if it is no scalar."""
+        """Return the text of a scalar field; None if it is not a scalar."""
         if role == MEASUREMENT:
             return MEASURED.get(name)
         names, array, first = (self.state, "_x", 0) if role == STATE else (self.parameters, "_c", self.first)
         return f"{array}[{first + names.index(name)}]" if name in names else None
 
     def array_header(self, role: str, name: str) -> int | None:
-        """The place in `_c` where first place and length of an array are; None if it is no array."""
+        """Return the index in `_c` of the first index and length of an array; None if it is not an array."""
         if role == MEASUREMENT:
             return None
         names = (*self.parameter_arrays, *self.state_arrays)
@@ -350,7 +363,7 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 
 
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
-    """The functions of a step as a kernel has them; the last is `command(x, t, v, omega, applied, c, table)`.
+    """Return the functions of a step as text of a kernel; the last is `command(x, t, v, omega, applied, c, table)`.
 
     Arguments of the step without a role come last.
     """
@@ -366,7 +379,7 @@ def _prefixed(name: str) -> str:
 
 
 class _Printer(ast.NodeTransformer):
-    """A function with its fields as places in arrays."""
+    """Replaces the fields in a function by elements of arrays."""
 
     def __init__(self, function: Function, layout: Layout) -> None:
         self._function, self._layout = function, layout
@@ -379,11 +392,11 @@ class _Printer(ast.NodeTransformer):
         body = [self.visit(one) for one in node.body]
         others = [ast.arg(name) for name in self._function.arguments if name not in self._function.roles]
         arguments = ast.arguments([], [*map(ast.arg, ARGUMENTS), *others], None, [], [], None, [])
-        found = ast.FunctionDef(_prefixed(self._function.name), arguments, [*self._prologue(), *body], [], None)
-        return ast.fix_missing_locations(found)
+        definition = ast.FunctionDef(_prefixed(self._function.name), arguments, [*self._prologue(), *body], [], None)
+        return ast.fix_missing_locations(definition)
 
     def _prologue(self) -> Iterable[ast.stmt]:
-        """Where the arrays that are used begin, and their lengths."""
+        """Yield statements that read first index and length of the arrays in use."""
         for name, header in self._arrays.items():
             yield from ast.parse(f"_at_{name} = int(_c[{header}])\n_len_{name} = int(_c[{header + 1}])").body
 
@@ -400,30 +413,32 @@ class _Printer(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         role = self._function.role(node.value)
         if role is None:
-            return node  # of math
+            return node  # a function or constant of math
         text = self._layout.scalar(role, node.attr)
         if text is None:
             raise self._unknown(role, node)
-        made = ast.parse(text, mode="eval").body
-        if isinstance(made, ast.Subscript | ast.Name):
-            made.ctx = node.ctx
-        return made
+        scalar = ast.parse(text, mode="eval").body
+        if isinstance(scalar, ast.Subscript | ast.Name):
+            scalar.ctx = node.ctx
+        return scalar
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
-        place, name, array = self._array(node.value)
-        self._arrays[name] = place
-        whole = ast.Call(ast.Name("int", ast.Load()), [self.visit(node.slice)], [])  # a parameter may say it
+        header, name, array = self._array(node.value)
+        self._arrays[name] = header
+        whole = ast.Call(ast.Name("int", ast.Load()), [self.visit(node.slice)], [])  # a parameter is a float
         index = ast.BinOp(ast.Name(f"_at_{name}", ast.Load()), ast.Add(), whole)
         return ast.Subscript(ast.Name(array, ast.Load()), index, node.ctx)
 
     def _array(self, node: ast.expr) -> tuple[int, str, str]:
-        """Place of the header, name and array of an array field."""
+        """Return the index of the header, the name and the array of an array field."""
         if not isinstance(node, ast.Attribute) or (role := self._function.role(node.value)) is None:
-            raise InputError(f"{self._function.name}: {ast.unparse(node)} is no array of state or parameters")
-        place = self._layout.array_header(role, node.attr)
-        if place is None:
+            raise InputError(
+                f"{self._function.name}: {ast.unparse(node)} is not an array; give an array of state or parameters"
+            )
+        header = self._layout.array_header(role, node.attr)
+        if header is None:
             raise self._unknown(role, node)
-        return place, f"{role}_{node.attr}", "_x" if role == STATE else "_c"
+        return header, f"{role}_{node.attr}", "_x" if role == STATE else "_c"
 
     def _unknown(self, role: str, node: ast.Attribute) -> InputError:
         layout = self._layout
@@ -436,13 +451,13 @@ class _Printer(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.expr:
         if isinstance(node.func, ast.Name) and node.func.id == "len":
-            place, name, _ = self._array(node.args[0])
-            self._arrays[name] = place
+            header, name, _ = self._array(node.args[0])
+            self._arrays[name] = header
             return ast.Name(f"_len_{name}", ast.Load())
         called = self._function.calls.get(node.func.id) if isinstance(node.func, ast.Name) else None
         others = [self.visit(one) for one in node.args if self._function.role(one) is None]
         if isinstance(node.func, ast.Name) and node.func.id == "range":
-            others = [ast.Call(ast.Name("int", ast.Load()), [one], []) for one in others]  # as above
+            others = [ast.Call(ast.Name("int", ast.Load()), [one], []) for one in others]  # a parameter is a float
         if called is None:
             return ast.Call(node.func, others, [])
         name = called.name if called.is_outside else _prefixed(called.name)

@@ -1,7 +1,7 @@
-"""Controllers of a user's own that are known by their step: a Python object or a function, or the same for Numba.
+"""User's own controllers that have a step: a Python object, a function, or a function compiled by Numba.
 
-The kernel calls the step where it is, once a sample, with time (s), measured train speed (m/s) and wheel speed (rad/s);
-it returns the torque to command until the next, N*m. Nothing of the user's is compiled into the kernel.
+The kernel calls the step by its address once a sample, with time (s), measured train speed (m/s) and wheel speed
+(rad/s). The step returns the torque to command until the next sample, N*m. It is not compiled into the kernel.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from .base import LEAST_PERIOD, PERIOD, Controller, Situation
 from .systems import is_function, linear_controller
 from .translate import ARGUMENTS
 
-ADDRESS = 1  #: place of the step's address in a controller's row
+ADDRESS = 1  #: index of the step's address in a controller's row
 
 
 class UserStep:
-    """A user's `thing`: an object with `step(t, v, omega)`, or a function, of Python or Numba's."""
+    """User's step `thing`: an object with `step(t, v, omega)`, or a function, in Python or compiled by Numba."""
 
     def __init__(self, thing: Any) -> None:
         self.thing = thing
@@ -50,19 +50,21 @@ class UserStep:
 
     @property
     def function(self) -> Any:
-        """The step itself."""
+        """Function that makes the step."""
         return self.thing if is_function(self.thing) else getattr(self.thing, "step", None)
 
     @property
     def is_numba(self) -> bool:
-        """Whether it is compiled, and may run without the interpreter."""
+        """True if the step is compiled by Numba and can run without the interpreter."""
         return hasattr(self.function, "py_func")
 
     def __reduce__(self) -> tuple[Any, ...]:
         from numba import cloudpickle
 
         module = sys.modules.get(type(self.thing).__module__)
-        if module is not None and not getattr(module, "__spec__", None):  # of a file that no worker can import
+        if module is not None and not getattr(
+            module, "__spec__", None
+        ):  # the module of a file, which no worker imports
             cloudpickle.register_pickle_by_value(module)
         return _unpacked, (cloudpickle.dumps(self.thing),)
 
@@ -74,15 +76,14 @@ class UserStep:
 
     @property
     def fingerprint(self) -> str:
-        """A hash of its source and what it holds."""
+        """Hash of its source and its attributes."""
         of = getattr(self.thing, "py_func", self.thing)
         try:
             source = inspect.getsource(of if inspect.isfunction(of) else type(of))
-        except (OSError, TypeError):  # typed at a prompt
+        except (OSError, TypeError):  # entered at a prompt, without a source file
             source = repr(of)
-        held = sorted((name, repr(value)) for name, value in getattr(self.thing, "__dict__", {}).items())
-        kept = [] if self.is_numba else held
-        return hashlib.sha256(repr((source, kept)).encode()).hexdigest()
+        attributes = sorted((name, repr(value)) for name, value in getattr(self.thing, "__dict__", {}).items())
+        return hashlib.sha256(repr((source, [] if self.is_numba else attributes)).encode()).hexdigest()
 
 
 def _unpacked(content: bytes) -> UserStep:
@@ -92,15 +93,15 @@ def _unpacked(content: bytes) -> UserStep:
 
 
 class StepControl(Controller):
-    """A controller known by its step.
+    """Controller that is given by its step.
 
-    - thing: an object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before
-      the first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
-      copied. SI.
-    - start_numbers: what a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v,
-      omega, x), where x is an array of them that it changes.
+    - thing: an object with `step(t, v, omega) -> torque` and optionally `reset(t, v, omega)`, which is called once
+      before the first sample; or such a function, in Python or compiled by Numba. Each run has its own copy of an
+      object that can be copied. SI.
+    - start_numbers: initial state of a function, 1-D, in any units. The function is then step(t, v, omega, x) and
+      changes the array x.
 
-    Its `reference` only judges the slip: the step has its own. InputError: a step that cannot be called.
+    `reference` is used only to judge the slip. InputError: a step that cannot be called.
     """
 
     kind: ClassVar[str] = "step"
@@ -130,12 +131,12 @@ class StepControl(Controller):
         return {f"x{i + 1}": i for i in range(len(self.start_numbers))}
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """What the object says of itself at an operating point; InputError where it says nothing, or no system."""
+        """Return the linear system that the object gives at an operating point; InputError if it gives none."""
         return linear_controller(self.thing.thing, point)
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        raise InputError(f"controller {self.label}: it is known by a Python step alone; give a kind of controller")
+        raise InputError(f"controller {self.label}: it only has a Python step; give a controller of a kind")
 
     def source_text(self) -> str:
         return f"""
@@ -148,32 +149,33 @@ def command({", ".join(ARGUMENTS)}):
 """
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        held = math.nan if self.reference is None else self.reference.on(situation.rail)
-        return (held, math.nan)  # room for the address, which each run has its own of
+        slip = math.nan if self.reference is None else self.reference.on(situation.rail)
+        return (slip, math.nan)  # each run replaces NaN by its own address
 
     def described(self) -> str:
         return self.label
 
     def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
-        """The step made ready for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
+        """Return the step for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.thing.is_numba else PythonCall(self, v, omega)
 
     def refused(self, torque: Any, t: float) -> InputError:
-        """Of what is no torque, at time t, s."""
+        """Return the error for an invalid torque at time t, s."""
         return InputError(
-            f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; give "
-            "a finite torque (N*m)"
+            f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; "
+            "return a finite torque (N*m)"
         )
 
     def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        """Of an error in the step, or in another method, at time t, s."""
+        """Return the error for an exception in the method `what`, by default the step, at time t, s."""
         function = self.thing.function if what == "step" else getattr(self.thing.thing, what)
-        told = call_failure(error, function, what, "t, v, omega" + ", x" * bool(self.start_numbers), f" at t = {t:g} s")
-        return InputError(f"controller {self.label}: {told}")
+        arguments = "t, v, omega" + ", x" * bool(self.start_numbers)
+        message = call_failure(error, function, what, arguments, f" at t = {t:g} s")
+        return InputError(f"controller {self.label}: {message}")
 
 
 class PythonCall:
-    """A step called back in the interpreter, once a sample, at its `address`."""
+    """Python step with a C `address`, called in the interpreter once a sample."""
 
     def __init__(self, control: StepControl, v: float, omega: float) -> None:
         from .step_calls import STEP, address_of
@@ -193,7 +195,7 @@ class PythonCall:
                     self._torque = torque, t
                     return nan
                 return float(torque)
-            except BaseException as error:  # noqa: BLE001  # told when the kernel is left: none passes through it
+            except BaseException as error:  # noqa: BLE001  # cannot pass through the kernel; `check` raises it later
                 self._error = error, t
                 return nan
 
@@ -208,24 +210,24 @@ class PythonCall:
             thing = copy.deepcopy(step.thing)
         except Exception as error:  # the user's object may fail in any way
             if not hasattr(step.thing, "reset"):
-                told = " ".join(str(error).split())
+                reason = " ".join(str(error).split())
                 raise InputError(
-                    f"controller {self._control.label}: it has no reset and cannot be copied for a run ({told}); give "
-                    "it reset(t, v, omega)"
+                    f"controller {self._control.label}: it has no reset and cannot be copied for a run ({reason}); add "
+                    "reset(t, v, omega)"
                 ) from error
             thing = step.thing
         if hasattr(thing, "reset"):
             try:
                 thing.reset(0.0, v, omega)
-            except Exception as error:  # as above
+            except Exception as error:  # the user's object may fail in any way
                 raise self._control.failed(error, 0.0, "reset") from error
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise what went wrong in it by time t, s."""
+        """Raise the error of the step up to time t, s, if there was one."""
         if self._error is not None:
             error, at = self._error
-            if not isinstance(error, Exception):  # an interruption
+            if not isinstance(error, Exception):  # KeyboardInterrupt and the like
                 raise error
             raise self._control.failed(error, at) from error
         if self._torque is not None:
@@ -233,7 +235,7 @@ class PythonCall:
 
 
 class NumbaCall:
-    """A step compiled by Numba, called without the interpreter at its `address`."""
+    """Step compiled by Numba with a C `address`, called without the interpreter."""
 
     def __init__(self, control: StepControl) -> None:
         self._control, self._count = control, len(control.start_numbers)
@@ -241,13 +243,16 @@ class NumbaCall:
         self.address = int(self._kept.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise why the run `ended` at time t, s, for want of a number: says the function, run in the interpreter."""
+        """Raise the step's error if the run `ended` at time t, s, without a finite torque.
+
+        The function is called again in the interpreter to find the error.
+        """
         if not ended:
             return
         numbers = (x,) if self._count else ()
         try:
             torque = self._control.thing.function.py_func(t, v, omega, *numbers)
-        except Exception as error:  # the user's
+        except Exception as error:  # the user's function may fail in any way
             raise self._control.failed(error, t) from error
         if not (isinstance(torque, Real) and math.isfinite(torque)):
             raise self._control.refused(torque, t)
@@ -257,39 +262,39 @@ _COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}
 
 
 def _compiled(function: Any, count: int, name: str) -> Any:
-    """The function as a C function, once a process."""
+    """Return the function compiled as a C function; each process compiles it once."""
     from numba import carray, cfunc, types
     from numba.core.errors import NumbaError
 
-    found = _COMPILED.get((id(function), count))
-    if found is not None:
-        return found[1]
+    compiled = _COMPILED.get((id(function), count))
+    if compiled is not None:
+        return compiled[1]
     nan = math.nan
 
-    def without(t, v, omega, x):  # type: ignore[no-untyped-def]
+    def without_state(t, v, omega, x):  # type: ignore[no-untyped-def]
         try:
             return float(function(t, v, omega))
-        except Exception:  # noqa: BLE001  # as Numba knows it
+        except Exception:  # noqa: BLE001  # Numba supports no other class of exceptions
             return nan
 
-    def remembering(t, v, omega, x):  # type: ignore[no-untyped-def]
+    def with_state(t, v, omega, x):  # type: ignore[no-untyped-def]
         try:
             return float(function(t, v, omega, carray(x, (count,))))
-        except Exception:  # noqa: BLE001  # as above
+        except Exception:  # noqa: BLE001  # Numba supports no other class of exceptions
             return nan
 
     number = types.float64
     signature = number(number, number, number, types.CPointer(number))
     try:
-        made = cfunc(signature)(remembering if count else without)
-    except (NumbaError, ValueError, TypeError) as error:  # the latter of what is no number
+        c_function = cfunc(signature)(with_state if count else without_state)
+    except (NumbaError, ValueError, TypeError) as error:  # TypeError if the result is not a number
         raise InputError(f"controller {name}: {_compile_failure(function, error)}") from None
-    _COMPILED[id(function), count] = function, made
-    return made
+    _COMPILED[id(function), count] = function, c_function
+    return c_function
 
 
 def _compile_failure(function: Any, error: BaseException) -> str:
-    """File and line of the user's code that Numba stopped at, and its reason in a line."""
+    """Return file and line of the user's code at which Numba stopped, and the reason in one line."""
     reason = numba_reason(error)
     missing = re.match(r"NameError: name '(\w+)'", reason)
     code = function.py_func.__code__
@@ -299,33 +304,38 @@ def _compile_failure(function: Any, error: BaseException) -> str:
 
 
 def numba_reason(error: BaseException) -> str:
-    """Why Numba cannot compile something, in a line."""
-    told = [line.strip() for line in str(error).splitlines()]
-    told = [line for line in told if line and not line.startswith(("Failed", "-", "File", "During"))]
-    reason = next(iter(told), "")
-    if reason.endswith(":"):  # of a call, which the next line shows
-        reason += " " + " ".join(told[1:2]).removeprefix(">>> ")
+    """Return the reason of a Numba error in one line."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    lines = [line for line in lines if line and not line.startswith(("Failed", "-", "File", "During"))]
+    reason = next(iter(lines), "")
+    if reason.endswith(":"):  # the next line shows the call
+        reason += " " + " ".join(lines[1:2]).removeprefix(">>> ")
     return " ".join(reason.split())[:200]
 
 
 def _stopped_at(text: str) -> tuple[str, int] | None:
-    """File and line of the user's that Numba's message tells first, which is the innermost; its paths are relative."""
-    not_own = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
-    found = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
-    return next((one for one in found if not one[0].startswith(not_own)), None)
+    """Return the first file and line of the user's code in a Numba message, which is the innermost.
+
+    The paths in the message are relative.
+    """
+    libraries = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+    lines = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
+    return next((line for line in lines if not line[0].startswith(libraries)), None)
 
 
 def _use_of(name: str, function: Any, seen: tuple[Any, ...] = ()) -> tuple[str, int] | None:
-    """File and line where a Numba function, or one that it calls, uses a global `name`: of one that is not there
-    Numba tells the name alone."""
+    """Return file and line at which a Numba function, or one that it calls, uses a global `name`.
+
+    Numba's message for a missing global has only its name.
+    """
     of = function.py_func
-    for one in dis.get_instructions(of):
-        if one.opname == "LOAD_GLOBAL" and one.argval == name and one.positions is not None:
-            return of.__code__.co_filename, one.positions.lineno or of.__code__.co_firstlineno
+    for instruction in dis.get_instructions(of):
+        if instruction.opname == "LOAD_GLOBAL" and instruction.argval == name and instruction.positions is not None:
+            return of.__code__.co_filename, instruction.positions.lineno or of.__code__.co_firstlineno
     bound = inspect.getclosurevars(of)
-    called = [one for one in (*bound.globals.values(), *bound.nonlocals.values()) if hasattr(one, "py_func")]
-    inside = (_use_of(name, one, (*seen, function)) for one in called if one not in seen)
-    return next((found for found in inside if found is not None), None)
+    called = [value for value in (*bound.globals.values(), *bound.nonlocals.values()) if hasattr(value, "py_func")]
+    inside = (_use_of(name, other, (*seen, function)) for other in called if other not in seen)
+    return next((use for use in inside if use is not None), None)
 
 
 def _numbers_at(address: int, count: int) -> Floats:

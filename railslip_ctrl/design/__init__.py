@@ -1,19 +1,19 @@
 """Design and judgement of slip controllers.
 
 Imports `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `envelope` and `judging`: the operating points
-that a design must hold, and one verdict over them.
+that a design must stabilise, and one verdict over them.
 
-- `assessment`: one loop at one operating point: margins, limits, verdict
-- `envelope`: the operating points and tolerances that a design must hold
+- `assessment`: margins, limits and verdict of one loop at one operating point
+- `envelope`: operating points and tolerances for a design
 - `judging`: margins of every case of an envelope, and one verdict
-- `specification`: what a design must keep, and the margins of many plants under one controller
+- `specification`: margins that a design must have, and the margins of many plants with one controller
 - `tuning`: PI gains from a specification, by hand, or by published rules; `tuning_search` is the search
 - `envelope_tuning`: a controller tuned over an envelope, and the best of several structures
 - `schedule`: gains over speed and rail, lowest speeds, sweeps of margins
 - `stabilizing`: all gains that stabilise, their outline and margins; `decomposition` is the method
-- `gain_map`: the gains that keep an Ms at every operating point, as a map
+- `gain_map`: map of the gains with Ms below a level at every operating point
 - `workbench`: controllers shaped by hand over an envelope
-- `limits`: what no controller can beat, and what a controller asks of the brake
+- `limits`: bounds for any controller, and the control effort of one
 - `compensators`: Smith predictors and the predictor-observer
 - `catalogue`: the controllers that come with the package, by name
 """

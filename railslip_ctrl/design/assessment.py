@@ -1,4 +1,4 @@
-"""The stability assessment of one wheel-slip loop at one operating point: what the reports show."""
+"""Stability assessment of one wheel-slip loop at one operating point, for the reports."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from .limits import Limits, fundamental_limits
 from .specification import is_robust
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
-_POLES = 6  # closed-loop poles that are looked for
+_POLES = 6  # number of closed-loop poles computed
 
 
 class Verdict(StrEnum):
-    """What a loop is, in a word."""
+    """Verdict on a loop in one or two words."""
 
     UNSTABLE = "unstable"
     NO_FEEDBACK = "no feedback"
@@ -50,7 +50,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class PadeRow:
-    """The same loop with the dead time replaced by a Pade approximation; `margins` is None where that is unstable."""
+    """Margins of a loop with a Pade approximation of the dead time; `margins` is None if that is unstable."""
 
     order: int
     margins: Margins | None
@@ -58,17 +58,18 @@ class PadeRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """One loop, assessed; printed, its report.
+    """Assessment of one loop; printed, it is the report.
 
     - label: name of the controller.
-    - plant, controller, actuator: what the loop is of, SI.
-    - loop: the second of a discrete controller, the last of one with delays in it, such as a seeking one.
-    - limits: what no controller can beat.
-    - closed_loop_poles: array, 1-D; the rightmost, 1/s; none of a `DelayedLoop`.
-    - margins: none of an unstable loop.
-    - pade: the same with Pade approximations.
-    - verdict: in a word, of the loop and of `as_run`.
-    - as_run, sampled: the sampled loop of a continuous controller that says how it is run, and its margins.
+    - plant, controller, actuator: parts of the loop, SI.
+    - loop: `DeadTimeLoop`; a `SampledLoop` for a discrete controller; a `DelayedLoop` for a controller with delays,
+      such as the seeking controller.
+    - limits: bounds for any controller.
+    - closed_loop_poles: rightmost closed-loop poles, 1/s, 1-D; empty for a `DelayedLoop`.
+    - margins: margins of the loop; None if it is unstable.
+    - pade: margins with Pade approximations.
+    - verdict: verdict on the loop and on `as_run`.
+    - as_run, sampled: sampled loop of a continuous controller with a sampling period, and its margins.
     """
 
     label: str
@@ -89,12 +90,12 @@ class Assessment:
 
     @property
     def stable(self) -> bool:
-        """Whether every closed-loop pole lies left of the imaginary axis, also as run."""
+        """True if every closed-loop pole is left of the imaginary axis, and the sampled loop is stable too."""
         return self.margins is not None and (self.as_run is None or self.sampled is not None)
 
     @property
     def marginal(self) -> bool:
-        """Whether closed-loop poles lie on the imaginary axis."""
+        """True if closed-loop poles are on the imaginary axis."""
         return bool(self.loop.root_count.marginal)
 
     @property
@@ -104,47 +105,52 @@ class Assessment:
 
     @property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Factors on the loop gain that stabilise; None if none does."""
-        found: tuple[float, float] | None = self.loop.stabilizing_gain_range
-        return found
+        """Interval of factors on the loop gain that stabilise; None if there is none."""
+        interval: tuple[float, float] | None = self.loop.stabilizing_gain_range
+        return interval
 
     @property
     def point(self) -> OperatingPoint:
-        """The operating point."""
+        """Operating point of the plant."""
         return self.plant.point
 
     @property
     def verdict_line(self) -> str:
-        """The verdict in a sentence, with the number that decides it, and what a mass given alone left as it was."""
+        """Verdict in a sentence with the deciding number, and a remark if only the mass was changed."""
         alone = self.point.vehicle.mass_alone
         return f"{self._decided}. {alone}" if alone else self._decided
 
     @property
     def _decided(self) -> str:
         if self.verdict is Verdict.NO_FEEDBACK:
-            return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
+            return f"{self.verdict.value}: the gain is 0 and the wheel is stable without control"
         if self.margins is not None:
-            told = f"Ms {ms_up(self.margins.ms)}"
+            numbers = f"Ms {ms_up(self.margins.ms)}"
             if self.as_run is not None:
                 ms = "unstable" if self.sampled is None else f"Ms {ms_up(self.sampled.ms)}"
-                told += f", {ms} sampled every {self.as_run.period:g} s"
-            return f"{self.verdict.value} ({told})"
-        how_many = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
+                numbers += f", {ms} sampled every {self.as_run.period:g} s"
+            return f"{self.verdict.value} ({numbers})"
+        poles = f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
         if math.isinf(self.unstable_poles):
-            how_many = "a chain of closed-loop poles"
-        where = "on the imaginary axis" if self.marginal else "in the right half plane"
+            poles = "a chain of closed-loop poles"
+        half_plane = "on the imaginary axis" if self.marginal else "in the right half plane"
         usable = self.stabilizing_gain_range
         remedy = "no loop gain of this controller stabilises it"
         if usable is not None:
             remedy = f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
-        return f"{self.verdict.value}: {how_many} {where}; {remedy}"
+        return f"{self.verdict.value}: {poles} {half_plane}; {remedy}"
 
 
 def slip_responses(
     controller: Any, plant: LinearPlant, actuator: Actuator, times: ArrayLike, *, reference: float, torque: float
 ) -> tuple[TimeResponse, TimeResponse]:
-    """The slip velocity, m/s, after a step of its reference, m/s, and after one of torque at the wheel, N*m, at times,
-    s; errors as of `closed_loop_response`."""
+    """Return the responses of the slip velocity, m/s, to a step of its reference and to a step of torque at the wheel.
+
+    - times: times of the responses, s.
+    - reference, torque: sizes of the steps, m/s and N*m.
+
+    Errors are those of `closed_loop_response`.
+    """
     lag = np.array([-1 / actuator.lag] if actuator.lag > 0 else [], dtype=complex)
     brake = Rational(lag[:0], lag, 1 / (actuator.lag or 1.0))
     loop = partial(
@@ -159,24 +165,24 @@ def slip_responses(
 
 
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
-    """What the plant and the actuator leave to any controller; see `design.limits`."""
+    """Return the limits that plant and actuator set for any controller; see `design.limits`."""
     return fundamental_limits(actuated_plant(plant, actuator), actuator.dead_time, lag=actuator.lag)
 
 
 @checked
 def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "") -> Assessment:
-    """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
+    """Assess the loop of a linear plant, a controller and an actuator with exact dead time.
 
     - plant: the wheel, from `linearize`.
-    - controller: linear system; from slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control
-      system, continuous or discrete, or what else `design.controllers.linear_controller` takes.
+    - controller: linear system from slip error (m/s) to torque at the wheel (N*m): a `PIController`, a python-control
+      system, continuous or discrete, or any other argument of `controllers.systems.linear_controller`.
     - actuator: dead time and lag between commanded and acting torque.
-    - label: name of the controller in reports; its structure unless given.
+    - label: name of the controller in reports; by default its structure.
 
-    Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None of an unstable loop), Pade rows and
-    verdict. InputError: an argument of another kind.
+    Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None for an unstable loop), Pade rows and
+    verdict. InputError: an argument of wrong type.
     """
-    controller = getattr(controller, "controller", controller)  # of a design
+    controller = getattr(controller, "controller", controller)  # a design has the attribute
     if isinstance(controller, Controller):
         controller = controller.believing(plant.point.vehicle)
     loop = wheel_slip_loop(plant, controller, actuator)
@@ -196,36 +202,35 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         verdict=_verdict((margins,) if run is None else (margins, sampled), design),
         as_run=run,
         sampled=sampled,
-        closed_loop_poles=_poles_found(loop),
+        closed_loop_poles=_rightmost_poles(loop),
         pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS) if isinstance(loop, DeadTimeLoop) else (),
     )
 
 
-def _poles_found(loop: Any) -> Complexes:
-    """As many of the rightmost poles as the root count confirms, up to six; none is better than a wrong one, and
-    none is looked for with delays inside the controller.
+def _rightmost_poles(loop: Any) -> Complexes:
+    """Return up to six rightmost poles, as many as the root count confirms; none for a controller with delays.
 
-    Those of a sampled loop by s = ln(z)/h, but for z = 0, which decays at once.
+    Poles z of a sampled loop are given as s = ln(z)/h, without z = 0, which decays at once.
     """
     if isinstance(loop, SampledLoop):
         z = loop.closed_loop_poles(_POLES)
         return np.asarray(np.log(z[z != 0]) / loop.period)
-    for asked in range(_POLES if isinstance(loop, DeadTimeLoop) else 0, 0, -1):
+    for count in range(_POLES if isinstance(loop, DeadTimeLoop) else 0, 0, -1):
         try:
-            return np.asarray(loop.closed_loop_poles(asked))
+            return np.asarray(loop.closed_loop_poles(count))
         except (SpectrumError, InputError):
             continue
     return np.array([], dtype=np.complex128)
 
 
 def _verdict(margins: Sequence[Margins | None], controller: Any) -> Verdict:
-    """Of the margins of every loop, None of an unstable one."""
-    stable = [one for one in margins if one is not None]
+    """Return the verdict on loops by their margins, None for an unstable loop."""
+    stable = [m for m in margins if m is not None]
     if len(stable) < len(margins):
         return Verdict.UNSTABLE
-    if not isinstance(controller, Controller) and controller.transfer_function.gain == 0:  # Ms is 1: of nothing
+    if not isinstance(controller, Controller) and controller.transfer_function.gain == 0:  # Ms is 1 without feedback
         return Verdict.NO_FEEDBACK
-    return Verdict.ROBUST if is_robust(max(one.ms for one in stable)) else Verdict.FRAGILE
+    return Verdict.ROBUST if is_robust(max(m.ms for m in stable)) else Verdict.FRAGILE
 
 
 def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
@@ -238,7 +243,7 @@ def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
 
 @dataclass(frozen=True)
 class ControllerGroup:
-    """One controller in one reading of the units, at every operating point, each with its frequency response."""
+    """Assessments and frequency responses of one controller at every operating point, in one reading of the units."""
 
     title: str
     assessments: tuple[Assessment, ...]
@@ -249,21 +254,21 @@ _READINGS = ((1.0, "SI"), (AS_PUBLISHED_INERTIA_SCALE, "as published"))
 
 
 def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup, ...]:
-    """Table 4's PI gains at operating points, in SI and as published: M, J and B times 3.6."""
+    """Return the assessments of Table 4's PI gains at operating points, in SI and as published (M, J, B times 3.6)."""
     groups = []
     for scale, name in _READINGS:
-        title, found = f"Table 4's gains, inertia scale {scale:g} ({name})", []
+        title, assessments = f"Table 4's gains, inertia scale {scale:g} ({name})", []
         for p in points:
             car = p.vehicle.model_copy(update={"inertia_scale": scale})
             scaled = operating_point(p.law, car, p.speed, p.slip, rail=p.rail, initial_speed_kmh=p.initial_speed_kmh)
             gains = PIController(table4_gains(p.adhesion))
-            found.append(assess(linearize(scaled), gains, p.vehicle.actuator, label=title))
-        groups.append(controller_group(title, tuple(found)))
+            assessments.append(assess(linearize(scaled), gains, p.vehicle.actuator, label=title))
+        groups.append(controller_group(title, tuple(assessments)))
     return tuple(groups)
 
 
 def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
-    """Assessed loops under one title, with frequency responses over their common band."""
+    """Return assessed loops as a group, with frequency responses over their common band."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

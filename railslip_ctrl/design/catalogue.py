@@ -1,10 +1,10 @@
 """Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
 
-The project's own hold the reference slip without knowing the adhesion curve. Their gains were found with
-`design.tuning` over `design_points`: the largest ki with Ms <= `MS_MAX` behind a lead that cancels the brake's lag. Of
-the published vehicle they are stored here in both readings of the units, and a test tunes them again; for any other
-vehicle they are tuned when asked for. Unless a period is given all are sampled at every step of the scenario, as
-[Park2008] says nothing of sampling, and all by the backward difference, with which their numbers were made.
+The project's own controllers hold the reference slip without knowing the adhesion curve. `design.tuning` found their
+gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. Those of the
+published vehicle are stored here in both readings of the units, and a test tunes them again. For any other vehicle they
+are tuned on request. Without a given period all are sampled at every step of the scenario, because [Park2008] states no
+sampling period. All use the backward difference, with which their numbers were computed.
 """
 
 from __future__ import annotations
@@ -62,42 +62,42 @@ def published_controller(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI | Sliding:
-    """A controller of [Park2008] Table 4, SI, in the reading under which Table 5 comes out.
+    """Return a controller of [Park2008] Table 4, SI, in the reading that reproduces Table 5.
 
-    PI: the column's gains, no limits or anti-windup of its own. ASMC: law (45) with D and K added as torque, rho per
-    second, Ta from the plant's adhesion law at the measured slip, Mn the empty mass, the adaptation off.
+    PI: the column's gains, without limits or anti-windup. ASMC: law (45) with D and K added as torque, rho per second,
+    Ta from the plant's adhesion law at the measured slip, Mn the empty mass, without adaptation.
 
     - kind: {"pi", "asmc"}
-    - column: {"beam", "bristle"}; of Table 4: its gains and its reference slip (beam 0.119 dry, 0.059 wet; bristle
+    - column: {"beam", "bristle"}; column of Table 4 with gains and reference slip (beam 0.119 dry, 0.059 wet; bristle
       0.132, 0.092).
-    - knows_rail: aSMC: whether its adhesion model turns wet with the rail; the reference always does.
-    - adaptive: aSMC: the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
+    - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference always does.
+    - adaptive: for the ASMC, the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
     - reference: another reference slip.
-    - period: sampling period, s; every step of the scenario if not given.
+    - period: sampling period, s; by default every step of the scenario.
 
-    InputError: another kind or column, or an option of the ASMC with the PI.
+    InputError: an unknown kind or column, or an option of the ASMC with the PI.
     """
-    held = published_reference(column) if reference is None else reference
+    slips = published_reference(column) if reference is None else reference
     if kind == "pi":
         if adaptive or not knows_rail:
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
         gains = TABLE4_PI[column]
-        return PI(kp=gains.kp, ki=gains.ki, reference=held, name="pi", period=period, anti_windup=False)
+        return PI(kp=gains.kp, ki=gains.ki, reference=slips, name="pi", period=period, anti_windup=False)
     law = published_law_gains(column, adaptive=adaptive)
     numbers = {name: getattr(law, name) for name in ("K", "D", "rho", "k1", "k2")}
     return Sliding(
-        **numbers, reference=held, name="asmc", period=period, nominal_mass=PARK2008.mass, knows_rail=knows_rail
+        **numbers, reference=slips, name="asmc", period=period, nominal_mass=PARK2008.mass, knows_rail=knows_rail
     )
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
-    """Table 4's ASMC gains of a column, SI; without `adaptive` k1 = k2 = 0."""
+    """Return Table 4's ASMC gains of a column, SI; k1 = k2 = 0 unless `adaptive`."""
     gains = TABLE4_LAWS[column]
     return gains if adaptive else replace(gains, k1=0.0, k2=0.0)
 
 
 def published_reference(column: Column) -> ReferenceSlip:
-    """A column's reference slip, dry and wet."""
+    """Return the reference slip of a column, dry and wet."""
     reference = published_law(column, Rail.DRY).reference
     assert reference is not None, "both published laws have one"
     return reference
@@ -106,12 +106,14 @@ def published_reference(column: Column) -> ReferenceSlip:
 # --- this project's own -----------------------------------------------------------------------------------------------
 
 
-MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable
+MS_MAX = 2.0  #: largest Ms the designs are tuned for: the upper end of the reasonable range of [Astrom1998]
 LEAD, LEAD_FILTER = 0.6, 0.06  #: s, for the published brake; see `lead_of`
 
 INITIAL_SHARE = 0.12
-"""Initial torque of `recommended_pi_lead` by wheel load times radius: less than even the wet rail of [Park2008] takes,
-whose peak is 0.153."""
+"""Initial torque of `recommended_pi_lead`, relative to wheel load times radius.
+
+It is below the peak of even the wet rail of [Park2008], 0.153.
+"""
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)
 _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
@@ -119,7 +121,7 @@ _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 _PI_LEAD = MappingProxyType(
     {AS_PUBLISHED_INERTIA_SCALE: PIGains(kp=1210.0, ki=1220.0), 1.0: PIGains(kp=330.0, ki=129.0)}
 )
-# kp, ki at the speeds of _SCHEDULE_SPEEDS_KMH, dry then wet, and lowest speed held, km/h, worst Ms between entries
+# kp, ki at the speeds of _SCHEDULE_SPEEDS_KMH, dry then wet; lowest stable speed, km/h; worst Ms between entries
 _SCHEDULES = MappingProxyType(
     {
         AS_PUBLISHED_INERTIA_SCALE: (
@@ -145,19 +147,19 @@ def recommended_pi_lead(
     reference: ReferenceSlip | None = None,
     period: float | None = None,
 ) -> PI:
-    """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
+    """Return a PI-lead with anti-windup that stops earlier than all of [Park2008] Table 5, in the paper's scenario.
 
-    As published (the default vehicle): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`; without
-    the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017, where the best of Table 5
-    needs 581 m and 50.7 s with 0.027.
+    For the vehicle as published (default): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`. Without
+    the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017; the best of Table 5 needs
+    581 m and 50.7 s with 0.027.
 
-    - vehicle: the quarter car; one that is not the published one has a lead for its own brake and gains tuned for it,
-      which takes some seconds.
-    - gains: other gains behind the lead for the vehicle's brake.
-    - reference: the bristle column's, 0.132 dry and 0.092 wet, if not given.
-    - period: sampling period, s; every step of the scenario if not given.
+    - vehicle: the quarter car; for another vehicle the lead cancels its own lag, and the gains are tuned, which takes
+      some seconds.
+    - gains: other gains with the lead for the vehicle's brake.
+    - reference: reference slip; by default the bristle column's, 0.132 dry and 0.092 wet.
+    - period: sampling period, s; by default every step of the scenario.
 
-    InfeasibleDesignError: no gains with Ms <= `MS_MAX` for that vehicle, and none are given.
+    InfeasibleDesignError: no gains have Ms <= `MS_MAX` for that vehicle, and none are given.
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
@@ -182,7 +184,7 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """The gains of `recommended_pi_lead` scheduled over speed and rail on the static curve; arguments as there."""
+    """Return `recommended_pi_lead` with gains over speed and rail, tuned on the static curve; arguments as there."""
     car = published_vehicle() if vehicle is None else vehicle
     return Scheduled.for_vehicle(
         car,
@@ -194,33 +196,33 @@ def recommended_schedule(
 
 
 def published_vehicle() -> Vehicle:
-    """The published quarter car in the as-published reading."""
+    """Return the published quarter car in the as-published reading."""
     return PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
 
 
 def is_published(vehicle: Vehicle) -> bool:
-    """Whether a vehicle has the published masses, wheel and wheel load; its brake and its scale may differ."""
+    """Return True if a vehicle has the published masses, wheel and wheel load; brake and scale may differ."""
     own, published = ((car.mass_loaded, car.wheel, car.wheel_load_loaded) for car in (vehicle, PARK2008))
     return own == published
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
-    """Whether the controller of a name has no gains stored here for the vehicle, and none given."""
+    """Return True if a named controller has to be tuned for the vehicle: no gains are stored here or given."""
     stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
     return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
 
 
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
-    """Lead and its filter, s, of `recommended_pi_lead`: the lead cancels the brake's lag, the filter is a tenth of it.
+    """Return lead and lead filter, s, of `recommended_pi_lead`; the lead cancels the brake's lag.
 
-    The published vehicle keeps its controller where its brake is made to differ. Without a lag there is no lead: 0, 0.
+    The published vehicle keeps its lead when another brake is given. Without a lag there is no lead: 0, 0.
     """
     lag = vehicle.actuator.lag
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
 
 
 def design_points(vehicle: Vehicle) -> list[LinearPlant]:
-    """The linear plants the designs are tuned for: both published laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
+    """Return the plants for tuning: both published laws, dry and wet, at `SPEEDS_KMH`, empty and loaded."""
     plants = []
     for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
         law = named_law(name, car).on(rail)
@@ -231,9 +233,9 @@ def design_points(vehicle: Vehicle) -> list[LinearPlant]:
 
 
 def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None) -> BatchMargins:
-    """Margins of a linear controller at each of the vehicle's `design_points`, dead time exact, in their order.
+    """Return the exact margins of a linear controller at each of the vehicle's `design_points`, in their order.
 
-    A scheduled one counts with the gains it has at each point. The published vehicle as published, if none is given.
+    A scheduled controller has its gains of each point. The default vehicle is the published one as published.
     """
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
@@ -241,10 +243,11 @@ def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None)
 
 
 def _tuned_gains(vehicle: Vehicle) -> PIGains:
-    """Those of `recommended_pi_lead` for a vehicle of which none are stored."""
+    """Tune the gains of `recommended_pi_lead` for a vehicle without stored gains."""
     (lead, lead_filter), plants = lead_of(vehicle), design_points(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
-    systems, names = [actuated_plant(one, vehicle.actuator) for one in plants], [one.point.words for one in plants]
+    systems = [actuated_plant(plant, vehicle.actuator) for plant in plants]
+    names = [plant.point.words for plant in plants]
     try:
         design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
     except InfeasibleDesignError as error:
@@ -253,7 +256,7 @@ def _tuned_gains(vehicle: Vehicle) -> PIGains:
 
 
 def _schedule(vehicle: Vehicle) -> GainSchedule:
-    """The gains of `recommended_schedule`: stored, or tuned now."""
+    """Return the gains of `recommended_schedule`, stored or tuned now."""
     if is_tuned_when_asked("scheduled", vehicle):
         lead, lead_filter = lead_of(vehicle)
         return schedule_gains(
@@ -269,27 +272,28 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 
 
 def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
-    """A controller of a kind to begin a design with, by the rule of its kind; of a PI SIMC's for J/r over s,
-    [Skogestad2003] Table 1, with the lead on the brake's lag. It holds the slips of the plants that it is for, or is a
-    linear one put as the ratio of polynomials that it is.
+    """Return the first controller of a kind for a design by hand.
 
-    InfeasibleDesignError, InputError: its kind allows none for the vehicle.
+    It follows from the rule of its kind; for a PI from SIMC for J/r over s, [Skogestad2003] Table 1, with a lead on the
+    brake's lag. `at` are the plants that it is for, or a linear controller to convert to a ratio of polynomials.
+
+    InfeasibleDesignError, InputError: the kind has no controller for the vehicle.
     """
     if isinstance(at, LinearControl):
         num, den = polynomials(at.system)
-        kept = {name: value for name, value in at if name in LinearControl.model_fields and name != "name"}
-        return TransferFunction(num=num, den=den, **{**kept, "period": at.period or PERIOD})
+        others = {name: value for name, value in at if name in LinearControl.model_fields and name != "name"}
+        return TransferFunction(num=num, den=den, **{**others, "period": at.period or PERIOD})
     vehicle, brake = at[0].point.vehicle, at[0].point.vehicle.actuator
     if not issubclass(kind, LinearControl):
         return kind.for_vehicle(vehicle)
     lead = 0.0 if kind is PI else brake.lag
-    late = brake.dead_time + (FILTER_RATIO if lead else 1.0) * brake.lag or PERIOD
-    kp = vehicle.effective_inertia / vehicle.wheel.radius / (2 * late)
-    gains, made = PIGains(kp=kp, ki=kp / (8 * late)), PILead if kind is TransferFunction else kind
+    delay = brake.dead_time + (FILTER_RATIO if lead else 1.0) * brake.lag or PERIOD
+    kp = vehicle.effective_inertia / vehicle.wheel.radius / (2 * delay)
+    gains, pi_kind = PIGains(kp=kp, ki=kp / (8 * delay)), PILead if kind is TransferFunction else kind
     points = [plant.point for plant in at]
     system = PIController(gains, lead, FILTER_RATIO * lead)
-    found = braking_control(system, points, reference, name=made.kind, kind=made)
-    return begun(kind, found, reference) if kind is TransferFunction else found
+    control = braking_control(system, points, reference, name=pi_kind.kind, kind=pi_kind)
+    return begun(kind, control, reference) if kind is TransferFunction else control
 
 
 # --- by name ----------------------------------------------------------------------------------------------------------
@@ -298,7 +302,7 @@ def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, ref
 BY_RULE: Mapping[str, type[Controller]] = MappingProxyType(
     {name: kind for name, kind in controller_kinds().items() if kind.by_rule}
 )
-"""Kinds that follow from the vehicle alone."""
+"""Kinds whose parameters follow from the vehicle alone, by name."""
 
 NAMES = ("pi", "asmc", "pi-lead", "scheduled", *BY_RULE)
 """Names of the controllers that come with the package."""
@@ -311,23 +315,23 @@ def _holds_reference(name: str) -> bool:
 
 
 def default_column(law: AdhesionLaw) -> Column:
-    """The column of Table 4 for an adhesion law: its own for the beam, else that of the bristles."""
+    """Return the column of Table 4 for an adhesion law: "beam" for the beam law, else "bristle"."""
     return "beam" if law.name == "beam" else "bristle"
 
 
 def held_reference(
     controller: str, law: AdhesionLaw, slip: float | None, column: Column | None, *, dashes: str = ""
 ) -> ReferenceSlip | None:
-    """The slips that a controller of `NAMES` holds: a given one, or those of a column of Table 4, or those of the
-    adhesion law; None if it holds none.
+    """Return the reference slips of a controller of `NAMES`; None if it has none.
 
-    InputError, in which `dashes` stand before the names of options, if there are none to hold, or they are not used.
+    They are the given slip, or those of a column of Table 4, or those of the adhesion law. InputError if there are
+    none, or if an argument is not used; `dashes` come before the names of arguments in the message.
     """
     if not _holds_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
             if given is not None:
-                told = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
-                raise InputError(f"{told}; leave it out")
+                message = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
+                raise InputError(f"{message}; leave it out")
         return None
     if slip is not None:
         return ReferenceSlip(dry=slip, wet=slip)
@@ -352,20 +356,19 @@ def controller_named(
     adaptive: bool = False,
     period: float | None = None,
 ) -> Controller:
-    """A controller of `NAMES` for a vehicle, with the gains of the empty one also where it is `loaded`.
+    """Return a controller of `NAMES` for a vehicle; a loaded vehicle gets the gains of the empty one.
 
-    - name: "pi" and "asmc" are [Park2008] Table 4's (see `published_controller`), the others this project's
-      (`designed`).
-    - column: {"beam", "bristle"}; of Table 4: gains of "pi" and "asmc", and the reference slip of all.
-    - gains: in place of those of "pi" or "pi-lead".
-    - reference: another reference slip; of a kind that holds none, what its error is taken against.
+    - name: "pi" and "asmc" are those of [Park2008] Table 4 (see `published_controller`), the others this project's.
+    - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and the reference slip of all.
+    - gains: other gains for "pi" or "pi-lead".
+    - reference: another reference slip; for a kind without one it defines the slip error.
     - knows_rail, adaptive, period: as in `published_controller`.
 
-    InputError: another name, or an option that the controller does not have.
+    InputError: an unknown name, or an option that the controller does not have.
     """
     if name not in NAMES:
         raise InputError(
-            f"controller: {name!r} is not one; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or give a "
+            f"controller: {name!r} is not known; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or give a "
             "TOML file"
         )
     if gains is not None and name not in _LINEAR:
@@ -374,15 +377,17 @@ def controller_named(
         raise InputError(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
-    held = reference if reference is not None or not _holds_reference(name) else published_reference(column)
+    slips = reference if reference is not None or not _holds_reference(name) else published_reference(column)
     vehicle = vehicle.empty()
     if name in BY_RULE:
-        asked = {} if period is None else {"period": period}
-        return BY_RULE[name].for_vehicle(vehicle, reference=held, name=name, **asked)
+        fields = {} if period is None else {"period": period}
+        return BY_RULE[name].for_vehicle(vehicle, reference=slips, name=name, **fields)
     if name == "scheduled":
-        return recommended_schedule(vehicle, reference=held, period=period)
+        return recommended_schedule(vehicle, reference=slips, period=period)
     if name == "pi-lead":
-        return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
+        return recommended_pi_lead(vehicle, gains=gains, reference=slips, period=period)
     kind: Kind = "asmc" if name == "asmc" else "pi"
-    made = published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)
-    return made.model_copy(update={"kp": gains.kp, "ki": gains.ki}) if gains is not None else made
+    control = published_controller(
+        kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=slips, period=period
+    )
+    return control.model_copy(update={"kp": gains.kp, "ki": gains.ki}) if gains is not None else control

@@ -1,10 +1,10 @@
-"""Dead-time compensators, with the loop they really close: Smith predictors and the predictor-observer.
+"""Dead-time compensators with their exact loops: Smith predictors and the predictor-observer.
 
-All are for y -> u around the plant G(s) exp(-tau s), e = r - y, u = C(s) e, with G = N/D free of dead time (from
-commanded torque, N*m, to -e, m/s) and q = exp(-tau s); plants and controllers are python-control systems or `Rational`.
-Each loop is a ratio of quasi-polynomials whose sum of numerator and denominator is the characteristic function of plant
-and controller as realised, hidden modes included; the margins are exact, and are those of a plant that differs from the
-model, since only the true plant is perturbed.
+All control the plant G(s) exp(-tau s) with e = r - y, u = C(s) e. G = N/D has no dead time (from commanded torque, N*m,
+to -e, m/s), and q = exp(-tau s). Plants and controllers are python-control systems or `Rational`. Each loop is a ratio
+of quasi-polynomials. The sum of numerator and denominator is the characteristic function of plant and controller as
+realised, with hidden modes. The margins are exact; they apply to changes of the true plant, not of the model in the
+controller.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 
-_LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has four digits
+_LARGEST_CONDITION = 1e12  # largest condition number of a controllability matrix; its inverse then has four digits
 
 
 @dataclass(frozen=True)
 class Compensator:
-    """A dead-time compensator C(s), N*m/(m/s), in its loop L = C G exp(-tau s).
+    """Dead-time compensator C(s), N*m/(m/s), with its loop L = C G exp(-tau s).
 
     Removable singularities (of a finite-time integral) are left in the controller as common zeros.
-    `hidden_unstable_poles` are closed-loop poles right of or on the axis that L does not show and no gain moves, 1/s.
+    `hidden_unstable_poles` are closed-loop poles on or right of the axis, 1/s, that cancel in L and that no gain moves.
     """
 
     structure: str
@@ -37,12 +37,12 @@ class Compensator:
     hidden_unstable_poles: tuple[complex, ...] = ()
 
     def is_stable(self) -> bool:
-        """True if the loop is stable inside as well as outside."""
+        """Return True if the loop is stable, including hidden modes."""
         return not self.hidden_unstable_poles and self.loop.is_stable()
 
     @property
     def reason(self) -> str:
-        """Why it is not stable inside; empty if no hidden mode forbids it."""
+        """Reason for instability by hidden modes; empty without unstable hidden modes."""
         if not self.hidden_unstable_poles:
             return ""
         one = len(self.hidden_unstable_poles) == 1
@@ -55,7 +55,7 @@ class Compensator:
         )
 
     def margins(self) -> Margins:
-        """Exact margins; see `Margins`. Raises UnstableLoopError, with the reason, where the loop is not stable."""
+        """Return the exact margins; UnstableLoopError, with the reason, if the loop is not stable."""
         if self.hidden_unstable_poles:
             raise UnstableLoopError(
                 f"margins are not defined: {self.reason}",
@@ -66,18 +66,17 @@ class Compensator:
 
 
 def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensator:
-    """The classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), C0 designed without dead time.
+    """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), with C0 designed without dead time.
 
-    With an unstable plant it is unstable inside whatever C0 is: C has a zero at each plant pole, and D itself divides
-    the characteristic function D (D0 D + N0 N). That is found and told (`reason`), not assumed.
-    InputError if C0 G is not strictly proper.
+    With an unstable plant it is unstable for every C0: C has a zero at each plant pole, and D is a factor of the
+    characteristic function D (D0 D + N0 N). `reason` reports this. InputError if C0 G is not strictly proper.
     """
     plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
     inner = QuasiPolynomial([np.polyadd(base, forward), -forward], dead_time)
     c = DelayedRatio(QuasiPolynomial([np.polymul(num0, den)], dead_time), inner)
-    # the plant's D and the model's D: what the controller cancels stays
+    # keep both the plant's D and the model's D, because cancelled modes remain in the loop
     loop = DelayedRatio(QuasiPolynomial([[0.0], np.polymul(forward, den)], dead_time), inner.times(den))
     hidden = tuple(complex(p) for p in plant.poles if p.real >= 0)
     return Compensator("Smith predictor", c, DelayedLoop(loop), hidden)
@@ -86,15 +85,15 @@ def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensato
 def filtered_smith_predictor(
     plant: Any, dead_time: float, controller: Any, *, filter_time: float, roll_off: int = 0
 ) -> Compensator:
-    """The filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
+    """Return the filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
 
     F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), with F(p_i) = exp(p_i tau) at the m
-    plant poles right of the axis: then G (1 - F q) has none of them, and is realised without them (a finite-time
-    integral), so that the loop is stable inside. Nominally T = F q N0 N/(D0 D + N0 N).
+    plant poles right of the axis. G (1 - F q) then has none of these poles and is realised without them (a finite-time
+    integral), so that there is no unstable hidden mode. Nominally T = F q N0 N/(D0 D + N0 N).
 
     The nominal poles are those of C0 G, of F, and the stable ones of G. A larger `filter_time`, s, > 0, gives more
-    robustness and slower rejection of disturbances; `roll_off` are additional poles of F against noise. InputError if
-    C0 G is not strictly proper, or unstable poles coincide.
+    robustness and slower rejection of disturbances; `roll_off` is the number of additional poles of F against noise.
+    InputError if C0 G is not strictly proper, or unstable poles coincide.
     """
     number("filter time", filter_time, "s", gt=0)
     number("roll-off", roll_off, ge=0)
@@ -105,20 +104,20 @@ def filtered_smith_predictor(
     inner = QuasiPolynomial([np.polymul(np.polyadd(base, forward), den_f), -np.polymul(forward, num_f)], dead_time)
     feedback = np.polymul(num0, num_f)
     c = DelayedRatio(QuasiPolynomial([np.polymul(feedback, den)], dead_time), inner)
-    kept = np.real(np.poly(plant.poles[plant.poles.real < 0]))  # modes of the model that stay in the predictor
+    kept = np.real(np.poly(plant.poles[plant.poles.real < 0]))  # modes of the model that remain in the predictor
     top = np.polymul(np.polymul(feedback, num), kept)
     loop = DelayedRatio(QuasiPolynomial([[0.0], top], dead_time), inner.times(kept))
     return Compensator("filtered Smith predictor", c, DelayedLoop(loop))
 
 
 def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
-    """Numerator and denominator of F, descending powers: F(0) = 1, F(p) = exp(p tau) at the poles right of the axis."""
+    """Return F in descending powers, with F(0) = 1 and F(p) = exp(p tau) at the poles right of the axis."""
     unstable = poles[poles.real >= 0]
     apart = np.abs(unstable[:, None] - unstable)
     np.fill_diagonal(apart, np.inf)
     if np.any(apart <= 1e-6 * (1e-300 + np.abs(unstable))):
         raise InputError("filtered Smith predictor: unstable poles that coincide are not supported; move one slightly")
-    unstable = unstable[unstable != 0]  # at the origin F(0) = 1 is the condition
+    unstable = unstable[unstable != 0]  # for a pole at the origin F(0) = 1 is the condition already
     m = unstable.size
     den = np.atleast_1d(np.poly(np.full(m + roll_off, -1 / filter_time))) * filter_time ** (m + roll_off)
     if m == 0:
@@ -131,15 +130,15 @@ def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, r
 def observer_compensator(
     plant: Any, dead_time: float, *, feedback_poles: Sequence[complex], observer_poles: Sequence[complex]
 ) -> Compensator:
-    """State feedback through the dead time, with observer, prediction and integral action.
+    """Return state feedback with observer, prediction over the dead time and integral action.
 
     u(t) = -K [x^(t + tau); integral of y], where x^(t + tau) = exp(A tau) x^ + integral over 0..tau of
     exp(A s) B u(t - s) ds is exact ([ManitiusOlbrot1979], [Artstein1982]; the integral state is predicted with it) and
-    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The closed loop has finitely many poles: those asked for.
+    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The closed loop has finitely many poles, which are the given ones.
 
     The n + 1 `feedback_poles` are those of plant (order n) and integrator, the n `observer_poles` of the observer, 1/s,
-    real or in conjugate pairs, left of the axis. InputError for others, or a plant that is not strictly proper, is
-    not reachable (a pole on a zero), or has a zero at the origin, which forbids integral action.
+    real or in conjugate pairs, left of the axis. InputError for other poles, or a plant that is not strictly proper, is
+    not reachable (a pole equals a zero), or has a zero at the origin, which rules out integral action.
     """
     plant = Rational.from_control(plant, "plant")
     n = plant.poles.size
@@ -165,7 +164,7 @@ def observer_compensator(
     den, den_o, den_e = np.poly(a), np.poly(observer), np.append(np.poly(a), 0.0)
     now = _adjugate_form(extended, b_extended, k)
     before = _adjugate_form(extended, ahead @ b_extended, k)
-    before[-1] = now[-1]  # the finite-time integral has no pole at the origin: equal but for rounding
+    before[-1] = now[-1]  # equal except for rounding, because the finite-time integral has no pole at the origin
     model = _adjugate_form(observer, b, k_x)
     measured = np.polyadd(np.append(_adjugate_form(observer, gain_o, k_x), 0.0), k_i * den_o)
     inner = QuasiPolynomial(
@@ -178,15 +177,15 @@ def observer_compensator(
 
 
 def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:
-    """N, D, N0, D0, descending powers, for a strictly proper C0 G."""
+    """Return N, D, N0, D0 in descending powers; InputError if C0 G is not strictly proper."""
     number("dead time", dead_time, "s", ge=0)
     if plant.relative_degree + controller.relative_degree < 1:
         raise InputError("Smith predictor: controller and plant together are not strictly proper; add a lag")
-    found = []
+    polynomials = []
     for system in (plant, controller):
-        found += [system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))]
-        found += [np.atleast_1d(np.real(np.poly(system.poles)))]
-    return found[0], found[1], found[2], found[3]
+        polynomials += [system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))]
+        polynomials += [np.atleast_1d(np.real(np.poly(system.poles)))]
+    return polynomials[0], polynomials[1], polynomials[2], polynomials[3]
 
 
 def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
@@ -200,8 +199,10 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
 
 
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
-    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones, and
-    python-control's `place_acker` what is scaled badly."""
+    """Return the row k for which a - b k has the poles, by Ackermann's formula.
+
+    SciPy's `place_poles` rejects repeated poles, and python-control's `place_acker` fails for bad scaling.
+    """
     n = a.shape[0]
     reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
     scale = np.abs(reach).max(axis=0)
@@ -216,5 +217,5 @@ def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
 
 
 def _adjugate_form(matrix: Floats, column: Floats, row: Floats) -> Floats:
-    """row adj(sI - matrix) column as a polynomial of degree n - 1, descending powers."""
+    """Return row adj(sI - matrix) column as a polynomial of degree n - 1, descending powers."""
     return np.asarray(np.real(np.poly(matrix - column @ row) - np.poly(matrix))[1:])

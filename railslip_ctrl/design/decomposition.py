@@ -1,4 +1,4 @@
-"""D-decomposition of the (kp, ki) plane: where closed-loop poles of a dead-time loop can reach the axis.
+"""D-decomposition of the (kp, ki) plane: gains for which a dead-time loop has closed-loop poles on the imaginary axis.
 
 The controller is C(s) = kp A(s) + ki/s + B(s) with d(s) = s/(derivative_filter s + 1), A = 1 + derivative_time d
 and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + B(s) a pole at s = j omega means
@@ -8,18 +8,19 @@ and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + 
 two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). Together with the line
 ki = 0 (a pole at the origin) this curve divides the plane into cells of constant root count ([Gryazina2008]).
 
-Where ki = 0, R/A is real. Where kp(omega) turns back, so is d/d omega of R/Re A but for a real function;
-`real_frequencies` finds both without a grid. Between its turns kp(omega) is monotone and has each value once at most.
+R/A is real where ki = 0. At a turning point of kp(omega), d/d omega of R/Re A is real, apart from a real function.
+`real_frequencies` finds both kinds of points without a grid. Between turning points kp(omega) is monotone and has each
+value at most once.
 
-With dead time the curve has infinitely many branches. Where they cease to matter is bounded, not guessed: the
-argument of the characteristic function (`loop.stability`) is made of the angles of the n poles and m zeros of
-the plant and two each of the controller, each turning by at most pi, of a principal value that moves by at most
-pi between gain crossovers, of which there are at most n + 2, and of -tau omega wherever |L| > 1. So
+With dead time the curve has infinitely many branches. The last relevant branch is bounded as follows. The argument of
+the characteristic function (`loop.stability`) has these parts: the angles of the n poles and m zeros of the plant and
+of two each of the controller, each of which turns by at most pi; a principal value that changes by at most pi between
+gain crossovers, of which there are at most n + 2; and -tau omega wherever |L| > 1. Therefore
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7)
 
-leaves unstable poles. As |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B|, this bounds both
-gains; a PI has |C| >= ki/omega.
+implies unstable poles. With |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B| this bounds both gains; for a PI
+|C| >= ki/omega.
 """
 
 from __future__ import annotations
@@ -44,23 +45,23 @@ from railslip_ctrl.loop.stability import RootCount
 
 # --- real values on the axis ------------------------------------------------------------------------------------------
 #
-# F(s) exp(tau s) + G(s), F and G polynomials, is real on s = j omega where, with phi = tau omega + arg F and
-# kappa = Im G/|F|, sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No
-# grid is asked: the frequencies at which |kappa| = 1 and those at which either angle turns back are roots of
-# polynomials in x = omega^2, isolated with certainty; between neighbours both are monotone, so that their values at
-# the ends tell how many real values lie there.
+# Let F and G be polynomials, phi = tau omega + arg F and kappa = Im G/|F|. F(s) exp(tau s) + G(s) is real on
+# s = j omega if sin phi = -kappa: phi + asin kappa is an even multiple of pi, or phi - asin kappa an odd one. No grid
+# is needed: the frequencies with |kappa| = 1 and the turning points of either angle are roots of polynomials in x =
+# omega^2, isolated with certainty. Between neighbours both angles are monotone, so that their values at the ends give
+# the number of real values there.
 
 _BITS = 128
-_STEP_OUT = 16.0  # factor by which an end at 0 or infinity is replaced until the function there has its sign
-_MOST_STEPS = 250
-_NOTHING = 1e-80  # |kappa| next to omega = 0 below which its limit there is 0, so that the angle there is a whole one
+_STEP_OUT = 16.0  # factor between trial ends in place of 0 or infinity, until the function has its sign at the end
+_MOST_STEPS = 250  # largest number of trial ends
+_NOTHING = 1e-80  # |kappa| near omega = 0 below which its limit is 0 and the angle is a multiple of pi
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
-    """All omega, rad/s, 0 < omega < `highest`, at which F exp(tau s) + G is real; F without those where it is 0 itself.
+    """Return all omega, rad/s, 0 < omega < `highest`, at which F exp(tau s) + G is real, without the zeros of F.
 
     `factor` is F, not 0, `other` G; Im G must not change its sign over omega > 0. `highest` is finite unless the
-    `dead_time`, s, is 0. None are found where the value is real everywhere.
+    `dead_time`, s, is 0. The result is empty if the value is real everywhere.
     """
     if dead_time == 0:
         factor, other = factor + other, fmpq_poly([0])
@@ -71,9 +72,9 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
     low, high = parts(np.concatenate([turns, ends]), angles.on_axis, highest)
     inside = angles.log_ratio(_between(low, high)) < 0
     low, high = low[inside], high[inside]
-    found = [np.array([])]
+    roots = [np.array([])]
     for side in (0, 1):
-        # a real value at each whole number; those at omega = 0 and infinity are not reached
+        # the value is real at each whole number of half turns; omega = 0 and infinity are excluded
         start, end = ((angles.half_turns(omega, side, ends) - side) / 2 for omega in (low, high))
         start = np.where(low == 0, np.nextafter(start, end), start)
         end = np.where(np.isinf(high), np.nextafter(end, start), end)
@@ -86,12 +87,12 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
         def away(omega: Floats, index: NDArray[np.intp], side: int = side, target: Floats = target) -> Floats:
             return angles.half_turns(omega, side) - target[index]
 
-        found.append(monotone_roots(away, low[at], high[at], np.sign(start - end)[at]))
-    return np.unique(np.concatenate(found))
+        roots.append(monotone_roots(away, low[at], high[at], np.sign(start - end)[at]))
+    return np.unique(np.concatenate(roots))
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """0 < omega < `highest`, divided at edges and at jumps, rad/s: from and to, beside the latter by one bit."""
+    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, one bit beside the jumps."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)
@@ -102,8 +103,10 @@ def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]
 def monotone_roots(
     function: Callable[[Floats, NDArray[np.intp]], Floats], low: Floats, high: Floats, side: Floats
 ) -> Floats:
-    """Roots, as of `bracketed_roots`, of functions that are monotone from `low`, 0 too, to `high`, infinity too, and
-    have the sign `side` at the low and the other at the high end."""
+    """Return one root of each function, which is monotone from `low` to `high`; see `bracketed_roots`.
+
+    `low` may be 0 and `high` infinite. `side` is the sign at the low end; the sign at the high end is opposite.
+    """
     inner = np.where(low == 0, _between(low, high), low)
     outer = np.where(np.isinf(high), inner * _STEP_OUT, high)
     every = np.arange(low.size)
@@ -120,13 +123,13 @@ def monotone_roots(
 
 
 def _between(low: Floats, high: Floats) -> Floats:
-    """A frequency inside each interval, whose ends may be 0 and infinity."""
+    """Return a frequency inside each interval, whose ends may be 0 and infinity."""
     top = np.where(np.isinf(high), np.maximum(low, 1.0) * _STEP_OUT, high)
     return np.where(low == 0, top / _STEP_OUT, low + 0.5 * (top - low))
 
 
 class _Angles:
-    """phi +- asin kappa: its polynomials, and its values in half turns."""
+    """Angles phi + asin kappa and phi - asin kappa: their polynomials, and their values in half turns."""
 
     def __init__(self, factor: fmpq_poly, other: fmpq_poly, dead_time: float) -> None:
         self._dead_time = dead_time
@@ -139,25 +142,25 @@ class _Angles:
         self.on_axis = np.unique(self._roots.imag[(self._roots.real == 0) & (self._roots.imag > 0)])
 
     def ends(self) -> Floats:
-        """Frequencies, rad/s, at which |kappa| = 1."""
+        """Return the frequencies, rad/s, at which |kappa| = 1."""
         if self._other == 0:
             return np.array([])
         return _frequencies(self._gap)
 
     @property
     def _gap(self) -> fmpq_poly:
-        """|F|^2 - (Im G)^2."""
+        """Polynomial |F|^2 - (Im G)^2."""
         return self._axis.power - fmpq_poly([0, 1]) * self._other**2
 
     def turns(self) -> Floats:
-        """Frequencies, rad/s, at which phi + asin kappa or phi - asin kappa turns back."""
+        """Return the turning points, rad/s, of phi + asin kappa and phi - asin kappa."""
         power, g, x = self._axis.power, self._other, fmpq_poly([0, 1])
         speed = fraction(self._dead_time) * power + self._axis.turning
         bend = (g + 2 * x * g.derivative()) * power - x * g * power.derivative()
         return _frequencies((speed**2 * self._gap - bend**2) // power)
 
     def log_ratio(self, omega: Floats) -> Floats:
-        """ln|kappa|."""
+        """Return ln|kappa| at frequencies, rad/s."""
         if self._other == 0:
             return np.full(omega.shape, -np.inf)
         with np.errstate(divide="ignore"):
@@ -166,7 +169,10 @@ class _Angles:
         return np.asarray(size + self._log_lead)
 
     def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
-        """phi + asin kappa over pi, for side 1 phi - asin kappa; 0 and infinity allowed. |kappa| is 1 at `ends`."""
+        """Return (phi + asin kappa)/pi, or for side 1 (phi - asin kappa)/pi; |kappa| is 1 at `ends`.
+
+        `omega` may be 0 or infinite.
+        """
         inner = np.clip(omega, 1e-100, 1e100)
         phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
         right, origin = np.count_nonzero(self._roots.real > 0), np.count_nonzero(self._roots == 0)
@@ -183,7 +189,7 @@ class _Angles:
 
 
 def _frequencies(polynomial: fmpq_poly) -> Floats:
-    """Square roots of the positive real roots, rad/s."""
+    """Return the square roots of the positive real roots, rad/s."""
     with ctx.workprec(_BITS):
         return np.array([float(omega.mid()) for omega, _ in positive_square_roots(polynomial)])
 
@@ -194,16 +200,16 @@ def _frequencies(polynomial: fmpq_poly) -> Floats:
 Interval = tuple[float, float]
 Intervals = tuple[Interval, ...]
 
-_SAME = 1e-12  # relative width below which two boundaries are one: what rounding leaves of them
+_SAME = 1e-12  # relative distance below which two boundaries are equal; rounding separates them by less
 
 
 def stable_intervals(
     critical: CriticalGains, scale: float, count: Callable[[float], RootCount], *, signed: bool
 ) -> Intervals:
-    """The intervals between critical gains in which the root count is 0; over all reals, or over those > 0.
+    """Return the intervals between critical gains in which the root count is 0, over all reals or only those > 0.
 
-    Only boundaries marked leftward can lower the count, each by at most 2, all others raise it: with n unstable poles
-    the next interval worth a count lies beyond (n + 1)//2 of the former, and from a stable one beyond the next.
+    Only boundaries marked leftward can lower the count, each by at most 2; all others raise it. With n unstable poles
+    the count is needed again only after (n + 1)//2 leftward boundaries, and after a stable interval at the next one.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -217,7 +223,7 @@ def stable_intervals(
             continue
         inside = count(probe(low, high, scale))
         if inside.stable:
-            # poles that touch the axis and return, or a boundary that was rounding: stable on both sides
+            # stable on both sides: poles touch the axis and return, or the boundary is due to rounding
             if found and found[-1][1] == low and count(low).stable:
                 low = found.pop()[0]
             found.append((low, high))
@@ -231,7 +237,7 @@ def stable_intervals(
 
 
 def probe(low: float, high: float, scale: float) -> float:
-    """A gain between two others, either of which may be infinite."""
+    """Return a gain between two others, either of which may be infinite."""
     if math.isinf(low) and math.isinf(high):
         return scale
     if math.isinf(low):
@@ -242,12 +248,12 @@ def probe(low: float, high: float, scale: float) -> float:
 
 
 def probes_between(edges: Sequence[float], scale: float) -> list[float]:
-    """A gain inside each interval between ascending edges."""
+    """Return a gain inside each interval between ascending edges."""
     return [probe(low, high, scale) for low, high in pairwise(edges) if high > low]
 
 
 def common_intervals(families: Sequence[Intervals]) -> Intervals:
-    """Intersection of sets given as ascending open intervals."""
+    """Return the intersection of sets given as ascending open intervals."""
     common = families[0]
     for other in families[1:]:
         pairs = [(max(a, c), min(b, d)) for a, b in common for c, d in other]
@@ -259,16 +265,16 @@ def common_intervals(families: Sequence[Intervals]) -> Intervals:
 
 
 _S = fmpq_poly([0, 1])
-_MOST_TURNED = 1e6  # rad of dead time up to the last frequency of interest
-_SURELY_FALLING = 1e-9  # relative slope below which a crossing is taken for one of unknown direction
+_MOST_TURNED = 1e6  # rad, largest phase of the dead time at the highest relevant frequency
+_SURELY_FALLING = 1e-9  # relative slope below which the direction of a crossing counts as unknown
 
 
 @dataclass(frozen=True)
 class CriticalGains:
     """Values of one gain at which poles are on the axis, ascending.
 
-    No gain larger in size than `complete_to` stabilises; inf without dead time. `leftward` marks those at which
-    the growing gain may take poles to the left: all others take a pair of them to the right.
+    No gain larger in magnitude than `complete_to` stabilises; inf without dead time. `leftward` marks the values at
+    which an increasing gain may move poles to the left; at all others a pair moves to the right.
     """
 
     values: Floats
@@ -277,15 +283,15 @@ class CriticalGains:
 
     @classmethod
     def within(cls, low: float, high: float, values: Floats, leftward: Flags) -> CriticalGains:
-        """Those between two bounds, sorted."""
-        kept = np.flatnonzero((values > low) & (values < high))
-        order = kept[np.argsort(values[kept], kind="stable")]
+        """Return the critical gains between two bounds, sorted."""
+        inside = np.flatnonzero((values > low) & (values < high))
+        order = inside[np.argsort(values[inside], kind="stable")]
         return cls(values[order], leftward[order], high)
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A plant, its dead time, s, and the fixed derivative part: time and filter s, gain in units of kp times s."""
+    """Plant, dead time (s) and fixed derivative part: time and filter in s, gain in units of kp times s."""
 
     plant: Rational
     dead_time: float
@@ -294,29 +300,29 @@ class Decomposition:
     derivative_filter: float = 0.0
 
     def controller(self, kp: float, ki: float) -> Rational:
-        """C(s) in factored form; with ki = 0 it has no integrator."""
+        """Return C(s) in factored form, without integrator if ki = 0."""
         return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
 
     # -- the boundary curve -------------------------------------------------------------------------------
 
     def inverse(self, omega: Floats) -> Complexes:
-        """R(j omega); omega > 0 in rad/s."""
+        """Return R(j omega) for omega > 0, rad/s."""
         delayed = self._delayed(omega)
         return delayed + self.derivative_gain * self._derivative(omega) if self.derivative_gain else delayed
 
     def _delayed(self, omega: Floats) -> Complexes:
-        """R - B."""
+        """Return the part R - B, which has the dead time."""
         plant, s = self.plant, 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = np.prod(s - plant.poles, axis=-1) / np.prod(s - plant.zeros, axis=-1)
             return np.asarray(value / plant.gain * np.exp(1j * omega * self.dead_time))
 
     def proportional(self, omega: Floats) -> Complexes | float:
-        """A(j omega)."""
+        """Return A(j omega) for omega, rad/s."""
         return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
     def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """dR/d omega, dA/d omega and the sum of the sizes of the terms of R."""
+        """Return dR/d omega, dA/d omega and the sum of the magnitudes of the terms of R."""
         delayed = self._delayed(omega)
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
@@ -327,7 +333,7 @@ class Decomposition:
         return np.asarray(1j * omega / (1 + 1j * omega * self.derivative_filter))
 
     def curve(self, omega: Floats) -> tuple[Floats, Floats]:
-        """(kp, ki) that put a pair of poles at +-j omega; shapes of `omega`, rad/s."""
+        """Return kp and ki, arrays of the shape of `omega` (rad/s), that put a pair of poles at +-j omega."""
         inverse, shape = self.inverse(omega), self.proportional(omega)
         kp = -inverse.real / shape.real
         return np.asarray(kp), np.asarray(omega * (inverse.imag + kp * shape.imag))
@@ -335,7 +341,7 @@ class Decomposition:
     # -- critical gains -----------------------------------------------------------------------------------
 
     def proportional_gains(self) -> CriticalGains:
-        """All kp at which the loop without integral action has a pole on the axis; origin and infinity included."""
+        """Return all kp for which the loop with ki = 0 has a pole on the axis, at the origin or infinity."""
         den, num, lag, lead = self._polynomials
         # Im (R/A) = 0, times the positive |N A|^2
         turned = _mirrored(num * lead)
@@ -343,7 +349,7 @@ class Decomposition:
         shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)
         ratio = self.inverse(omega) / shape
         leftward = _may_rise(omega, ((slope - ratio * shape_slope) / shape).imag, size / np.abs(shape))
-        # kp = 0 leaves the plant's own poles on the axis, as many as there are
+        # with kp = 0 the plant's own poles on the axis are closed-loop poles
         fixed = [0.0] * int(np.count_nonzero(self.plant.poles.real == 0))
         dc = self.plant.dc_gain
         if np.isfinite(dc) and dc != 0:
@@ -355,7 +361,7 @@ class Decomposition:
         return CriticalGains.within(-self.largest_kp, self.largest_kp, values, leftward)
 
     def integral_gains(self, kp: float) -> CriticalGains:
-        """All ki > 0 at which the loop with this kp, at most `largest_kp` in size, has a pair of poles on the axis."""
+        """Return all ki > 0 for which the loop with this kp has poles on the axis; |kp| <= `largest_kp`."""
         low, high, first, last = self._branches
         at = np.flatnonzero((first < kp) != (last < kp))
 
@@ -370,7 +376,7 @@ class Decomposition:
 
     @cached_property
     def turning_points(self) -> Floats:
-        """Frequencies, rad/s, at which kp(omega) turns back: there ki intervals appear or vanish."""
+        """Turning points of kp(omega), rad/s, at which intervals of ki appear or vanish."""
         # kp = -Re H with H = exp(tau s) a/b + B: Im H' = 0, times the positive |b lag|^4
         a, b, lag = self._rational
         slope = fraction(self.dead_time) * a * b + a.derivative() * b - a * b.derivative()
@@ -379,20 +385,20 @@ class Decomposition:
 
     @cached_property
     def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Parts of omega > 0, from and to, on which kp(omega) is monotone, and kp at or in the limit to their ends."""
+        """Ends of the parts of omega > 0 on which kp(omega) is monotone, and kp at these ends or in their limit."""
         zeros = self.plant.zeros
-        poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # of R
+        poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # poles of R
         low, high = parts(self.turning_points, poles, self._limit)
         dc, curve = self.plant.dc_gain, self.curve
         first = np.append(-1 / dc if dc else np.inf, curve(low[1:])[0])
         end = self._kp_at_infinity() if self.dead_time == 0 else curve(high[-1:])[0]
         last = np.append(curve(high[:-1])[0], end)
-        # the values at omega = 0 and infinity are not reached
+        # the limits at omega = 0 and infinity are excluded
         start = np.where(low == 0, np.nextafter(first, last), first)
         return low, high, start, np.where(np.isinf(high), np.nextafter(last, first), last)
 
     def _kp_at_infinity(self) -> float:
-        """kp(omega) as omega tends to infinity, without dead time."""
+        """Return the limit of kp(omega) for omega to infinity, without dead time."""
         a, b, lag = self._rational
         below = Axis(b * lag).power
         above = Axis((a * lag + self._fixed * b) * _mirrored(b * lag)).even
@@ -405,19 +411,19 @@ class Decomposition:
 
     @property
     def _fixed(self) -> fmpq_poly:
-        """Numerator of B."""
+        """Numerator polynomial of B."""
         return fraction(self.derivative_gain) * _S
 
     @cached_property
     def _polynomials(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly, fmpq_poly]:
-        """D and N of the plant, then the denominator and the numerator of A."""
+        """Polynomials D and N of the plant, then denominator and numerator of A."""
         lag, lead = fraction(self.derivative_filter), fraction(self.derivative_filter) + fraction(self.derivative_time)
         num, den = self.plant.polynomials
         return den, num, 1 + lag * _S, 1 + lead * _S
 
     @property
     def _rational(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
-        """a and b with exp(tau s) a/b = R - B, divided by Re A where A is not 1, and the denominator of B."""
+        """Polynomials a and b with exp(tau s) a/b = R - B, divided by Re A if A is not 1, and the denominator of B."""
         den, num, lag, lead = self._polynomials
         if self.derivative_gain:
             return den, num, lag
@@ -427,47 +433,47 @@ class Decomposition:
     def _real(self, factor: fmpq_poly, other: fmpq_poly) -> Floats:
         return real_frequencies(factor, other, self.dead_time, self._limit)
 
-    # -- how far to look ----------------------------------------------------------------------------------
+    # -- bounds of gains and frequencies ------------------------------------------------------------------
 
     @property
     def _ends(self) -> tuple[float, float]:
-        """A and B at infinity, where both are largest."""
+        """Values of A and B at infinity, where both are largest."""
         lag = self.derivative_filter or 1.0
         return 1 + self.derivative_time / lag, self.derivative_gain / lag
 
     def gain_at_infinity(self, kp: float) -> float:
-        """L(infinity), not 0 only for a plant with as many zeros as poles."""
+        """Return L(infinity), which is 0 unless the plant has as many zeros as poles."""
         shape, fixed = self._ends
         return self.plant.feedthrough * (kp * shape + fixed)
 
     @cached_property
     def largest_kp(self) -> float:
-        """Every kp that stabilises, whatever ki, is smaller in size; inf without dead time."""
+        """Upper bound of |kp| for all stabilising kp and any ki; inf without dead time."""
         if self.dead_time == 0 or self.plant.gain == 0:
             return np.inf
         return self._unstable_from(self.plant, lambda kp: kp, lambda _: np.inf) + abs(self._ends[1])
 
     @property
     def _largest_proportional(self) -> float:
-        """Largest |kp A + B| on the axis."""
+        """Upper bound of |kp A + B| on the axis."""
         shape, fixed = self._ends
         return self.largest_kp * shape + abs(fixed)
 
     @cached_property
     def largest_ki(self) -> float:
-        """No ki beyond this stabilises, whatever kp; inf without dead time."""
+        """Upper bound of all stabilising ki for any kp; inf without dead time."""
         if self.dead_time == 0 or self.plant.gain == 0:
             return np.inf
         if self.derivative_filter == 0:
             return self._unstable_from(self._integrated, lambda ki: ki, lambda _: np.inf)
-        # where ki/omega is twice what the rest of C may be, half of it remains
+        # if ki/omega is at least twice the rest of C, |C| is at least half of it
         rest = 2 * self._largest_proportional
         return self._unstable_from(self._integrated, lambda ki: ki / 2, lambda ki: ki / rest)
 
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
     ) -> float:
-        """A gain k that satisfies the module's inequality, |L| being at least |system| factor(k) up to highest(k)."""
+        """Return a gain k for the module's inequality, with |L| >= |system| factor(k) up to highest(k)."""
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
         size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
         gain = float(np.exp(-np.quantile(size, 0.25)))
@@ -476,7 +482,7 @@ class Decomposition:
         return gain
 
     def _width_above_one(self, system: Rational, highest: float) -> float:
-        """Measure of the frequencies 0 < omega < highest with |system| > 1, rad/s; `system` strictly proper."""
+        """Return the measure of the frequencies 0 < omega < highest with |system| > 1, rad/s."""
         ends = np.minimum(np.append(0.0, Response(system, 0.0).gain_crossovers), highest)
         inside = system.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
@@ -487,17 +493,17 @@ class Decomposition:
 
     @staticmethod
     def _last_crossover(system: Rational) -> float:
-        """Frequency beyond which |system| < 1, rad/s; 0 if it always is."""
+        """Return the frequency above which |system| < 1, rad/s; 0 if this holds everywhere."""
         return float(np.max(Response(system, 0.0).gain_crossovers, initial=0.0))
 
     @cached_property
     def _limit(self) -> float:
-        """Frequency, rad/s, beyond which no gain within the largest is critical; inf without dead time."""
+        """Frequency, rad/s, above which no gain within the bounds is critical; inf without dead time."""
         if self.dead_time == 0:
             return np.inf
         if self.plant.gain == 0:
             return 0.0
-        # poles on the axis need |P| (|kp A + B| + ki/omega) >= 1, so that one of the two terms is at least half
+        # poles on the axis need |P| (|kp A + B| + ki/omega) >= 1, so that one of the two terms is >= 1/2
         limit = max(
             self._last_crossover(self.plant * (2 * self._largest_proportional)),
             self._last_crossover(self._integrated * (2 * self.largest_ki)),
@@ -505,14 +511,14 @@ class Decomposition:
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
             raise InputError(
-                f"plant: its gain stays level up to {limit:.3g} rad/s, over which the dead time of {self.dead_time:g} "
-                f"s turns {turned:.3g} rad: too many stability boundaries; add the actuator's lag"
+                f"plant: its gain does not fall up to {limit:.3g} rad/s, where the dead time of {self.dead_time:g} s "
+                f"has a phase of {turned:.3g} rad, more than {_MOST_TURNED:g}; add the actuator's lag"
             )
         return limit
 
 
 def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
-    """That of -s."""
+    """Return the polynomial of -s."""
     return polynomial(-_S)
 
 
@@ -521,17 +527,17 @@ def _even(polynomial: fmpq_poly) -> fmpq_poly:
 
 
 def _may_rise(omega: Floats, slope: Floats, size: Floats) -> Flags:
-    """Where a function of this slope over omega, whose terms are of this size, does not fall for certain.
+    """Mark frequencies at which a function with this slope, and terms of this size, may rise or be constant.
 
-    With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds),
-    of which the real part has the sign of -d/d omega of Im (R/A) for k = kp, of Re (R + kp A) for k = ki.
+    With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds). Its real
+    part has the sign of -d/d omega of Im (R/A) for k = kp, and of Re (R + kp A) for k = ki.
     """
     return np.asarray(slope * omega > -_SURELY_FALLING * size)
 
 
-@lru_cache(maxsize=16)  # the plants of a family are asked about the same gains one after another
+@lru_cache(maxsize=16)  # the plants of a family use the same gains one after another
 def _controller(kp: float, ki: float, derivative: float, lag: float) -> Rational:
-    """kp + ki/s + derivative s/(lag s + 1)."""
+    """Return kp + ki/s + derivative s/(lag s + 1)."""
     if derivative == 0:
         return pi_transfer_function(kp, ki)
     order = 3 if ki else 2  # without an integrator if ki = 0

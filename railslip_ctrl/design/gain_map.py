@@ -1,7 +1,7 @@
-"""Which gains keep an Ms at every operating point, as rows of a map; Ms over any two numbers of a controller, as cells.
+"""Map of the gains with Ms below a level at every operating point, and of Ms over any two parameters of a controller.
 
-A row is exact in its ends, by what each frequency forbids (`tuning_search`), as far as the loop within it is stable, by
-its root count.
+The ends of a row are exact: they follow from the gains that each frequency excludes (`tuning_search`), and the exact
+root count decides whether the loop between them is stable.
 """
 
 from __future__ import annotations
@@ -35,32 +35,36 @@ from .specification import Specification, family_margins
 from .tuning_search import Family
 
 LEVELS = (4.0, 3.0, 2.5, 2.0, 1.8, 1.6, 1.4)
-"""Ms of the contours, falling; the first bounds the map."""
+"""Ms of the contours, descending; the first bounds the map."""
 
-_SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # rows of a contour over its largest ki, closer near that
-_HALVINGS = 8  # of where a contour ends
-_HARDEST = 5  # plants that the quick map is of
-_SPAN = 4.0  # of cells: each number from a quarter to four times
-_LEAST_KI = 0.1  # 1/s: ki over kp, from which the top of a map is looked for where there is no integral action
-_NEAR_TOP = 1.06  # ratio to which the top is found
-_MOST_KI = 1e9  # over the gain that the top is looked for from: beyond, nothing bounds it
-_GRID = 200  # frequencies at which the hardest plant is looked for
+_SHARES = 1 - (1 - np.linspace(1e-4, 1.0, 12)) ** 1.7  # rows of a contour, relative to its largest ki, denser near it
+_HALVINGS = 8  # bisections for the end of a contour
+_HARDEST = 5  # number of plants of the quick map
+_SPAN = 4.0  # ratio of the largest to the middle value of a parameter in the cells
+_LEAST_KI = 0.1  # 1/s, ratio of ki to kp at which the search for the top begins without integral action
+_NEAR_TOP = 1.06  # ratio at which the search for the top ends
+_MOST_KI = 1e9  # ratio to the first ki at which the search ends, because nothing bounds ki
+_GRID = 200  # number of frequencies for finding the hardest plant
 
 Row = tuple[float, list[Interval]]
 
 
 @dataclass(frozen=True)
 class GainLevel:
-    """The gains that keep an Ms, or if that is None are stable: rows of ki, N*m/m, ascending, each with its intervals
-    of kp, N*m/(m/s)."""
+    """Gains with an Ms of at most `ms`, or all stabilising gains if that is None.
+
+    `rows` have ki, N*m/m, ascending, each with its intervals of kp, N*m/(m/s).
+    """
 
     ms: float | None
     rows: tuple[Row, ...]
 
 
 def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) -> tuple[GainLevel, ...]:
-    """The map of a PI's gains behind its lead, from stable to the least Ms of `LEVELS` that some gains keep at all the
-    plants; empty where nothing is stable."""
+    """Return the map of a PI's gains with its lead: the stabilising gains, then each of `LEVELS` that some gains meet.
+
+    All plants count. Empty if no gains stabilise.
+    """
     shape = PIController(PIGains(kp=1.0, ki=0.0), control.lead, control.lead_filter).transfer_function
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
     family = Family(systems, [actuator.dead_time] * len(systems), True, ())
@@ -68,25 +72,25 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     order = list(range(len(systems)))
 
     def holds_all(kp: float, ki: float) -> bool:
-        """By exact root counts; a plant that says no is asked first the next time."""
+        """Return True if all plants are stable, by exact root counts; an unstable plant is checked first next time."""
         controller = pi_transfer_function(kp, ki)
-        for place, i in enumerate(order):
+        for position, i in enumerate(order):
             if not DeadTimeLoop(controller * systems[i], actuator.dead_time).is_stable():
-                order.insert(0, order.pop(place))
+                order.insert(0, order.pop(position))
                 return False
         return True
 
     @cache
     def stable(ki: float) -> list[Interval]:
-        found: list[Interval] = []
+        intervals: list[Interval] = []
         for low, high in family.forbidden.gaps(ki, Specification()):
             if holds_all(0.5 * (low + high), ki):
-                touches = bool(found) and found[-1][1] == low
-                found[-1:] = [(found[-1][0], high)] if touches else [*found[-1:], (low, high)]
-        return found
+                touches = bool(intervals) and intervals[-1][1] == low
+                intervals[-1:] = [(intervals[-1][0], high)] if touches else [*intervals[-1:], (low, high)]
+        return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """No pole is on the axis where Ms is kept: what lies in a stable interval is stable."""
+        """Return the intervals of kp; with finite Ms no pole is on the axis, so that a whole gap is stable or not."""
         if ms is None or not stable(ki):
             return stable(ki)
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
@@ -98,18 +102,18 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
     if not shown:
         return ()
     top = _top(lambda ki: bool(row(ki, shown[0])), begin)
-    found: list[GainLevel] = []
+    levels: list[GainLevel] = []
     for ms in (None, *LEVELS):
         top = top if ms is None else _tip(lambda ki, ms=ms: bool(row(ki, ms)), top)  # type: ignore[misc]
         rows = [(ki, gaps) for ki in (top * _SHARES).tolist() if (gaps := row(ki, ms))]
         if not rows:
             break
-        found.append(GainLevel(ms, tuple(rows)))
-    return tuple(found)
+        levels.append(GainLevel(ms, tuple(rows)))
+    return tuple(levels)
 
 
 def _top(met: Callable[[float], bool], begin: float) -> float:
-    """A ki above all that meet something, and near the largest that does."""
+    """Return a ki slightly above the largest that meets a condition."""
     ki, ratio = begin, 2.0
     while ratio > _NEAR_TOP:
         higher = met(ki)
@@ -120,7 +124,7 @@ def _top(met: Callable[[float], bool], begin: float) -> float:
 
 
 def _tip(met: Callable[[float], bool], high: float) -> float:
-    """The largest ki up to one that meets something, by halving."""
+    """Return the largest ki up to `high` that meets a condition, by bisection."""
     if met(high):
         return high
     low = 0.0
@@ -131,20 +135,22 @@ def _tip(met: Callable[[float], bool], high: float) -> float:
 
 
 def ms_cells(
-    made: Callable[[float, float], Controller],
+    control_at: Callable[[float, float], Controller],
     around: tuple[float, float],
     count: tuple[int, int],
     plants: Sequence[LinearPlant],
     actuator: Actuator,
 ) -> tuple[list[float], list[float], Floats]:
-    """Worst Ms over two numbers of a controller: their values around two, and Ms, inf where a loop is unstable, NaN
-    where `made` allows no controller."""
+    """Return the worst Ms over two parameters of a controller: values of each parameter `around` one, and Ms.
+
+    Ms is inf if a loop is unstable, and NaN if `control_at` has no controller for the values.
+    """
     x, y = (_around(*pair) for pair in zip(around, count, strict=True))
-    ms, loops, places = np.full(count, np.nan), list[DeadTimeLoop](), list[tuple[int, int]]()
+    ms, loops, cells = np.full(count, np.nan), list[DeadTimeLoop](), list[tuple[int, int]]()
     case = np.arange(len(plants)), np.zeros(len(plants), dtype=int)
     for i, j in np.ndindex(*count):
         try:
-            control = made(x[i], y[j])
+            control = control_at(x[i], y[j])
         except RailslipError:
             continue
         own = control.stable_and_ms([plant.point for plant in plants], [actuator], case)
@@ -152,20 +158,20 @@ def ms_cells(
             ms[i, j] = float(np.where(own[0], own[1], np.inf).max())
             continue
         loops += [wheel_slip_loop(plant, control, actuator) for plant in plants]
-        places += [(i, j)] * len(plants)
+        cells += [(i, j)] * len(plants)
     margins = family_margins(loops, gain_margins=False)
-    np.fmax.at(ms, tuple(np.array(places, dtype=int).reshape(-1, 2).T), np.where(margins.stable, margins.ms, np.inf))
+    np.fmax.at(ms, tuple(np.array(cells, dtype=int).reshape(-1, 2).T), np.where(margins.stable, margins.ms, np.inf))
     return x, y, ms
 
 
 def _around(value: float, count: int) -> list[float]:
-    """Values around one in equal ratios; around 0 from -1 to 1."""
+    """Return values around one in equal ratios; around 0 from -1 to 1."""
     share = np.linspace(-1.0, 1.0, count)
     return [float(x) for x in (value * _SPAN**share if value else share)]
 
 
 def hard_plants(plants: Sequence[LinearPlant]) -> list[LinearPlant]:
-    """The fastest plants and the slowest: those that bound the gains from below and from above, as a rule."""
+    """Return the fastest plants and the slowest, which usually bound the gains from below and from above."""
     order = sorted(plants, key=_pole)
     return order if len(order) <= _HARDEST else [order[0], *order[1 - _HARDEST :]]
 
@@ -176,12 +182,15 @@ def _pole(plant: LinearPlant) -> float:
 
 @dataclass(frozen=True)
 class Screen:
-    """Which of many plants is the hardest for a controller, by |S| on a grid of frequencies; made by `of`.
+    """Quick choice of the hardest of many plants for a controller, by |S| on a grid of frequencies; made by `of`.
 
-    A look, to choose whose margins are worth their time: of a plant's loop that seems unstable the exact count decides.
+    It only selects the plant whose exact margins are then computed.
 
-    - omega: (m,), rad/s; responses: (n, m), of brake and wheel; right: (n,), poles of these right of the axis, those on
-      it by half; speeds: (n,), km/h; poles: (n,), the fastest, 1/s.
+    - omega: frequencies, rad/s, (m,).
+    - responses: frequency responses of brake and wheel, (n, m).
+    - right: number of their poles right of the axis, counting those on the axis by half, (n,).
+    - speeds: train speeds, km/h, (n,).
+    - poles: fastest pole of each plant, 1/s, (n,).
     """
 
     omega: Floats
@@ -192,7 +201,7 @@ class Screen:
 
     @classmethod
     def of(cls, points: EnvelopePoints) -> Screen:
-        """The plants of some points, with the brake as given."""
+        """Make the record for the plants of some points, with the vehicle's own actuator."""
         brake = points.vehicle.actuator
         loops = [DeadTimeLoop(actuated_plant(plant, brake), brake.dead_time) for plant in points.plants]
         low, high = zip(*(loop.feature_band() for loop in loops), strict=True)
@@ -206,8 +215,10 @@ class Screen:
         )
 
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
-        """The number of the plant, from a speed up, that is hardest for a continuous linear system; without one (None)
-        the fastest."""
+        """Return the index of the hardest plant at or above a speed for a continuous linear system.
+
+        Without a system (None) it is the plant with the fastest pole.
+        """
         above = self.speeds > from_kmh * (1 - 1e-9)
         allowed = above if above.any() else ~above
         if system is None:
@@ -217,7 +228,7 @@ class Screen:
             back = 1 + c(1j * self.omega) * self.responses
             turned = np.unwrap(np.angle(back), axis=1)
             peak = np.nan_to_num(1 / np.abs(back).min(axis=1), posinf=1e300)
-        # Nyquist's count, from 0 to infinity: what lacks of half a turn a pole right of the axis is unstable
+        # Nyquist criterion from 0 to infinity: stable if the angle turns by half a turn for each pole right of the axis
         right = self.right + np.count_nonzero(c.poles.real > 0) + np.count_nonzero(c.poles == 0) / 2
         unstable = (turned[:, -1] - turned[:, 0]) / np.pi < right - 0.5
         score = np.where(unstable, 1e300 * (1.5 + np.arctan(self.poles) / np.pi), peak)

@@ -1,15 +1,15 @@
-"""What no controller can beat: bounds that follow from the plant alone, before any tuning.
+"""Limits of performance for any controller, which follow from the plant alone, and the control effort of a controller.
 
-Two kinds are kept apart. *Theorems* hold for every stabilising linear controller (or every one of a structure that is
-named); *rules of thumb* tell where a sensible crossover can lie.
+The limits are of two kinds. *Theorems* hold for every stabilising linear controller, or for every one of a given
+structure. *Rules of thumb* give the range of a suitable crossover.
 
-The peaks. S vanishes at the unstable poles p_i, and T carries the dead time and the right-half-plane zeros, so that
-S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass B_p, B_z and S~, T~ stable. S + T = 1 then fixes T~ at the p_i, and
-the least peak is the Nevanlinna-Pick bound: gamma^2 is the largest eigenvalue of A^-1 W A W^* with
-A_ij = 1/(p_i + conj p_j), W = diag(exp(tau p_i)/B_z(p_i)). For one real pole that is exp(p tau) times |(z + p)/(z - p)|
-for each zero ([Astrom2021] 14.4). The same number bounds Ms: by commutant lifting ([Sarason1967]) each of the two least
-norms is 1/sin of the angle between the subspaces of H2 orthogonal to B_p H2 and to exp(-tau s) B_z H2, and an angle
-does not tell the two apart. So Ms >= exp(p tau) too, which is sharper than Mt - 1.
+The peaks: S is 0 at the unstable poles p_i, and T contains the dead time and the zeros right of the axis. Therefore
+S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass B_p, B_z and stable S~, T~. S + T = 1 then determines T~ at the p_i,
+and the smallest peak is the Nevanlinna-Pick bound: gamma^2 is the largest eigenvalue of A^-1 W A W^* with
+A_ij = 1/(p_i + conj p_j), W = diag(exp(tau p_i)/B_z(p_i)). For one real pole this is exp(p tau) times |(z + p)/(z - p)|
+for each zero ([Astrom2021] 14.4). The same number bounds Ms: by commutant lifting ([Sarason1967]) each of the two
+smallest norms is 1/sin of the angle between the subspaces of H2 orthogonal to B_p H2 and to exp(-tau s) B_z H2, which
+is the same angle for both. So Ms >= exp(p tau) too, which is sharper than Mt - 1.
 """
 
 from __future__ import annotations
@@ -27,22 +27,23 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
 
-# Unstable poles nearer than this, relative to their size, count once: fewer conditions bound less, never wrongly.
+# Relative distance below which unstable poles count as one. Fewer conditions give a lower, still valid bound.
 _DISTINCT = 1e-3
-_FASTEST = 300.0  # unstable pole times dead time; exp(2 x 300) is still a double
-# Allowable phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
+_FASTEST = 300.0  # largest unstable pole times dead time; exp(2 x 300) is in the range of doubles
+# Default of the largest phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
 _ALLOWED_LAG_DEG = 90.0
 
 
 @dataclass(frozen=True)
 class StructureLimit:
-    """What a PI behind a given phase can hope for. Theorem, for one unstable real pole and no zero right of the axis.
+    """Limits of a PI or PI-lead. Theorem for one unstable real pole and no zero right of the axis.
 
     A PI only adds lag, so that its phase margin is at most the plant's largest phase above -180 deg, and
     Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. A "PI-lead" cancels the lag, without a filter.
 
-    `phase_deg` is the bound on the phase margin, deg, <= 0 if nothing of the structure stabilises, met at `frequency`,
-    rad/s (NaN if the phase only falls); `ms_bound` that on Ms, inf if nothing stabilises.
+    - phase_deg: upper bound of the phase margin, deg, <= 0 if no controller of the structure stabilises.
+    - frequency: crossover with this phase margin, rad/s; NaN if the phase only falls.
+    - ms_bound: lower bound of Ms, inf if no controller of the structure stabilises.
     """
 
     structure: str
@@ -52,28 +53,29 @@ class StructureLimit:
 
     @property
     def feasible(self) -> bool:
-        """False if no controller of the structure stabilises. True does not yet promise that one does."""
+        """False if no controller of the structure stabilises; True is necessary, not sufficient."""
         return self.phase_deg > 0
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits set by a plant, its dead time tau (s) and its actuator lag T (s).
+    """Limits for any controller by a plant, its dead time tau (s) and its actuator lag T (s).
 
     - unstable_poles, unstable_zeros: plant poles and zeros with positive real part, 1/s.
     - unstable_pole: largest real part p among the poles, 1/s; 0 if the plant is stable.
     - doubling_time: ln 2/p, s; inf if the plant is stable.
-    - actuator_product: p (tau + T). Theorem: a PI stabilises k/(s - p) behind lag and dead time only if it is < 1, as
-      atan(omega/p) must exceed atan(T omega) + tau omega somewhere; `StructureLimit` needs no such form.
-    - mt_bound, ms_bound: no controller has a smaller Mt, Ms; theorem, see the module. At least 1.
+    - actuator_product: p (tau + T). Theorem: a PI stabilises k/(s - p) with lag and dead time only if it is < 1,
+      because atan(omega/p) must exceed atan(T omega) + tau omega somewhere; `StructureLimit` holds for other plants
+      too.
+    - mt_bound, ms_bound: lower bounds of Mt and Ms for any controller, >= 1; theorem, see the module.
     - bode_integral: integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of Re p_i. Theorem for L
       that falls faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
-    - crossover_range: tuple of float or None; gain crossovers, rad/s, at which the all-pass part, 2 sum atan(p/omega) +
-      tau omega + 2 sum atan(omega/z), costs at most `allowed_lag_deg`; None if none. Rule of thumb: the gain crossover
-      frequency inequality ([Astrom2021] 14.3), whose 90 deg is a phase margin of 45 deg at slope -1/2. For one pole or
-      dead time alone: omega > p, omega < pi/(2 tau).
-    - allowed_lag_deg: the lag that rule allows, deg.
-    - pi, pi_lead: none where that theorem says nothing: not one unstable real pole, or zeros right of the axis.
+    - crossover_range: tuple of float or None; gain crossovers, rad/s, at which the lag of the all-pass part,
+      2 sum atan(p/omega) + tau omega + 2 sum atan(omega/z), is at most `allowed_lag_deg`; None if there are none. Rule
+      of thumb: the gain crossover frequency inequality ([Astrom2021] 14.3); 90 deg mean a phase margin of 45 deg at
+      slope -1/2. For one pole or dead time alone: omega > p, omega < pi/(2 tau).
+    - allowed_lag_deg: largest lag by that rule, deg.
+    - pi, pi_lead: None if the theorem does not apply: not exactly one unstable real pole, or zeros right of the axis.
     """
 
     unstable_poles: tuple[complex, ...]
@@ -92,10 +94,10 @@ class Limits:
     pi_lead: StructureLimit | None
 
     def longest_dead_time(self, ms: float) -> float:
-        """Dead time, s, beyond which no linear controller of the plant has a peak |S| of at most `ms`, a ratio > 1.
+        """Return the dead time, s, above which no linear controller has a peak |S| of at most `ms`, a ratio > 1.
 
-        ln(ms)/p for one real pole and no zero right of the axis: a Ms of 2 ends at the doubling time. 0 if zeros right
-        of the axis forbid it without dead time too, inf for a stable plant. InputError for another `ms`.
+        It is ln(ms)/p for one real pole and no zero right of the axis: for Ms 2 the doubling time. 0 if zeros right of
+        the axis exclude `ms` even without dead time, inf for a stable plant. InputError unless `ms` > 1.
         """
         number("ms", ms, gt=1)
         poles, zeros = np.array(self.unstable_poles), np.array(self.unstable_zeros)
@@ -105,7 +107,7 @@ class Limits:
             return 0.0
         from scipy.optimize import brentq
 
-        # each pole alone costs exp(Re p tau) at least: the end lies below ln(ms)/p, and there for one real pole
+        # each pole gives a bound of at least exp(Re p tau): the result is at most ln(ms)/p, with equality for one pole
         top = math.log(ms) / self.unstable_pole
         if least_peak(poles, zeros, top) <= ms * (1.0 + 1e-12):
             return top
@@ -116,15 +118,15 @@ class Limits:
 def fundamental_limits(
     plant: Any, dead_time: float, *, lag: float = 0.0, allowed_lag_deg: float = _ALLOWED_LAG_DEG
 ) -> Limits:
-    """Limits of a plant with dead time, for unity negative feedback.
+    """Return the limits of a plant with dead time, for unity negative feedback.
 
     - plant: python-control system, `Rational`, or a real number; from command to output without the dead time, actuator
       lag included; either sign of gain.
-    - dead_time, lag: s, >= 0. A lag > 0 must be a pole -1/lag of `plant`: the one that a lead may cancel.
-    - allowed_lag_deg: deg, in (0, 180): for the rule on the crossover.
+    - dead_time, lag: s, >= 0. A lag > 0 must be a pole -1/lag of `plant`, which a lead may cancel.
+    - allowed_lag_deg: deg, in (0, 180), for the rule on the crossover.
 
-    Returns what no controller, no PI and no PI with a lead can beat, SI and deg. InputError: another kind of system, a
-    number outside its range, or a lag that is not in the plant.
+    Returns bounds for any controller, for a PI and for a PI-lead, SI and deg. InputError: another kind of system, a
+    number out of its range, or a lag that is not in the plant.
     """
     plant = Rational.from_control(plant, "plant")
     number("dead time", dead_time, "s", ge=0)
@@ -154,10 +156,10 @@ def fundamental_limits(
 
 
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
-    """Least sup|S| and sup|T| over all stabilising controllers, >= 1: the Nevanlinna-Pick bound of the module.
+    """Return the smallest sup|S| and sup|T| over all stabilising controllers, >= 1: the bound of the module.
 
     `poles` and `zeros` are those right of the imaginary axis, 1/s, conjugates included. Poles that almost coincide
-    are counted once, which lowers the bound. inf if a pole meets a zero: that plant cannot be stabilised.
+    are counted once, which lowers the bound. inf if a pole equals a zero, because no controller stabilises that plant.
     """
     poles = _distinct(np.asarray(poles, dtype=complex))
     if poles.size == 0:
@@ -166,12 +168,12 @@ def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
     if np.any(distance == 0):
         return math.inf
     if dead_time * float(poles.real.max()) > _FASTEST:
-        return math.inf  # beyond the range of doubles, and of any controller
+        return math.inf  # outside the range of doubles, and not controllable in practice
     values = np.exp(dead_time * poles) * np.prod((poles[:, None] + np.conj(zeros)) / distance, axis=1)
     if poles.size == 1:
         return max(1.0, float(np.abs(values[0])))
     gram = 1 / (poles[:, None] + poles.conj())
-    # scaled to a unit diagonal, which leaves the eigenvalues and helps their accuracy
+    # scale to a unit diagonal, which does not change the eigenvalues and improves their accuracy
     scale = np.sqrt(2 * poles.real)
     gram = gram * np.outer(scale, scale)
     root = np.linalg.inv(np.linalg.cholesky(gram))
@@ -194,14 +196,14 @@ def _without_lag(plant: Rational, lag: float) -> Rational:
     if at < 0 or abs(plant.poles[at] + 1 / lag) > 1e-6 / lag:
         raise InputError(f"lag: {lag:g} s is not in the plant (no pole at {-1 / lag:g} 1/s); give the plant's own lag")
     if plant.relative_degree == 0:
-        return plant  # nothing left to cancel without leaving the proper ones
+        return plant  # without this pole the plant would not be proper
     return Rational(plant.zeros, np.delete(plant.poles, at), plant.gain * lag)
 
 
 def _crossover_range(
     poles: Complexes, zeros: Complexes, dead_time: float, allowed: float
 ) -> tuple[float, float] | None:
-    """Widest interval round the frequency of least lag of the all-pass part."""
+    """Return the widest interval around the frequency of smallest lag of the all-pass part."""
 
     def lag_of(omega: Floats) -> Floats:
         w = omega[..., None]
@@ -221,16 +223,16 @@ def _crossover_range(
     above = best + np.flatnonzero(excess[best:] > 0)
 
     def edge(i: int) -> float:
-        found = bracketed_roots(lambda w, _: lag_of(w) - allowed, omega[[i]], omega[[i + 1]])
-        return float(found[0])
+        root = bracketed_roots(lambda w, _: lag_of(w) - allowed, omega[[i]], omega[[i + 1]])
+        return float(root[0])
 
     return (edge(int(below[-1])) if below.size else 0.0), (edge(int(above[0]) - 1) if above.size else math.inf)
 
 
 def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float) -> StructureLimit | None:
-    """The most phase above -180 deg that plant and dead time leave to a PI; None where that says nothing.
+    """Return the largest phase above -180 deg of plant and dead time, as a limit of a PI; None if it does not apply.
 
-    `peak` is the Ms that no controller beats.
+    `peak` is the lower bound of Ms for any controller.
     """
     unstable = plant.poles[plant.poles.real >= 0]
     if unstable.size != 1 or unstable[0].real == 0 or np.any(plant.zeros.real >= 0) or plant.gain == 0:
@@ -242,33 +244,34 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float)
         return StructureLimit(structure, 0.0, math.nan, math.inf)
     top = int(np.argmax(phase))
     if top in (0, nodes.size - 1) or np.count_nonzero(np.diff(np.sign(phase[1:] + np.pi))) > 1:
-        return None  # the phase does not come down, or is positive over several bands
-    found = bracketed_roots(lambda w, _: response.phase(w)[1], nodes[[top - 1]], nodes[[top + 1]])
-    most = float(response.phase(found)[0][0]) + math.pi
+        return None  # the phase has no maximum inside, or is above -180 deg in several bands
+    omega = bracketed_roots(lambda w, _: response.phase(w)[1], nodes[[top - 1]], nodes[[top + 1]])
+    most = float(response.phase(omega)[0][0]) + math.pi
     bound = 1 / (2 * math.sin(min(most, math.pi) / 2)) if most > 0 else math.inf
-    return StructureLimit(structure, math.degrees(most), float(found[0]), max(peak, bound))
+    return StructureLimit(structure, math.degrees(most), float(omega[0]), max(peak, bound))
 
 
 # --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
 
 
-SAMPLING_PERIOD = 0.005  #: s; measured noise is taken as white up to the Nyquist frequency of this period, 628 rad/s
+SAMPLING_PERIOD = 0.005  #: s; measurement noise is white up to the Nyquist frequency of this period, 628 rad/s
 
-_HORIZON = 20.0  # s; the peak rates come within the first few
-_TIME_STEP = 1e-3  # s
-_NOISE_POINTS = 40_000  # resolves the turns of the dead time, 15 of them for 0.15 s, and every resonance of a sane loop
-_VERY_FAST = 1e9  # 1/s, where C has its limit
+_HORIZON = 20.0  # s, duration of the responses; the peak rates occur in the first seconds
+_TIME_STEP = 1e-3  # s, time step of the responses
+_NOISE_POINTS = 40_000  # frequencies; resolve the turns of the dead time (15 for 0.15 s) and every practical resonance
+_VERY_FAST = 1e9  # 1/s, value of s at which C has its limit at infinity
 
 
 @dataclass(frozen=True)
 class Effort:
     """Control effort of a stable loop.
 
-    `high_frequency_gain` is |C(j infinity)|, N*m/(m/s). `noise_gain` is the standard deviation of the commanded torque
-    over that of white measurement noise up to the Nyquist frequency w: sqrt(1/w * integral over 0..w of |C S|^2),
-    N*m/(m/s). `reference_rate` is the largest |rate| of the acting torque (behind dead time and lag), N*m/s, on a step
-    of 1 km/h of the reference or the measurement, inf without lag if C jumps; `disturbance_rate` the same on an impulse
-    of torque at the wheel that makes the slip velocity jump by 1 km/h.
+    - high_frequency_gain: |C(j infinity)|, N*m/(m/s).
+    - noise_gain: standard deviation of the commanded torque relative to that of white measurement noise up to the
+      Nyquist frequency w: sqrt(1/w * integral over 0..w of |C S|^2), N*m/(m/s).
+    - reference_rate: largest |rate| of the acting torque (after dead time and lag), N*m/s, for a step of 1 km/h of
+      reference or measurement; inf without lag if C jumps.
+    - disturbance_rate: the same for an impulse of torque at the wheel that changes the slip velocity by 1 km/h.
     """
 
     high_frequency_gain: float
@@ -280,11 +283,14 @@ class Effort:
 def control_effort(
     controller: Any, plant: Any, dead_time: float, *, lag: float, sampling_period: float = SAMPLING_PERIOD
 ) -> Effort:
-    """Effort of C(s) in a loop that the caller knows to be stable (the numbers mean nothing otherwise).
+    """Return the control effort of C(s) in a stable loop; the caller has to check the stability.
 
-    `controller` is a linear system or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity;
-    `plant` a linear system from commanded torque to -e without the dead time, lag included, as of `actuated_plant`; the
-    actuator's `dead_time` and `lag`, s, >= 0, and the `sampling_period`, s, > 0. InputError for others.
+    - controller: linear system, or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity.
+    - plant: linear system from commanded torque to -e without the dead time, lag included, as from `actuated_plant`.
+    - dead_time, lag: of the actuator, s, >= 0.
+    - sampling_period: s, > 0.
+
+    InputError: an argument of wrong type or out of its range.
     """
     number("dead time", dead_time, "s", ge=0)
     number("lag", lag, "s", ge=0)
@@ -298,14 +304,14 @@ def control_effort(
         return np.asarray(c / (1 + c * plant(s) * np.exp(-dead_time * s)))
 
     far = np.asarray(controller(_VERY_FAST * np.array([1.0 + 0j, 10.0]))).real
-    at_once = float(10 * far[1] - far[0]) / 9  # C = C(inf) + c/s: the second term drops out
+    at_once = float(10 * far[1] - far[0]) / 9  # extrapolates C = C(inf) + c/s to infinity
     nyquist = math.pi / sampling_period
     omega = (np.arange(_NOISE_POINTS) + 0.5) * nyquist / _NOISE_POINTS
     noise = math.sqrt(float(np.mean(np.abs(torque(1j * omega)) ** 2)))
     wheel_gain = plant.gain * (lag or 1.0)
 
     def wheel(s: Any) -> Complexes:
-        """Slip velocity after a jump by 1, times s."""
+        """Return the transform of the slip velocity after a jump by 1, times s."""
         return np.asarray(plant(s) * (lag * s + 1) * s / wheel_gain)
 
     reference = _peak_rate(torque, lag, at_once)
@@ -314,17 +320,18 @@ def control_effort(
 
 
 def _peak_rate(torque: Callable[[Any], Complexes], lag: float, at_once: float) -> float:
-    """Largest |r(t)|, t > 0, of R(s) = torque(s)/(lag s + 1), the jump at_once/lag at 0 included.
+    """Return the largest |r(t)|, t > 0, of R(s) = torque(s)/(lag s + 1), the jump at_once/lag at 0 included.
 
-    The Fourier series of exp(-c t) r(t) on a shifted contour; what falls as 1/s is taken out and added in closed form.
+    Computed by the Fourier series of exp(-c t) r(t) on a shifted contour. The part that falls as 1/s is added in closed
+    form.
     """
     if lag == 0 and at_once != 0:
         return math.inf
     jump = at_once / (lag or 1.0)
     count = round(_HORIZON / _TIME_STEP)
-    shift = 12.0 / _HORIZON  # what folds back from beyond the horizon is exp(-12) of itself
+    shift = 12.0 / _HORIZON  # aliasing from times after the horizon is damped by exp(-12)
     omega = 2 * np.pi * np.arange(count // 2 + 1) / _HORIZON
-    # a cosine taper at the top keeps the cut from ringing
+    # a cosine taper at high frequency avoids ringing
     taper = np.cos(np.pi / 2 * omega / omega[-1]) ** 2
     s = shift + 1j * omega
     series = np.fft.irfft((torque(s) - at_once) / (lag * s + 1) * taper, n=count) / _TIME_STEP

@@ -1,4 +1,4 @@
-"""Gains scheduled over speed and rail, the lowest speed that can be held, and margins swept over speed or slip."""
+"""Gains scheduled over speed and rail, the lowest stable speed, and margins swept over speed or slip."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from .specification import family_margins
 from .stabilizing import stabilizing_pi
 from .tuning import tune_pi
 
-_SPEED_TOLERANCE_KMH = 1e-6
-_LOWEST_KMH = 0.5  # km/h; slower, nobody controls slip
-_BETWEEN = 25  # speeds at which interpolated gains are checked
+_SPEED_TOLERANCE_KMH = 1e-6  # km/h, tolerance of the bisection for the lowest speed
+_LOWEST_KMH = 0.5  # km/h, lowest speed that is searched; slip is not controlled below
+_BETWEEN = 25  # number of speeds at which interpolated gains are checked
 
 
 @checked
 def plant_at(
     law: str, vehicle: Vehicle, rail: Rail, speed_kmh: float, initial_speed_kmh: float = INITIAL_SPEED_KMH
 ) -> LinearPlant:
-    """The linear plant at a law's published reference slip.
+    """Return the linear plant at a law's published reference slip, SI.
 
-    - law: a published law's name, for the vehicle's wheel load.
-    - vehicle: with the load that it has.
+    - law: name of a published law, for the vehicle's wheel load.
+    - vehicle: vehicle with its present load.
     - rail: "dry" or "wet".
     - speed_kmh, initial_speed_kmh: train speed and v0 of the law, km/h.
 
-    In SI, with its operating point. InputError: a law without a reference slip, or an argument of another kind.
+    InputError: a law without a reference slip, or an argument of wrong type.
     """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     slip = adhesion.reference_slip(rail)
@@ -62,10 +62,10 @@ def schedule_gains(
     lead: float = 0.0,
     lead_filter: float = 0.0,
 ) -> GainSchedule:
-    """Tune a PI (with one lead for all, s) at each speed and rail, over the vehicle's empty and loaded mass.
+    """Tune a PI (with one lead for all, s) at each speed and rail, for the empty and the loaded vehicle.
 
-    At each entry ki is maximised under Ms <= ms_max; between the entries Ms may exceed it a little.
-    InfeasibleDesignError where an entry cannot be met, naming it; InputError for no speeds.
+    At each entry ki is maximised with Ms <= ms_max; between the entries Ms may be slightly larger.
+    InfeasibleDesignError, with rail and speed, if an entry is infeasible; InputError without speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -83,7 +83,7 @@ def schedule_gains(
 
 
 def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
-    """The schedule with what its own loops do: between the entries, and down to the lowest speed they hold."""
+    """Return the schedule with its worst Ms, also between the entries, and its lowest stable speed."""
 
     def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
         controller = draft.controller(speed_kmh * KMH, rail)
@@ -94,14 +94,14 @@ def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
     for rail in dict.fromkeys(e.rail for e in draft.entries):
         speeds = [e.speed_kmh for e in draft.entries if e.rail is rail]
         between = np.linspace(min(speeds), max(speeds), _BETWEEN)
-        found = family_margins([loop for speed in between for loop in loops(rail, float(speed))])
-        worst = max(worst, float(found.ms.max()) if found.stable.all() else math.inf)
+        margins = family_margins([loop for speed in between for loop in loops(rail, float(speed))])
+        worst = max(worst, float(margins.ms.max()) if margins.stable.all() else math.inf)
         top = max(speeds)
 
-        def held(speed_kmh: float, rail: Rail = rail) -> bool:
+        def stable(speed_kmh: float, rail: Rail = rail) -> bool:
             return all(loop.is_stable() for loop in loops(rail, speed_kmh))
 
-        lowest = max(lowest, _lowest(held, min(_LOWEST_KMH, top / 2), top, "this schedule does not hold the loop"))
+        lowest = max(lowest, _lowest(stable, min(_LOWEST_KMH, top / 2), top, "this schedule is unstable"))
     return replace(draft, lowest_speed_kmh=lowest, worst_ms=worst)
 
 
@@ -113,37 +113,39 @@ def lowest_held_speed(
     ms_max: float = math.inf,
     low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Lowest speed, km/h, from which up to 100 km/h the controller holds the loop (with Ms <= ms_max if given).
+    """Return the lowest speed, km/h, above which the loop is stable up to 100 km/h (with Ms <= ms_max if given).
 
-    `plant` gives the linear plant at a speed in km/h. `low_kmh` if held down to there; InfeasibleDesignError if
-    not held at 100 km/h either.
+    `plant` gives the linear plant at a speed in km/h. The result is at least `low_kmh`. InfeasibleDesignError if the
+    loop is not stable at 100 km/h.
     """
 
-    def held(speed_kmh: float) -> bool:
+    def stable(speed_kmh: float) -> bool:
         loop = wheel_slip_loop(plant(speed_kmh), controller, actuator)
         return loop.is_stable() and (math.isinf(ms_max) or loop.margins().ms <= ms_max)
 
-    return _lowest(held, low_kmh, INITIAL_SPEED_KMH, "this controller does not hold the loop")
+    return _lowest(stable, low_kmh, INITIAL_SPEED_KMH, "the loop with this controller is unstable or has too large Ms")
 
 
 def lowest_stabilisable_speed(
     plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
-    """Lowest speed, km/h, at which any PI (with this lead) can hold the loop, by the exact stabilising set; 0.5 if it
-    can down to there."""
+    """Return the lowest speed, km/h, at which some PI (with this lead) stabilises the loop, by the exact set of gains.
+
+    The result is at least 0.5 km/h.
+    """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
 
     def stabilisable(speed_kmh: float) -> bool:
         system = compensator * actuated_plant(plant(speed_kmh), actuator)
         return stabilizing_pi(system, dead_time=actuator.dead_time).kp_range is not None
 
-    return _lowest(stabilisable, _LOWEST_KMH, INITIAL_SPEED_KMH, "no PI of this structure holds the loop")
+    return _lowest(stabilisable, _LOWEST_KMH, INITIAL_SPEED_KMH, "no PI of this structure stabilises the loop")
 
 
-def _lowest(holds: Callable[[float], bool], low: float, high: float, complaint: str) -> float:
-    """Lower end of the interval of speeds, reaching up to `high`, on which `holds` is true."""
+def _lowest(holds: Callable[[float], bool], low: float, high: float, message: str) -> float:
+    """Return the lower end of the interval of speeds, up to `high`, on which `holds` is true."""
     if not holds(high):
-        raise InfeasibleDesignError(f"{complaint} at {high:g} km/h; lower the upper speed or change the design")
+        raise InfeasibleDesignError(f"{message} at {high:g} km/h; lower the upper speed or change the design")
     grid = np.geomspace(high, low, 60)
     failing = next((i for i, speed in enumerate(grid) if not holds(float(speed))), None)
     if failing is None:
@@ -159,12 +161,12 @@ def _lowest(holds: Callable[[float], bool], low: float, high: float, complaint: 
 
 
 Controller = Any
-"""A fixed linear controller (`controllers.linear_controller`), or a function of the sweep's own axis that gives one."""
+"""Fixed linear controller (`systems.linear_controller`), or a function of the sweep's axis that returns one."""
 
 
 @dataclass(frozen=True)
 class MarginSweep:
-    """Margins by controller name along an axis, arrays (n,), NaN where unstable; the plant's rightmost `pole`, 1/s."""
+    """Margins by controller name along an axis, arrays (n,), NaN if unstable; the plant's rightmost `pole`, 1/s."""
 
     title: str
     axis: str
@@ -183,7 +185,7 @@ def sweep_speed(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Margins against train speed (km/h) at the law's reference slip."""
+    """Return margins over train speed (km/h) at the law's reference slip."""
     plants = [plant_at(law, vehicle, rail, speed, initial_speed_kmh) for speed in speeds_kmh]
     slip = plants[0].point.slip if plants else math.nan
     title = f"{law}, {rail} rail, slip {slip:g}, M {vehicle.mass:g} kg"
@@ -200,7 +202,7 @@ def sweep_slip(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Margins against slip ratio at one train speed (km/h), through the adhesion peak."""
+    """Return margins over slip ratio at one train speed (km/h), through the adhesion peak."""
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     plants = [linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail)) for slip in slips]
     title = f"{law}, {rail} rail, {speed_kmh:g} km/h, M {vehicle.mass:g} kg"

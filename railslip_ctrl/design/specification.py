@@ -1,4 +1,4 @@
-"""What a design must keep, and the margins of many plants under one controller."""
+"""Specification of a design, and the margins of many plants with one controller."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, fill_alone, stack
 
 ROBUST_MS = 2.0
-"""Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
+"""Largest robust Ms: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
 
-_ROUNDING = 1e-6  # relative: a design tuned to the limit meets it to less than that
+_ROUNDING = 1e-6  # relative tolerance for a design that was tuned to the limit
 
 
 def is_robust(ms: float) -> bool:
-    """Whether a loop of that Ms is called robust: at most `ROBUST_MS`, rounding aside."""
+    """Return True if Ms is at most `ROBUST_MS`, with a tolerance for rounding."""
     return ms <= ROBUST_MS * (1.0 + _ROUNDING)
 
 
 @dataclass(frozen=True)
 class Specification:
-    """What a design must keep at every plant; None is not asked for.
+    """Requirements on a design at every plant; None means no requirement.
 
     - ms_max: largest Ms, a ratio, > 1.
-    - phase_min_deg: least phase margin, deg, 0 to 180.
-    - delay_min_s: least delay margin, s, >= 0.
-    - crossover: lowest and highest gain crossover, rad/s, that of the phase margin.
+    - phase_min_deg: smallest phase margin, deg, 0 to 180.
+    - delay_min_s: smallest delay margin, s, >= 0.
+    - crossover: lowest and highest gain crossover with the phase margin, rad/s.
 
-    InputError: a value of another kind or out of its range.
+    InputError: a value of wrong type or out of its range.
     """
 
     ms_max: float | None = None
@@ -54,12 +54,12 @@ class Specification:
 
     @property
     def only_ms(self) -> bool:
-        """Whether nothing but Ms is asked for."""
+        """True if there is no requirement besides Ms."""
         return self.phase_min_deg is None and self.delay_min_s is None and self.crossover is None
 
     @property
     def words(self) -> str:
-        """What is asked for, in words; empty if nothing is."""
+        """Requirements as text; empty without requirements."""
         parts = []
         if self.ms_max is not None:
             parts.append(f"Ms <= {self.ms_max:g}")
@@ -77,7 +77,7 @@ class Specification:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst of each margin over a family of stable loops, and the member (index) it belongs to."""
+    """Worst value of each margin over a family of stable loops, with the index of its loop."""
 
     ms: float
     ms_member: int
@@ -88,11 +88,11 @@ class Worst:
 
 
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
-    """Margins of loops of any structures, in their order; NaN where a loop is unstable.
+    """Return the margins of loops of any structures, in their order; NaN if a loop is unstable.
 
-    Without `gain_margins` or `peaks` (Ms, Mt, disk margin) those are NaN, and the rest takes less time.
+    Without `gain_margins` or `peaks` (Ms, Mt, disk margin) these are NaN, which saves time.
     """
-    found: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
+    columns: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}
     for i, loop in enumerate(loops):
         groups.setdefault((loop.system.zeros.size, loop.system.poles.size), []).append(i)
@@ -100,17 +100,17 @@ def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, 
         if zeros < poles:
             stacked = stack([loops[i].system for i in members], [loops[i].dead_time for i in members])
             part = batch_margins(*stacked, gain_margins=gain_margins, peaks=peaks)
-            for name in found:
-                found[name][members] = getattr(part, name)
-        else:  # the batch takes strictly proper loops alone
+            for name in columns:
+                columns[name][members] = getattr(part, name)
+        else:  # `batch_margins` is only for strictly proper loops
             for i in members:
-                fill_alone(loops[i], i, found)
-    stable = found.pop("stable") == 1
-    return BatchMargins(stable=stable, **found)
+                fill_alone(loops[i], i, columns)
+    stable = columns.pop("stable") == 1
+    return BatchMargins(stable=stable, **columns)
 
 
 def worst_of(margins: BatchMargins) -> Worst | None:
-    """The worst of each margin; None if any loop is unstable."""
+    """Return the worst value of each margin; None if any loop is unstable."""
     if not margins.stable.all():
         return None
     ms, phase, delay = (int(f) for f in (margins.ms.argmax(), margins.phase_deg.argmin(), margins.delay_s.argmin()))

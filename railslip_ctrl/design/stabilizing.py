@@ -1,11 +1,11 @@
-"""The exact set of (kp, ki) for which a PI, or a PID with its derivative part fixed, stabilises a dead-time plant.
+"""Exact set of (kp, ki) for which a PI, or a PID with fixed derivative part, stabilises a plant with dead time.
 
-The boundaries come from the D-decomposition (`decomposition`); which of the cells between them are stable is
-decided by the exact root count inside each ([Gryazina2008]; [Silva2005] has first-order plants in closed form).
+The boundaries come from the D-decomposition (`decomposition`); the exact root count decides which cells between them
+are stable ([Gryazina2008]; [Silva2005] has first-order plants in closed form).
 
-What is certain is shown in ball arithmetic: a root count, or a whole rectangle. The gains with a pole at j omega are
-those with ki + j omega kp = R(omega), R = -j omega/P(j omega): one pair a frequency. If R keeps out of the rectangle at
-every omega > 0 and one of its points is stable, all are.
+Certified results use ball arithmetic, for a root count or for a whole rectangle. A pole at j omega needs
+ki + j omega kp = R(omega), R = -j omega/P(j omega), one pair of gains for each frequency. If R is outside the rectangle
+at every omega > 0 and one point of the rectangle is stable, all points are.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from .specification import family_margins
 # --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
 
 _BITS = 80
-_OUTWARD = 16.0  # factor by which the ends of the frequencies looked at move out until a bound holds beyond them
-_MOST_PARTS = 5_000
+_OUTWARD = 16.0  # factor by which the ends of the frequency band move outward until a bound holds beyond them
+_MOST_PARTS = 5_000  # largest number of parts of the frequency band
 
 
 def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
@@ -58,7 +58,7 @@ def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
 
 
 def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
-    """Whether no (kp + ki/s) of a closed rectangle is shown to put a pole on the axis."""
+    """Return True if it is shown that no (kp + ki/s) of a closed rectangle puts a pole on the axis."""
     integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
@@ -66,9 +66,9 @@ def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: 
 
 
 def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
-    """Frequencies below and above which no gain of the rectangle puts a pole on the axis; None if none are found.
+    """Return the band outside of which no gain of the rectangle puts a pole on the axis; None if none is found.
 
-    Below, |R| = 1/|P/s| < ki; above, |P| (|kp| + ki/omega) < 1. Both are monotone there.
+    Below the band |R| = 1/|P/s| < ki, above it |P| (|kp| + ki/omega) < 1. Both are monotone there.
     """
     low, high = _ends(integrated)[0], _ends(plant)[1]
     most = max(abs(kp[0]), abs(kp[1]))
@@ -83,15 +83,15 @@ def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> 
 
 
 def _ends(response: Response) -> Interval:
-    """A frequency below and one above all at which |L| turns back, jumps or vanishes."""
+    """Return a frequency below and one above all turning points, jumps and zeros of |L|."""
     roots = np.concatenate([response.system.zeros, response.system.poles])
-    found = [float(w.mid()) for w, _ in ExactLoop(response.system, response.dead_time).frequencies(SIZE)]
-    found += np.abs(roots[roots != 0]).tolist()
-    return (min(found) / 2, max(found) * 2) if found else (1.0, 1.0)
+    omega = [float(w.mid()) for w, _ in ExactLoop(response.system, response.dead_time).frequencies(SIZE)]
+    omega += np.abs(roots[roots != 0]).tolist()
+    return (min(omega) / 2, max(omega) * 2) if omega else (1.0, 1.0)
 
 
 def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Whether R stays out of the rectangle between two frequencies, rad/s."""
+    """Return True if R stays outside the rectangle between two frequencies, rad/s."""
     left, parts = [(low, high)], 0
     while left:
         a, b = left.pop()
@@ -105,11 +105,11 @@ def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: 
 
 
 def _outside(integrated: Response, low: float, middle: float, high: float, kp: Interval, ki: Interval) -> bool:
-    """Whether a disc that holds R over a part lies beside the rectangle."""
+    """Return True if a disc that contains R over a part of the band is outside the rectangle."""
     value, slope = integrated.exact.value(arb(middle))
     half = arb(max(high - middle, middle - low)) * (1 + arb(2) ** -50)
     r = -1 / value
-    # |d^2 ln L/d omega^2|, a sum of positive terms in doubles
+    # bound of |d^2 ln L/d omega^2|, a sum of positive terms in doubles
     bend = arb(float(integrated.bend(np.array([low]), np.array([high]))[0]) * (1 + 1e-12))
     radius = abs(r) * (half * abs(slope) + half * half / 2 * bend).expm1()
     if not radius.is_finite():
@@ -123,7 +123,7 @@ def _outside(integrated: Response, low: float, middle: float, high: float, kp: I
 
 
 class Region(ABC):
-    """A set of (kp, ki), ki >= 0, that stabilises one plant, or each of several.
+    """Set of (kp, ki), ki >= 0, that stabilises one plant, or each of several.
 
     kp is in units of the plant's input over its output, ki in that per second, for negative feedback. Each end is exact
     to rounding.
@@ -132,50 +132,50 @@ class Region(ABC):
     @property
     @abstractmethod
     def kp_intervals(self) -> Intervals:
-        """All open intervals of kp that stabilise with ki > 0 arbitrarily small, ascending; ends may be infinite."""
+        """Open intervals of kp that stabilise with arbitrarily small ki > 0, ascending; ends may be infinite."""
 
     @abstractmethod
     def ki_intervals(self, kp: float) -> Intervals:
-        """All open intervals of ki > 0 that stabilise at this kp, ascending; the last may end at inf."""
+        """Return the open intervals of ki > 0 that stabilise at this kp, ascending; the last may end at inf."""
 
     @abstractmethod
     def contains(self, kp: float, ki: float) -> bool:
-        """Whether (kp, ki) stabilises, by the exact root count; ki = 0 is P control. False on the boundary.
+        """Return True if (kp, ki) stabilises, by the exact root count; ki = 0 is P control. False on the boundary.
 
         InputError for a gain that is not finite.
         """
 
     def certified_contains(self, kp: float, ki: float) -> bool:
-        """As `contains`, every step of the root count in ball arithmetic."""
+        """Return the same as `contains`, with every step of the root count in ball arithmetic."""
         responses = [Response(loop.system, loop.dead_time) for loop in self.loops(kp, ki)]
-        return ki >= 0 and all(root_count(one, certain=True).stable for one in responses)
+        return ki >= 0 and all(root_count(response, certain=True).stable for response in responses)
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Whether all gains of a closed rectangle, ki > 0, are shown to stabilise, by ball arithmetic.
+        """Return True if ball arithmetic shows that all gains of a closed rectangle, ki > 0, stabilise.
 
         InputError for ends that are not finite or not ascending.
         """
 
     @abstractmethod
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
-        """The loop of each plant with these gains, stable or not. InputError for a gain that is not finite."""
+        """Return the loop of each plant with these gains, stable or not. InputError for a gain that is not finite."""
 
     @property
     @abstractmethod
     def reason(self) -> str:
-        """Why `kp_range` is None; empty where it is not."""
+        """Reason why `kp_range` is None; empty otherwise."""
 
     @property
     def kp_range(self) -> Interval | None:
-        """(lowest, highest) end of `kp_intervals`; None where they are empty, see `reason`."""
-        found = self.kp_intervals
-        return (found[0][0], found[-1][1]) if found else None
+        """Lowest and highest end of `kp_intervals`; None if there are none, see `reason`."""
+        intervals = self.kp_intervals
+        return (intervals[0][0], intervals[-1][1]) if intervals else None
 
     def ki_limit(self, kp: float) -> float:
-        """Upper end of the last of `ki_intervals` at this kp; 0.0 where there is none."""
-        found = self.ki_intervals(kp)
-        return found[-1][1] if found else 0.0
+        """Return the upper end of the last of `ki_intervals` at this kp; 0.0 if there is none."""
+        intervals = self.ki_intervals(kp)
+        return intervals[-1][1] if intervals else 0.0
 
     def plot(
         self,
@@ -184,20 +184,20 @@ class Region(ABC):
         kp_limit: float = math.inf,
         ki_limit: float = math.inf,
     ) -> Any:
-        """The region with contours of its worst margins, a matplotlib figure; errors as `region_map`.
+        """Plot the region with contours of its worst margins as a matplotlib figure; errors as `region_map`.
 
-        `chosen` are (kp, ki) to mark, in the region's units, by name; `kp_limit` and `ki_limit` gains > 0 in those
-        units up to which to draw it.
+        `chosen` are (kp, ki) to mark by name, in the region's units; `kp_limit` and `ki_limit` are the largest gains to
+        draw, > 0, in the same units.
         """
         strips, grid = region_map(self, kp_limit, ki_limit)
-        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, imported only for plotting
         title = "Gains that stabilise"
         return plots.region_figure(strips, grid, chosen or {}, title=title, kp_unit="u/y", ki_unit="u/(y·s)")
 
 
 @dataclass(frozen=True)
 class StabilizingRegion(Region):
-    """The stabilising set of one plant: the stable cells of its `decomposition` of the (kp, ki) plane.
+    """Stabilising set of one plant: the stable cells of its `decomposition` of the (kp, ki) plane.
 
     Made by `stabilizing_pi` and `stabilizing_pid`.
     """
@@ -206,12 +206,12 @@ class StabilizingRegion(Region):
 
     @property
     def plant(self) -> Rational:
-        """P in factored form, without the dead time."""
+        """Plant P in factored form, without the dead time."""
         return self.decomposition.plant
 
     @property
     def dead_time(self) -> float:
-        """Dead time, s."""
+        """Dead time of the plant, s."""
         return self.decomposition.dead_time
 
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
@@ -223,9 +223,11 @@ class StabilizingRegion(Region):
         return ki >= 0 and self._count(kp, ki).stable
 
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """As of `Region`. InputError also for a PID with a derivative part, which is not covered."""
+        """Return the same as for `Region`. InputError also for a PID with a derivative part."""
         if self.decomposition.derivative_filter:
-            raise InputError("certified rectangle: a PID with a derivative part is not covered; use certified_contains")
+            raise InputError(
+                "certified rectangle: a PID with a derivative part is not supported; use certified_contains"
+            )
         _ascending("kp", kp)
         _ascending("ki", ki, gt=0.0)
         return self.certified_contains(kp[0], ki[0]) and _without_poles_on_axis(self.plant, self.dead_time, kp, ki)
@@ -237,12 +239,12 @@ class StabilizingRegion(Region):
 
     @cached_property
     def p_intervals(self) -> Intervals:
-        """All open intervals of kp that stabilise with ki = 0, whatever an integrator would do, ascending."""
+        """Open intervals of kp that stabilise with ki = 0, ascending, also where an integrator would not."""
         return stable_intervals(self._critical, self._reference_gain, lambda kp: self._count(kp, 0.0), signed=True)
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if nothing stabilises, not even larger ki where `kp_range` is None."""
+        """True if no gains stabilise, not even larger ki if `kp_range` is None."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -259,8 +261,8 @@ class StabilizingRegion(Region):
             return ""
         if self._hidden.size:
             return (
-                f"nothing stabilises: the plant's pole at {self._hidden[0]:.6g} 1/s is cancelled by a zero, so that no "
-                "controller reaches it; remove it from the plant if it is not there"
+                f"no gains stabilise: the plant's pole at {self._hidden[0]:.6g} 1/s is cancelled by a zero, so that no "
+                "controller affects it; remove both from the plant if they are not real"
             )
         if self.p_intervals or self._sign_at_origin == 0 or (self._sign_at_origin < 0 and not self.plant.feedthrough):
             return self._reason_of_sign()
@@ -268,16 +270,16 @@ class StabilizingRegion(Region):
         which = ", ".join(f"{p:.6g}" for p in unstable)
         one = self._fewest_unstable == 1
         poles = f"{self._fewest_unstable:g} closed-loop {'pole stays' if one else 'poles stay'} unstable"
-        told = f"no kp stabilises with small ki: at least {poles}"
+        reason = f"no kp stabilises with small ki: at least {poles}"
         if unstable.size:
-            told += f" (real part of the plant's unstable poles: {which} 1/s"
-            told += f"; unstable pole times dead time is {unstable[0] * self.dead_time:.6g})"
+            reason += f" (real part of the plant's unstable poles: {which} 1/s"
+            reason += f"; unstable pole times dead time is {unstable[0] * self.dead_time:.6g})"
         if self._island:
             kp, (low, high) = self._island
             return (
-                f"{told}; larger ki does stabilise, for example at kp = {kp:.6g} with ki from {low:.6g} to {high:.6g}"
+                f"{reason}; larger ki does stabilise, for example at kp = {kp:.6g} with ki from {low:.6g} to {high:.6g}"
             )
-        return f"{told}; no PI can: add a lead, or reduce the dead time or the lags"
+        return f"{reason}; no PI can: add a lead, or reduce the dead time or the lags"
 
     # -- internals ----------------------------------------------------------------------------------------
 
@@ -290,35 +292,35 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _reference_frequency(self) -> float:
-        """A frequency of the plant's, rad/s; any will do in an unbounded cell."""
+        """Mean frequency of the plant's roots, rad/s, used as scale in an unbounded cell."""
         sizes = np.abs(np.concatenate([self.plant.poles, self.plant.zeros]))
         sizes = sizes[sizes > 0]
         return float(np.exp(np.log(sizes).mean())) if sizes.size else 1.0
 
     @cached_property
     def _reference_gain(self) -> float:
-        """1/|P| at about that frequency."""
+        """Value of 1/|P| near the reference frequency."""
         inverse = np.abs(self.decomposition.inverse(self._reference_frequency * np.array([0.83, 1.0, 1.21])))
         usable = inverse[np.isfinite(inverse) & (inverse > 0)]
         return float(usable.min()) if usable.size else 1.0
 
     @cached_property
     def _hidden(self) -> Complexes:
-        """Poles not left of the axis that a zero cancels exactly."""
-        found = np.intersect1d(self.plant.zeros, self.plant.poles)
-        return np.asarray(found[found.real >= 0], dtype=np.complex128)
+        """Poles on or right of the axis that a zero cancels exactly."""
+        common = np.intersect1d(self.plant.zeros, self.plant.poles)
+        return np.asarray(common[common.real >= 0], dtype=np.complex128)
 
     @cached_property
     def _sign_at_origin(self) -> float:
-        """Sign of the plant's numerator N at s = 0, the denominator D monic."""
+        """Sign of the plant's numerator N at s = 0, for a monic denominator D."""
         zeros = self.plant.zeros
         return float(np.sign(self.plant.gain) * np.prod(np.sign(-zeros[zeros.imag == 0].real)))
 
     def _integral_allowed(self, kp: float) -> bool:
-        """Whether any ki > 0 can stabilise at this kp.
+        """Return True if some ki > 0 may stabilise at this kp.
 
-        On the real axis s D + (kp s + ki) N exp(-tau s) is ki N(0) at the origin and has the sign of
-        1 + kp P(inf) far out: if the two differ there is a positive real zero (the same with a derivative).
+        On the real axis s D + (kp s + ki) N exp(-tau s) is ki N(0) at the origin and has the sign of 1 + kp P(inf) for
+        large s. If the signs differ there is a positive real zero, also with a derivative part.
         """
         far = 1.0 + self.decomposition.gain_at_infinity(kp)
         return bool(self._sign_at_origin * far > 0)
@@ -327,13 +329,13 @@ class StabilizingRegion(Region):
         if self.plant.gain == 0:
             return "no ki > 0 stabilises: the plant is 0; give a plant with a gain"
         if self._sign_at_origin == 0:
-            told = "no ki > 0 stabilises: the plant's zero at s = 0 cancels the integrator"
+            reason = "no ki > 0 stabilises: the plant's zero at s = 0 cancels the integrator"
             remedy = "use P control"
         else:
-            told = "no ki > 0 stabilises: the sign of the plant's numerator at s = 0 leaves a real pole unstable"
+            reason = "no ki > 0 stabilises: the sign of the plant's numerator at s = 0 leaves a real pole unstable"
             remedy = "change the sign of the plant"
         ranges = ", ".join(f"{low:.6g} < kp < {high:.6g}" for low, high in self.p_intervals)
-        return f"{told}; {remedy}" + (f" (ki = 0 stabilises for {ranges})" if ranges else "")
+        return f"{reason}; {remedy}" + (f" (ki = 0 stabilises for {ranges})" if ranges else "")
 
     @property
     def _fewest_unstable(self) -> float:
@@ -346,20 +348,22 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _island(self) -> tuple[float, Interval] | None:
-        """A kp with stabilising ki although small ki do not, by a column between any two kp at which the boundary meets
-        ki = 0 or turns back."""
+        """Find a kp for which some ki stabilises although small ki does not; None if there is none.
+
+        One kp is tried between any two at which the boundary meets ki = 0 or has a turning point.
+        """
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
         for kp in probes_between([-math.inf, *edges.tolist(), math.inf], self._reference_gain):
-            found = self.ki_intervals(kp)
-            if found:
-                return kp, found[0]
+            intervals = self.ki_intervals(kp)
+            if intervals:
+                return kp, intervals[0]
         return None
 
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """The gains that lie in all of `regions`; made by `intersection`. `names` are what `reason` calls their plants."""
+    """Gains that are in all of `regions`; made by `intersection`. `names` are names of the plants for `reason`."""
 
     regions: tuple[Region, ...]
     names: tuple[str, ...] = ()
@@ -375,7 +379,7 @@ class IntersectionRegion(Region):
 
     @cached_property
     def kp_intervals(self) -> Intervals:
-        # ki small enough for each of finitely many plants is small enough for all: intersecting kp is exact
+        # the smallest of the sufficiently small ki of all plants serves all: the intersection over kp is exact
         return common_intervals([region.kp_intervals for region in self.regions])
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -392,30 +396,30 @@ class IntersectionRegion(Region):
             more = f" (nor {len(alone) - 1} more of the {len(names)})" if len(alone) > 1 else ""
             return f"{name}{more}: {reason}"
         sets = [(name, r.kp_intervals) for name, r in zip(names, self.regions, strict=True)]
-        # two that exclude each other are reason enough
+        # two disjoint sets are a sufficient reason
         apart = next(([a, b] for a, b in itertools.combinations(sets, 2) if not common_intervals([a[1], b[1]])), sets)
-        told = "; ".join(
-            f"{name}: " + ", ".join(f"{low:.6g} < kp < {high:.6g}" for low, high in found) for name, found in apart
+        ranges = "; ".join(
+            f"{name}: " + ", ".join(f"{low:.6g} < kp < {high:.6g}" for low, high in own) for name, own in apart
         )
-        return f"no kp stabilises all plants with small ki ({told}); schedule the gains"
+        return f"no kp stabilises all plants with small ki ({ranges}); schedule the gains"
 
 
 @checked
 def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
-    """All (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
+    """Return all (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
 
     The loop is L(s) = (kp + ki/s) P(s) exp(-dead_time s), and a gain stabilises if 1 + L has no root with real part
-    >= 0, the dead time exact ([Gryazina2008]; [WaltonMarshall1987]). With the wheel's plant, from brake torque to
+    >= 0, with exact dead time ([Gryazina2008]; [WaltonMarshall1987]). For the wheel's plant, from brake torque to
     sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
-    ([Park2008] (3), Table 4); the set of a plant of the other sign has kp < 0.
+    ([Park2008] (3), Table 4). For a plant of opposite sign kp < 0.
 
     - plant: python-control TransferFunction or StateSpace, `Rational`, or a real number; P, controlled variable over
       controller output, the actuator's lag included; any units, time in s. SISO, may be unstable; strictly proper if
       there is dead time.
     - dead_time: s, >= 0.
 
-    Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is
-    empty `kp_range` is None, and `reason` says why. InputError: the plant or the dead time is not of this form.
+    Returns the whole open set; kp in units of the plant's input over its output, ki in that per second. If it is empty,
+    `kp_range` is None, and `reason` states why. InputError: the plant or the dead time is not of this form.
     """
     return _region(plant, dead_time)
 
@@ -429,7 +433,7 @@ def stabilizing_pid(
     derivative_time: float | None = None,
     derivative_gain: float | None = None,
 ) -> StabilizingRegion:
-    """All (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
+    """Return all (kp, ki) with ki >= 0 for which a PID with fixed derivative part stabilises; see `stabilizing_pi`.
 
     - plant, dead_time: as for `stabilizing_pi`.
     - derivative_filter: Tf, s, > 0, in C(s) = kp + ki/s + kd s/(Tf s + 1).
@@ -439,7 +443,7 @@ def stabilizing_pid(
     InputError: both or neither of derivative time and gain, or a value outside its range.
     """
     if (derivative_time is None) == (derivative_gain is None):
-        raise InputError("PID: give either derivative_time (s) or derivative_gain, not both and not neither")
+        raise InputError("PID: derivative_time (s) and derivative_gain exclude each other; give exactly one")
     return _region(
         plant,
         dead_time,
@@ -451,10 +455,10 @@ def stabilizing_pid(
 
 @checked
 def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
-    """The gains that lie in every one of `regions`, intervals and all, in their units.
+    """Return the gains that are in every one of `regions`, in their units.
 
-    `names` are what to call the plant of each where the intersection is empty; left out, by number. InputError: no
-    region is given, or another number of names.
+    `names` are names of the plants for the reason of an empty intersection; by default numbers. InputError: no region
+    is given, or the number of names differs.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
@@ -477,17 +481,17 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
 # --- maps: the outline over kp, margins over a grid of gains ----------------------------------------------------------
 
 
-_GRID = 50, 40  # kp by ki: contours without visible corners
-_COLUMNS = 120  # of an outline
-_BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
+_GRID = 50, 40  # points of kp and ki; contours have no visible corners
+_COLUMNS = 120  # columns of an outline
+_BISECTIONS = 40  # bisections for the end of a strip, from the column spacing to rounding
 
 
 @dataclass(frozen=True)
 class Strip:
     """Part of a region between two curves, in the region's units.
 
-    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending. `kp_cut` and `ki_cut` tell that the region goes
-    on past the kp largest in size, and past the largest ki_high: there `outline` was told to stop.
+    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending. `kp_cut` and `ki_cut` are True if the region
+    continues beyond the limit of kp or ki that was given to `outline`.
     """
 
     kp: Floats
@@ -498,7 +502,7 @@ class Strip:
 
     @property
     def polygon(self) -> Floats:
-        """The closed outline, shape (2 n, 2), columns kp and ki."""
+        """Closed outline, shape (2 n, 2), columns kp and ki."""
         return np.column_stack(
             [np.concatenate([self.kp, self.kp[::-1]]), np.concatenate([self.ki_low, self.ki_high[::-1]])]
         )
@@ -508,8 +512,8 @@ class Strip:
 class MarginGrid:
     """Worst margins over all plants of a region, arrays of shape (kp.size, ki.size), NaN outside the region.
 
-    `kp` and `ki` are the grid lines in the region's units; `ms` peak of |S|, a ratio, `phase_deg` smallest phase margin
-    in size, deg, `delay_s` smallest delay margin, s.
+    `kp` and `ki` are the grid lines in the region's units; `ms` is the peak of |S|, a ratio, `phase_deg` the smallest
+    magnitude of the phase margin, deg, `delay_s` the smallest delay margin, s.
     """
 
     kp: Floats
@@ -521,17 +525,17 @@ class MarginGrid:
 
 @checked
 def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> tuple[Strip, ...]:
-    """The region as strips over 120 columns of kp, closer towards the ends of `region.kp_range`; exact in every column.
+    """Return the region as strips over 120 columns of kp, exact in each column.
 
-    A strip lies between two continuous boundaries. `kp_limit` and `ki_limit` are gains > 0, in the region's units, past
-    which nothing is drawn; a strip that goes on past them says so. By default the whole region.
+    Columns are denser at the ends of `region.kp_range`. A strip lies between two continuous boundaries. `kp_limit` and
+    `ki_limit` are the largest gains, > 0, in the region's units; a strip that continues beyond them is marked. By
+    default the whole region.
 
-    A strip's ends are refined only where the number of intervals changes between columns; what appears and
-    vanishes between two of them is not seen. `Region.contains` is what decides.
+    A strip's ends are refined only where the number of intervals changes between columns. Parts that appear and vanish
+    between two columns are missed; `Region.contains` is exact.
 
-    From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without
-    bound and no `ki_limit` is given. InputError: the region goes on without bound in kp, and no limit is given; a limit
-    is not > 0.
+    The strips are in order of kp; none for an empty region. `ki_high` is inf if ki is unbounded and no `ki_limit` is
+    given. InputError: the region is unbounded in kp, and no limit is given; a limit is not > 0.
     """
     for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
         if not limit > 0:
@@ -542,11 +546,11 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
     sets = {x: region.ki_intervals(x) for x in columns.tolist()}
     for left, right in itertools.pairwise(columns.tolist()):
         if len(sets[left]) != len(sets[right]):
-            sets |= _where_the_number_changes(region, left, right)
+            sets |= _at_change_of_number(region, left, right)
     strips = []
     for count, group in itertools.groupby(sorted(sets.items()), key=lambda column: len(column[1])):
         alike = list(group)
-        strips += [_strip(alike, place, ki_limit) for place in range(count)]
+        strips += [_strip(alike, index, ki_limit) for index in range(count)]
     least, most = region.kp_range or (math.nan, math.nan)
     cut = [float(columns[0])] if least < -kp_limit else []
     cut += [float(columns[-1])] if most > kp_limit else []
@@ -556,7 +560,7 @@ def outline(region: Region, *, kp_limit: float = math.inf, ki_limit: float = mat
 
 @checked
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
-    """Exact margins at each pair of gains inside a `region`; see `MarginGrid`.
+    """Return the exact margins at each pair of gains inside a `region`; see `MarginGrid`.
 
     `kp` and `ki` are the grid lines, 1-D, in the plant's unit of gain and that per second; ki = 0 is P control.
     InputError: a gain is not finite.
@@ -578,23 +582,23 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
 def region_map(
     region: Region, kp_limit: float = math.inf, ki_limit: float = math.inf
 ) -> tuple[tuple[Strip, ...], MarginGrid]:
-    """A region's `outline` up to limits of kp and ki, and margins over a grid within it.
+    """Return a region's `outline` up to limits of kp and ki, and the margins over a grid within it.
 
-    InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
+    InputError for an empty region, with the reason, and for an unbounded region without a limit.
     """
     strips = outline(region, kp_limit=kp_limit, ki_limit=ki_limit)
     if not strips:
         raise InputError(f"region: there is nothing to draw; {region.reason or 'give larger limits'}")
     top = max(float(strip.ki_high.max()) for strip in strips)
     if math.isinf(top):
-        raise InputError("region: it goes on without bound in ki; give ki_limit, up to which to draw it")
+        raise InputError("region: it is unbounded in ki; give ki_limit, the largest ki to draw")
     low, high = min(float(strip.kp[0]) for strip in strips), max(float(strip.kp[-1]) for strip in strips)
     return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
 
 
-def _strip(columns: Sequence[tuple[float, Intervals]], place: int, ki_limit: float) -> Strip:
-    """What the intervals of one place bound in columns of kp with as many each."""
-    low, high = np.array([sets[place] for _, sets in columns]).T
+def _strip(columns: Sequence[tuple[float, Intervals]], index: int, ki_limit: float) -> Strip:
+    """Return the strip of the intervals with one index, in columns of kp with equal numbers of intervals."""
+    low, high = np.array([sets[index] for _, sets in columns]).T
     kp, ki_cut = np.array([x for x, _ in columns]), bool((high > ki_limit).any())
     return Strip(kp, np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
 
@@ -605,23 +609,23 @@ def _columns(region: Region, kp_limit: float) -> Floats:
     low, high = max(region.kp_range[0], -kp_limit), min(region.kp_range[1], kp_limit)
     if math.isinf(high - low):
         raise InputError(
-            f"outline: the region goes on without bound, kp from {low:.6g} to {high:.6g}; give kp_limit, up to which "
-            "to draw it"
+            f"outline: the region is unbounded, kp from {low:.6g} to {high:.6g}; give kp_limit, the largest |kp| to "
+            "draw"
         )
     if low >= high:
         return np.array([])
-    # the boundary leaves the ends of the range steeply
+    # denser at the ends of the range, where the boundary is steep
     return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(_COLUMNS) + 0.5) / _COLUMNS)))
 
 
-def _where_the_number_changes(region: Region, left: float, right: float) -> dict[float, Intervals]:
-    """Neighbouring columns, with their intervals, on the two sides of a change in number between two."""
-    found = {x: region.ki_intervals(x) for x in (left, right)}
+def _at_change_of_number(region: Region, left: float, right: float) -> dict[float, Intervals]:
+    """Return neighbouring columns with their intervals on both sides of a change of the number of intervals."""
+    columns = {x: region.ki_intervals(x) for x in (left, right)}
     for _ in range(_BISECTIONS):
         middle = 0.5 * (left + right)
-        found[middle] = region.ki_intervals(middle)
-        if len(found[middle]) == len(found[left]):
+        columns[middle] = region.ki_intervals(middle)
+        if len(columns[middle]) == len(columns[left]):
             left = middle
         else:
             right = middle
-    return {x: found[x] for x in (left, right)}
+    return {x: columns[x] for x in (left, right)}

@@ -29,7 +29,7 @@ __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_functio
 
 @dataclass(frozen=True)
 class PIDesign:
-    """Tuned gains, the margins of every plant with them, and the worst.
+    """Tuned PI gains with the margins of every plant and the worst of them.
 
     kp in units of plant input per output, ki in that per second.
     """
@@ -55,28 +55,28 @@ def tune_pi(
     compensator: Any = None,
     names: Sequence[str] = (),
 ) -> PIDesign:
-    """One PI, kp + ki/s, for all the plants.
+    """Tune one PI, kp + ki/s, for all plants.
 
     - plants: python-control system, `Rational`, or a sequence of them; from controller output to controlled variable,
       without the dead time; negative feedback.
-    - dead_time: s; one for all plants, or one each.
-    - ms_max, phase_min_deg, delay_min_s: what every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin,
-      s. ki is maximised under it; how surely, see below.
+    - dead_time: s; one for all plants, or one for each.
+    - ms_max, phase_min_deg, delay_min_s: requirements on every loop: largest Ms, a ratio, > 1; smallest phase margin,
+      deg; smallest delay margin, s. ki is maximised under them.
     - crossover: lowest and highest gain crossover, rad/s; see `Specification`.
-    - minimise_ms: instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants
-      are stable that is next to no gain, and Ms next to 1: give `ms_max` then.
+    - minimise_ms: minimise the worst Ms at ki >= `ki_min` instead, under the other requirements. If all plants are
+      stable, the result is almost zero gain with Ms near 1; give `ms_max` then.
     - ki_min: in the plant's unit of gain per second, > 0; without it the integral action would vanish.
     - compensator: python-control system, `Rational`, or a real number; a further transfer function in series with the
       PI, such as a lead.
-    - names: what an error calls each plant; left out, by number.
+    - names: names of the plants for errors; by default numbers.
 
-    The gains meet the specification exactly, and ki is the largest near them. Elsewhere, for kp up to four times what
-    stabilises with little ki: under a bound on Ms (up to 50) larger ki are shown not to meet it, except where the gains
-    that do span less than 4 % of ki; without one, rows of ki 25 % apart are looked at.
+    The gains meet the specification exactly, and ki is a local maximum. The search covers kp up to four times the
+    values that stabilise with small ki. With a bound on Ms (up to 50) it excludes larger ki rigorously, except for
+    feasible gains that span less than 4 % of ki. Without such a bound it samples rows of ki 25 % apart.
 
     Returns kp, in units of the plants' input per output, ki, in that per second, and the margins of every plant.
-    InfeasibleDesignError: no PI meets the specification; the message gives the best that can be achieved. InputError:
-    no plants, an argument of another kind, or a specification that contradicts itself.
+    InfeasibleDesignError: no PI meets the specification; the message has the best achievable value. InputError: no
+    plants, an argument of wrong type, or a contradictory specification.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     systems = _systems(plants, compensator)
@@ -92,7 +92,7 @@ def tune_pi(
 
 
 def _tuned(family: Family, specification: Specification, ki_min: float | None) -> PIDesign:
-    """The design of largest ki, or of least Ms with at least a given ki."""
+    """Return the design with the largest ki, or with the smallest Ms at or above a given ki."""
     if ki_min is not None:
         kp, ki = least_ms(family, specification, number("ki_min", ki_min, gt=0))
     elif specification == Specification(crossover=specification.crossover):
@@ -107,9 +107,9 @@ def _tuned(family: Family, specification: Specification, ki_min: float | None) -
 
 @checked
 def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
-    """(kp, ki) with |L(j crossover)| = 1 and arg L = -180 deg + phase margin there, exactly.
+    """Return (kp, ki) with exactly |L(j crossover)| = 1 and arg L = -180 deg + phase margin there.
 
-    InfeasibleDesignError: that PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another
+    InfeasibleDesignError: this PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another
     crossover.
     """
     number("crossover", crossover, "rad/s", gt=0)
@@ -118,22 +118,22 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     at = DeadTimeLoop(system, dead_time)(1j * crossover)
     wanted = -np.exp(1j * math.radians(phase_margin_deg)) / at
     kp, ki = float(wanted.real), float(-wanted.imag * crossover)
-    asked = f"crossover {crossover:g} rad/s with phase margin {phase_margin_deg:g} deg"
+    required = f"crossover {crossover:g} rad/s with phase margin {phase_margin_deg:g} deg"
     if ki < 0:
         raise InfeasibleDesignError(
-            f"{asked} needs ki = {ki:.4g} < 0: the plant's own phase there leaves {phase_margin_deg:g} deg only to a "
-            "lead; ask for a smaller phase margin or another crossover, or add a lead"
+            f"{required} needs ki = {ki:.4g} < 0, because the plant's phase there is too low; choose a smaller phase "
+            "margin or another crossover, or add a lead"
         )
     loop = DeadTimeLoop(pi_transfer_function(kp, ki) * system, dead_time)
     if not loop.is_stable():
         raise InfeasibleDesignError(
-            f"{asked} gives kp = {kp:.4g}, ki = {ki:.4g}, which does not stabilise the plant "
+            f"{required} gives kp = {kp:.4g}, ki = {ki:.4g}, which does not stabilise the plant "
             f"({loop.unstable_closed_loop_poles:g} unstable poles); choose another crossover"
         )
     smallest = loop.margins().phase_deg
     if smallest < phase_margin_deg * (1 - 1e-9):
         raise InfeasibleDesignError(
-            f"{asked} is met, but another gain crossover leaves only {smallest:.4g} deg; choose another crossover"
+            f"{required} is met, but another gain crossover has only {smallest:.4g} deg; choose another crossover"
         )
     return kp, ki
 
@@ -145,27 +145,27 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
     extra = Rational.from_control(1.0 if compensator is None else compensator, "compensator")
     systems = [extra * Rational.from_control(plant, "plants") for plant in members]
     if not all(system.gain for system in systems):
-        raise InputError("plants: one is 0, with its compensator; give plants with a gain")
+        raise InputError("plants: one is 0, with its compensator; give plants with nonzero gain")
     return systems
 
 
 def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
     count = len(plants) if isinstance(plants, (list, tuple)) else 1
-    given: list[float] = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
-    if len(given) not in (1, count):
-        raise InputError(f"dead_time: {len(given)} values for {count} plants; give one, or one each")
-    return given * count if len(given) == 1 else given
+    values: list[float] = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
+    if len(values) not in (1, count):
+        raise InputError(f"dead_time: {len(values)} values for {count} plants; give one, or one for each")
+    return values * count if len(values) == 1 else values
 
 
 # --- tuning at operating points, with the structures that the command offers ------------------------------------------
 
 
-_LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times looked at first, over the actuator's lag
+_LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times of the first grid, relative to the actuator's lag
 
 
 @dataclass(frozen=True)
 class TunedCases:
-    """What was asked of a structure at some operating points, and the design, or None and the reason; SI."""
+    """Tuning problem of a structure at some operating points, with its design, or None and the reason; SI."""
 
     kind: type[PI]
     points: tuple[OperatingPoint, ...]
@@ -178,12 +178,12 @@ class TunedCases:
 
     @property
     def asked(self) -> str:
-        """The specification in words."""
+        """Goal and specification as text."""
         goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
         return ", ".join(filter(None, [goal, self.specification.words]))
 
     def controller(self, design: PIDesign) -> PIController:
-        """The controller with the design's gains."""
+        """Return the controller with the design's gains."""
         return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
 
 
@@ -197,12 +197,13 @@ def tune_cases(
     lead: float | None = None,
     lead_filter: float | None = None,
 ) -> TunedCases:
-    """Tune one controller for all the plants; an infeasible specification is a result, with its reason.
+    """Tune one controller for all plants; an infeasible specification gives a result without design, with its reason.
 
-    `kind` is that of the controller: behind kp + ki/s it has its `compensator`. A `PI` has none; a `PILead` has a lead
-    at the actuator's lag, or `lead`, s; of a `PID` the lead is searched between 0.3 and 3 times the lag. `lead_filter`,
-    s, is a tenth of the lead if not given. With `ki_min`, N*m/m, the worst Ms is minimised at ki of at least this; else
-    ki is maximised.
+    - kind: class of the controller, which sets the compensator in series with kp + ki/s: none for a `PI`; for a
+      `PILead` a lead at the actuator's lag, or `lead`, s; for a `PID` a lead that is searched between 0.3 and 3 times
+      the lag.
+    - lead_filter: time constant of the lead's filter, s; by default a tenth of the lead.
+    - ki_min: smallest ki, N*m/m, at which the worst Ms is minimised; without it ki is maximised.
 
     InputError for an unknown structure, a lead for a plain PI, or a contradictory specification.
     """
@@ -218,13 +219,13 @@ def tune_cases(
 
 
 def _searched(tuned: Callable[[float | None], TunedCases], lag: float) -> TunedCases:
-    """PID: the derivative time that serves the specification best, between 0.3 and 3 times the actuator's lag."""
+    """Return the result with the best derivative time of a PID, between 0.3 and 3 times the actuator's lag."""
     from scipy.optimize import minimize_scalar
 
     tried: dict[float, TunedCases] = {}
 
     def cost(log_time: float) -> float:
-        """Ms, or minus ki."""
+        """Return Ms, or minus ki."""
         cases = tried[log_time] = tried.get(log_time) or tuned(math.exp(log_time))
         if cases.design is None:
             return 1e30
@@ -267,17 +268,19 @@ def _tune(
 
 # --- one PI for some operating points, at a fixed integral time -------------------------------------------------------
 
-# Integral time in units of the actuator's dead time and lag together: the corner of the integral action lies far
-# enough below the crossover to cost the fragile loop less than 2 deg of phase, and the offset still dies out.
+# Integral time relative to dead time plus lag. The corner of the integral action is then far below the crossover and
+# costs less than 2 deg of phase margin, while the offset still decays.
 _INTEGRAL_TIME = 50.0
 
 
 @dataclass(frozen=True)
 class CommonPI:
-    """PI gains of least worst Ms over some operating points, at a fixed integral time.
+    """PI gains with the smallest worst Ms over some operating points, at a fixed integral time.
 
-    `worst_ms` is the largest peak of |S| over the operating points, a ratio; `integral_time` kp/ki, s; `gain_range` the
-    kp that stabilise all of them at that integral time, N*m/(m/s), those of `controller` among them.
+    - controller: the PI.
+    - worst_ms: largest peak of |S| over the operating points, a ratio.
+    - integral_time: kp/ki, s.
+    - gain_range: interval of kp that stabilises all of them at that integral time, N*m/(m/s).
     """
 
     controller: PIController
@@ -288,10 +291,10 @@ class CommonPI:
 
 @checked
 def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
-    """The kp that minimises the worst Ms over `plants`, at integral time 50 (dead time + lag), s, of the `actuator`.
+    """Return the PI that minimises the worst Ms over `plants`, at integral time 50 (dead time + lag) of the `actuator`.
 
-    Returns kp in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all the plants; says the range
-    of each. Or all are stable: zero gain then has the least Ms. InputError: no plant is given.
+    kp is in N*m/(m/s), ki in N*m/m. InfeasibleDesignError: no single kp stabilises all plants (the message has the
+    range of each), or all plants are stable, so that zero gain has the smallest Ms. InputError: no plant is given.
     """
     from scipy.optimize import minimize_scalar
 
@@ -299,8 +302,8 @@ def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
         raise InputError("common PI: no operating point is given; give at least one")
     if not any(np.any(plant.poles.real >= 0) for plant in plants):
         raise InfeasibleDesignError(
-            "the wheel is stable by itself at every operating point, and least Ms asks for zero gain, which is no "
-            "controller; tune the largest ki under an Ms instead"
+            "the wheel is stable without control at every operating point, and zero gain has the smallest Ms; maximise "
+            "ki with a bound on Ms instead"
         )
     integral_time = _INTEGRAL_TIME * ((actuator.dead_time + actuator.lag) or 0.02)
     shape = Rational(np.array([-1 / integral_time]), np.array([0.0]), 1.0)
@@ -315,28 +318,28 @@ def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
 
     top = min(high, 1e6 * (low or 1.0))
     ends = math.log(low or 1e-6 * top), math.log(top)
-    # quasi-convex in ln kp inside the stabilising range
-    found = minimize_scalar(worst_ms, bounds=ends, method="bounded", options={"xatol": 1e-10})
-    kp = math.exp(found.x)
+    # Ms is quasi-convex in ln kp inside the stabilising range
+    best = minimize_scalar(worst_ms, bounds=ends, method="bounded", options={"xatol": 1e-10})
+    kp = math.exp(best.x)
     controller = PIController(PIGains(kp=kp, ki=kp / integral_time))
-    return CommonPI(controller, float(found.fun), integral_time, (low, high))
+    return CommonPI(controller, float(best.fun), integral_time, (low, high))
 
 
 def _common_range(
     plants: Sequence[LinearPlant], loops: Sequence[DeadTimeLoop], actuator: Actuator
 ) -> tuple[float, float]:
     ranges = [loop.stabilizing_gain_range for loop in loops]
-    found = [r for r in ranges if r is not None]
-    low, high = max((r[0] for r in found), default=0.0), min((r[1] for r in found), default=0.0)
-    if len(found) == len(ranges) and low < high:
+    stabilisable = [r for r in ranges if r is not None]
+    low, high = max((r[0] for r in stabilisable), default=0.0), min((r[1] for r in stabilisable), default=0.0)
+    if len(stabilisable) == len(ranges) and low < high:
         return low, high
-    told = "; ".join(
+    texts = "; ".join(
         f"{plant.point.rail} {plant.point.speed_kmh:g} km/h: "
         + ("none" if r is None else f"{r[0]:.4g} to {r[1]:.4g} N*m/(m/s)")
         + f" (unstable pole times actuator {max(plant.poles.real.max(), 0) * (actuator.dead_time + actuator.lag):.3g})"
         for plant, r in zip(plants, ranges, strict=True)
     )
-    raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {told}")
+    raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {texts}")
 
 
 # --- loop shaping by hand ---------------------------------------------------------------------------------------------
@@ -344,9 +347,9 @@ def _common_range(
 
 @checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
-    """The frequency, rad/s, at which a `loop` L has its largest phase, and that phase, rad, continuous.
+    """Return the frequency, rad/s, at which a `loop` L has its largest phase, and that phase, rad, continuous.
 
-    InputError: the phase has no interior maximum (it only falls).
+    InputError: the phase only falls and has no maximum.
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -359,7 +362,7 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 
 @checked
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
-    """Factor, > 0, on the gain of a `loop` that makes |L(j omega)| = 1 at an `omega`, rad/s, > 0.
+    """Return the factor, > 0, on the gain of a `loop` that makes |L(j omega)| = 1 at an `omega`, rad/s, > 0.
 
     InputError: omega is not finite and positive.
     """
@@ -367,15 +370,15 @@ def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     return float(1 / np.abs(loop(1j * omega)))
 
 
-# --- published tuning rules, for comparison: refused where they do not hold -------------------------------------------
+# --- published tuning rules, for comparison; InputError for plants outside their range --------------------------------
 
 
-# Relative imaginary part that rounding leaves of a triple real root of an expanded polynomial.
+# Largest relative imaginary part of a root that counts as real; rounding of a triple root of a polynomial stays below.
 _REAL = 1e-3
 
 
 class Kind(StrEnum):
-    """What the slowest pole of a model does."""
+    """Type of the slowest pole of a model."""
 
     STABLE = "stable"
     INTEGRATING = "integrating"
@@ -384,9 +387,9 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class FirstOrderModel:
-    """gain exp(-theta s)/(T s + 1) if stable, /(T s - 1) if unstable, /s if integrating.
+    """First-order model gain exp(-theta s)/(T s + 1) if stable, /(T s - 1) if unstable, /s if integrating.
 
-    `gain` is output over input, (m/s)/(N*m) for the wheel, per second if integrating; `time_constant` T (inf if
+    `gain` is output over input, (m/s)/(N*m) for the wheel, per second if integrating; `time_constant` is T (inf if
     integrating) and `dead_time` theta, s.
     """
 
@@ -397,7 +400,7 @@ class FirstOrderModel:
 
     @property
     def transfer_function(self) -> Rational:
-        """The model without its dead time."""
+        """Transfer function of the model without its dead time."""
         if self.kind is Kind.INTEGRATING:
             return Rational(np.array([]), np.array([0.0]), self.gain)
         sign = 1.0 if self.kind is Kind.UNSTABLE else -1.0
@@ -406,9 +409,10 @@ class FirstOrderModel:
 
 @dataclass(frozen=True)
 class RuleTuning:
-    """What a rule gives, C(s) = kp + ki/s + kd s, which need not stabilise the full plant, and the model it took.
+    """Controller of a tuning rule, C(s) = kp + ki/s + kd s, and the model that it used.
 
-    `derivative_gain` is kd, N*m/(m/s^2) for the wheel, 0 for a PI; `closed_loop_time` the rule's knob, s.
+    It may not stabilise the full plant. `derivative_gain` is kd, N*m/(m/s^2) for the wheel, 0 for a PI;
+    `closed_loop_time` is the rule's tuning parameter, s.
     """
 
     rule: str
@@ -418,7 +422,10 @@ class RuleTuning:
     closed_loop_time: float
 
     def transfer_function(self, derivative_filter: float = 0.0) -> Rational:
-        """C(s) with its derivative part kd s/(derivative_filter s + 1); a PID needs a filter > 0 s, else InputError."""
+        """Return C(s) with the derivative part kd s/(derivative_filter s + 1).
+
+        InputError for a PID unless the filter is > 0 s.
+        """
         tf, kp, ki, kd = derivative_filter, self.gains.kp, self.gains.ki, self.derivative_gain
         number("derivative filter", tf, "s", gt=0 if kd else None, ge=0)
         num = [kp * tf + kd, kp + ki * tf, ki]
@@ -429,14 +436,14 @@ class RuleTuning:
 def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
 
-    The largest lag (or the integrator) of a stable or integrating plant is kept; half of the next one is added to it,
-    half to the dead time; all smaller lags, and 1/z of each zero z right of the axis, go to the dead time. A zero left
-    of the axis takes its time constant off the dead time, if that is the larger. An unstable pole is kept as it is and
-    every lag goes to the dead time, as half a lag more in 1/p would make the pole look slower, so safer, than it is: a
-    deviation, the source being for stable and integrating plants.
+    The model keeps the largest lag (or the integrator) of a stable or integrating plant. Half of the next lag is added
+    to it, half to the dead time. All smaller lags, and 1/z of each zero z right of the axis, are added to the dead
+    time. The time constant of a zero left of the axis is subtracted from the dead time if the dead time is larger. An
+    unstable pole is not changed, and every lag is added to the dead time: half a lag added to 1/p would make the pole
+    slower than it is. This deviates from the source, which is for stable and integrating plants.
 
-    `plant` is from command to output without the `dead_time`, s, >= 0; its poles real, at most one of them not left of
-    the axis. InputError for another.
+    `plant` is from command to output without the `dead_time`, s, >= 0; its poles are real, at most one of them on or
+    right of the axis. InputError for another plant.
     """
     number("dead time", dead_time, "s", ge=0)
     plant = Rational.from_control(plant, "plant")
@@ -446,11 +453,11 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     poles, zeros = plant.poles.real, plant.zeros.real
     if np.count_nonzero(poles >= 0) > 1:
         raise InputError(
-            "first-order model: the plant has several poles right of or on the axis; rules want one at most"
+            "first-order model: the plant has several poles on or right of the axis; the rules allow at most one"
         )
     lags = np.sort(-1 / poles[poles < 0])[::-1]
     unstable, integrating = poles[poles > 0], poles[poles == 0]
-    # value at s = 0 with the slow pole's own factor taken out
+    # value at s = 0 without the factor of the slow pole
     rest = Rational(plant.zeros, plant.poles[plant.poles != 0], plant.gain).dc_gain
     if unstable.size:
         kind, gain, time_constant, half = Kind.UNSTABLE, -rest, float(1 / unstable[0]), 0.0
@@ -475,10 +482,10 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
 
 @checked
 def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
-    """SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
+    """Return the SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
 
-    `closed_loop_time` is tau_c, s, > -theta; left out, theta ("tight control"). InputError for an unstable plant, for
-    which the rule does not hold, a model without dead time and no tau_c, or as `first_order_model`.
+    `closed_loop_time` is tau_c, s, > -theta; by default theta ("tight control"). InputError for an unstable plant, for
+    a model without dead time and no tau_c, or as in `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is Kind.UNSTABLE:
@@ -489,7 +496,7 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
     tau_c = model.dead_time if closed_loop_time is None else closed_loop_time
     total = tau_c + model.dead_time
     if closed_loop_time is None and total == 0:
-        raise InputError("SIMC: the model has no dead time, from which the rule takes tau_c; give closed_loop_time")
+        raise InputError("SIMC: the model has no dead time, so that tau_c has no default; give closed_loop_time")
     number("closed-loop time", tau_c, "s", gt=-model.dead_time)
     if model.kind is Kind.INTEGRATING:
         kp, integral_time = 1 / (model.gain * total), 4 * total
@@ -500,12 +507,12 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
 
 @checked
 def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
-    """PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
+    """Return a PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
 
-    With lambda the closed-loop time, s, > 0, and alpha = lambda (lambda/T + 2): PI kp = T alpha/(k lambda^2), integral
-    time alpha, which without dead time makes T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly; PID the same in series with
-    (theta s/2 + 1). Derived as the source does, not copied from its tables; with dead time only an interval of lambda
-    stabilises, which the source gives as a graph.
+    With lambda the closed-loop time, s, > 0, and alpha = lambda (lambda/T + 2), the PI has kp = T alpha/(k lambda^2)
+    and integral time alpha, which without dead time gives T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly. The PID is the
+    same in series with (theta s/2 + 1). The formulas are derived as in the source. With dead time only an interval of
+    lambda stabilises, which the source gives as a graph.
 
     InputError for a plant that is not unstable, or whose model no controller of the structure stabilises (theta >= T
     for a PI, >= 2 T for a PID), a lambda that is not > 0, or as `first_order_model`.
@@ -518,8 +525,8 @@ def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, der
     most = (2 if derivative else 1) * t
     if model.dead_time >= most:
         raise InputError(
-            f"Rotstein-Lewin: effective dead time {model.dead_time:.4g} s against a largest {most:.4g} s that a "
-            f"{'PID' if derivative else 'PI'} can stabilise; shorten the dead time or cancel the lag"
+            f"Rotstein-Lewin: the effective dead time {model.dead_time:.4g} s is not < {most:.4g} s, the limit for a "
+            f"{'PID' if derivative else 'PI'}; shorten the dead time or cancel the lag"
         )
     alpha = lam * (lam / t + 2)
     kp = t * (alpha + half) / (k * lam**2)

@@ -1,18 +1,18 @@
-"""The search behind `tuning`: the PI gains that a specification leaves to a family of plants, and the best of them.
+"""Search of the PI gains that meet a specification for a family of plants, and of the best gains; used by `tuning`.
 
-What each frequency forbids. Ms <= M: |1 + (kp + ki/(j omega)) P| >= 1/M reads (kp + x)^2 + (ki/omega - y)^2 >= r^2 with
-x + j y = 1/P and r = |1/P|/M: one ellipse of gains for each plant and frequency ([Astrom1998], MIGO). Phase and delay
-margin: a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase there is that of C P: an arc of gains.
+Gains excluded by a frequency: Ms <= M, |1 + (kp + ki/(j omega)) P| >= 1/M, is (kp + x)^2 + (ki/omega - y)^2 >= r^2 with
+x + j y = 1/P and r = |1/P|/M. It excludes one ellipse of gains for each plant and frequency ([Astrom1998], MIGO). For
+phase and delay margin, a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase there is that of C P;
+this excludes an arc of gains.
 
-At one ki, the kp that the specification leaves are the gaps between those that each frequency forbids, however narrow;
-one exact loop inside a gap tells whether it is stable, all frequencies heeded. So rows of ki, from the largest down,
-find the highest gap; it is followed to its tip on ever closer frequencies, and the exact margins have the last word.
-Every scale is the plants' own.
+At one ki, the kp that meet the specification are the gaps between the excluded intervals of all frequencies. One exact
+loop inside a gap decides whether it is stable. Rows of ki from the largest down find the highest gap. The search
+follows it to its tip on refined frequencies, and ends with exact margins. All scales follow from the plants.
 
-What an ellipse forbids at two ki it forbids between them, being convex: the gaps that remain of the band hold all gains
-in it that meet the bound on Ms. They are stable or unstable as a whole if the band is so narrow, k2/k1 - 1 <= 1/M, that
-no centre of an ellipse lies in one: the centres are the gains with a pole on the axis. So a band between two rows
-without a stable gap has been searched for certain, and another is divided.
+An ellipse is convex: kp that it excludes at two ki are excluded between them too. The remaining gaps of a band of ki
+contain all gains that meet the bound on Ms. They are stable or unstable as a whole if no centre of an ellipse lies in
+one, because the centres are the gains with a pole on the axis; a band with k2/k1 - 1 <= 1/M is narrow enough. A band
+between two rows without a stable gap therefore has no solution; any other band is divided.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from .specification import Specification, family_margins
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
 _PER_NODE = 6  # frequencies between neighbouring nodes of a plant
-_TURN = 0.15  # rad of dead time between frequencies, as far as |C P| may matter
-_MOST_TURNS = 6000  # of those
-_FARTHEST = 4.0  # times its usual largest kp: with much integral action it may be somewhat more
-_MATTERS = 0.5 / _FARTHEST  # |C P| below which no peak or margin of use is touched
-_CLOSER = 61  # frequencies between the neighbours of one that binds, for a closer look
-_NEARLY = 0.2  # of Ms - 1: frequencies that bind on less may do so on closer ones
-_NARROWEST = 1e-9  # relative width of a gap below which it is the rounding of its ends
-_REACH = 10.0  # from the gains of the highest samples to where those of a plant without dead time are limitless
+_TURN = 0.15  # rad, phase of the dead time between neighbouring frequencies, while |C P| is relevant
+_MOST_TURNS = 6000  # largest number of these frequencies
+_FARTHEST = 4.0  # largest kp relative to the largest with little integral action; it may grow with much of it
+_MATTERS = 0.5 / _FARTHEST  # |C P| below which a frequency affects no peak or margin
+_CLOSER = 61  # frequencies of a refinement, between the neighbours of a critical one
+_NEARLY = 0.2  # relative to Ms - 1: frequencies this close to the bound may be critical after refinement
+_NARROWEST = 1e-9  # relative width of a gap below which it is due to rounding of its ends
+_REACH = 10.0  # largest gains, relative to those of the highest samples, for a plant without dead time
 
 
 class Forbidden:
-    """The gains that plants exp(-dead_time s) forbid, sampled densely in frequency (rad/s).
+    """Gains that a specification excludes for plants with dead time, at densely sampled frequencies (rad/s).
 
-    `usual_kp` is the largest gain of use to each plant with little integral action, inf if nothing bounds it.
+    `usual_kp` is the largest stabilising kp of each plant with little integral action, inf if nothing bounds it.
     """
 
     def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
@@ -60,28 +60,28 @@ class Forbidden:
         self._member = np.repeat(np.arange(len(omegas)), [omega.size for omega in omegas])
         with np.errstate(divide="ignore", invalid="ignore"):
             self._inverse = np.concatenate([1 / r(w) for r, w in zip(responses, omegas, strict=True)])
-        self._inverse[~np.isfinite(self._inverse)] = np.nan  # at a zero on the axis, where nothing is forbidden
+        self._inverse[~np.isfinite(self._inverse)] = np.nan  # a zero on the axis excludes no gains
         self._size = np.abs(self._inverse)
-        mine = [self._member == i for i in range(len(omegas))]
+        members = [self._member == i for i in range(len(omegas))]
         last = np.cumsum([omega.size for omega in omegas]) - 1
         self._last_of_double = last[[r.dead_time == 0 and r.system.relative_degree == 2 for r in responses]]
-        self.reach = min(_REACH * float(np.nanmax(self._size[one])) for one in mine)
-        """kp, in size, beyond which a crossover of some plant lies above all samples; the like for ki are `ki_ends`."""
+        self.reach = min(_REACH * float(np.nanmax(self._size[member])) for member in members)
+        """Largest |kp|; with larger ones some crossover is above all samples. `ki_ends` is the same for ki."""
         self.reach = min(self.reach, *(_FARTHEST * kp for kp in usual_kp))
         ki = self._omega * self._size
-        self.ki_ends = float(np.nanmin(ki)) / _REACH**3, min(float(np.nanmax(ki[one])) for one in mine) / _REACH
+        self.ki_ends = float(np.nanmin(ki)) / _REACH**3, min(float(np.nanmax(ki[m])) for m in members) / _REACH
         self.log_times = -math.log(self._omega.max()) - 7.0, 7.0 - math.log(self._omega.min())
-        """ln of times, s, far below and above those of the plants."""
+        """Logarithms of times, s, far below and far above those of the plants."""
 
     @classmethod
     def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
-        """By frequencies between which the gains are nearly straight."""
+        """Choose frequencies so dense that the excluded gains are nearly straight between neighbours."""
         responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """With more samples where these gains have a crossover, or a dip of |1 + L| near 1/`ms_max` (or inf)."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # at a pole on the axis
+        """Return the object with more samples near crossovers and minima of |1 + L| near 1/`ms_max` of these gains."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # division by 0 at a pole on the axis
             loop = (kp - 1j * ki / self._omega) / self._inverse
             apart, above = np.abs(1 + loop), np.abs(loop) > 1
             near = apart * ms_max < 1 + _NEARLY * (ms_max - 1)
@@ -95,9 +95,9 @@ class Forbidden:
         return Forbidden(self._responses, omegas, self._usual_kp)
 
     def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """The intervals of kp between those that the samples forbid at this ki > 0, ascending, within `reach`.
+        """Return the intervals of kp, ascending, that no sample excludes at this ki > 0, within `reach`.
 
-        With `to`, a larger ki: between those that Ms forbids at all ki from one to the other.
+        With a larger ki `to`, only intervals that the bound on Ms excludes at all ki between both are left out.
         """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
         if to is not None:
@@ -116,11 +116,11 @@ class Forbidden:
         return list(zip(starts[wide].tolist(), ends[wide].tolist(), strict=True))
 
     def _beyond_samples(self, ki: float, radius: Floats) -> tuple[Floats, Floats]:
-        """kp, from and to, that Ms forbids above the last sample of plants that fall as 1/s^2, without dead time.
+        """Return the ends of the kp that Ms excludes above the last sample, for plants that fall as 1/s^2.
 
-        There centre -x and radius of the ellipses grow as omega^2, y at most as omega, and ki/omega falls. So if
-        ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre. Such gains are stable:
-        without this, every row would keep a gap up there.
+        The plants have no dead time. Centre -x and radius of the ellipses grow as omega^2, y at most as omega, and
+        ki/omega falls. So if ki/omega + |y| < r at the last sample, an ellipse contains every kp beyond its centre.
+        These gains are stable, so that without this every row would have a gap there.
         """
         last = self._last_of_double
         last = last[ki / self._omega[last] + np.abs(self._inverse.imag[last]) < radius[last]]
@@ -128,17 +128,17 @@ class Forbidden:
         return np.where(kp > 0, kp, -np.inf), np.where(kp > 0, np.inf, kp)
 
     def _arcs(self, vertical: Floats, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """kp, from and to, that put a crossover between neighbouring samples where it leaves too little phase."""
+        """Return the ends of the kp with a crossover between neighbouring samples that has too little phase margin."""
         phase = np.deg2rad(specification.phase_min_deg or 0.0)
         if specification.ms_max is not None:
-            phase = max(phase, 2 * np.arcsin(0.5 / specification.ms_max))  # |1 + L| there is 2 sin(phase/2)
+            phase = max(phase, 2 * np.arcsin(0.5 / specification.ms_max))  # |1 + L| = 2 sin(phase/2) at a crossover
         size = _leg(self._size, vertical)
         with np.errstate(invalid="ignore"):
             at = np.flatnonzero(((size[:-1] > 0) | (size[1:] > 0)) & (np.diff(self._member) == 0))
-        found = []
+        arcs = []
         for kp in (-size, size):
             with np.errstate(invalid="ignore"):
-                left = np.angle((1j * vertical - kp) * self._inverse.conj())  # from -180 deg, rad
+                left = np.angle((1j * vertical - kp) * self._inverse.conj())  # phase above -180 deg, rad
             first, last = left[at], left[at + 1]
             last = first + np.mod(last - first + np.pi, 2 * np.pi) - np.pi
             bands = [_share((phase - first, phase - last), (phase + first, phase + last))]
@@ -151,11 +151,11 @@ class Forbidden:
                 kept = np.flatnonzero((start <= end) & np.isfinite(first + last))
                 step, origin = kp[at + 1] - kp[at], kp[at]
                 one, other = (origin[kept] + part[kept] * step[kept] for part in (start, end))
-                found.append((np.minimum(one, other), np.maximum(one, other)))
-        return found
+                arcs.append((np.minimum(one, other), np.maximum(one, other)))
+        return arcs
 
     def _crossover_ends(self, ki: float, specification: Specification) -> list[tuple[Floats, Floats]]:
-        """kp at which a crossover is at an end of its range: forbidden by itself, so that a gap ends there."""
+        """Return the kp with a crossover at an end of its allowed range, as empty intervals that end a gap."""
         ends = [w for w in specification.crossover or () if 0 < w < np.inf]
         sizes = np.array([[1 / np.abs(r(np.array([w]))[0]), ki / w] for w in ends for r in self._responses])
         kp = _leg(*sizes.T) if ends else np.array([])
@@ -163,7 +163,7 @@ class Forbidden:
 
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
-    """Dense enough that what lies between neighbours is nearly straight; the same whatever the unit of gain is."""
+    """Return frequencies so dense that gains are nearly straight between neighbours; independent of the gain's unit."""
     system, dead_time = response.system, response.dead_time
     scales = np.abs(np.concatenate([system.zeros, system.poles, [1 / dead_time] if dead_time else []]))
     middle = np.exp(np.log(scales[scales > 0]).mean(keepdims=True)) if scales.any() else np.ones(1)
@@ -179,15 +179,17 @@ def _frequencies(response: Response, usual_kp: float) -> Floats:
 
 
 def _leg(hypotenuse: Floats, other: Floats) -> Floats:
-    """sqrt(hypotenuse^2 - other^2), 0 where that is negative."""
+    """Return sqrt(hypotenuse^2 - other^2), or 0 if the difference is negative."""
     with np.errstate(invalid="ignore"):
         square = (hypotenuse - other) * (hypotenuse + other)
         return np.asarray(np.sqrt(np.where(square > 0, square, 0.0)))
 
 
 def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """From where to where, of a step from 0 to 1, quantities that go straight from one end to the other are all >= 0;
-    from past to where they never are."""
+    """Return the interval of [0, 1] on which all linear functions, given by their values at 0 and 1, are >= 0.
+
+    If there is none, its start is above its end.
+    """
     start, end = np.zeros(ends[0][0].size), np.ones(ends[0][0].size)
     for first, last in ends:
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -200,26 +202,28 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 # --- the search -------------------------------------------------------------------------------------------------------
 
 
-_BAND = 0.02, 0.25  # least and largest relative width of the bands of ki looked at first
-_NEARLY_NO_KI = 1e-9  # of the largest ki, at most
-_LIMITLESS = 0.1  # of the largest ki: without dead time a design so high could be as high as you like
-_AROUND = 0.01  # relative, of kp: how far from the samples' best gap the exact one may be
-_AGREE = 1e-10  # ln ki: how near to the tip of a gap
-_MOST_LOOKS = 12  # at a tip, at frequencies 30 times closer each time
-_FAR_UP, _FAR_DOWN = 4.0, 20.0  # ln ki: largest step of a search for where a specification is met or missed
+_BAND = 0.02, 0.25  # smallest and largest relative width of the first bands of ki
+_NEARLY_NO_KI = 1e-9  # upper bound of the ki that stands for none, relative to the largest ki
+_LIMITLESS = 0.1  # share of the largest ki above which ki counts as unbounded, without dead time
+_AROUND = 0.01  # relative distance in kp between the gap of the samples and the exact gap
+_AGREE = 1e-10  # tolerance of ln ki at the tip of a gap
+_MOST_LOOKS = 12  # largest number of refinements at a tip, each with 30 times denser frequencies
+_FAR_UP, _FAR_DOWN = 4.0, 20.0  # largest steps of ln ki in the search for a bracket
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
-_LOOKS = 7  # at the kp of a gap
-_TOP = 2e-3  # relative: how near to the best row a bisection comes before the exact margins take over
-_PIECES = 8  # of a gap, where a crossover is asked for: another gain crossover may become the one that counts
-_LARGEST_MS = 1e6  # above 1: a loop with more is as good as unstable
-_LEAST_MS = 1e-9  # above 1
-_TIGHTENINGS = 16  # halvings of a bound before the exact margins take over
-_KP_TOLERANCE = 1e-8  # relative, of kp at the optimum
-_FEW = 4  # gains asked about all plants at once
+_LOOKS = 7  # number of kp in a gap for a coarse minimum
+_TOP = 2e-3  # relative tolerance of ki at which the bisection ends and exact margins are used
+_PIECES = 8  # pieces of a gap if there is a requirement on the crossover, because the crossover may jump within it
+_LARGEST_MS = 1e6  # largest Ms - 1; loops above it count as unstable
+_LEAST_MS = 1e-9  # smallest Ms - 1
+_TIGHTENINGS = 16  # bisections of a bound before exact margins are used
+_KP_TOLERANCE = 1e-8  # relative tolerance of kp at the optimum
+_FEW = 4  # number of gains up to which all plants are computed at once
 
 
 @dataclass(frozen=True)
 class Family:
+    """Plants with their dead times, s, for one common PI; `compensated` if they contain a compensator."""
+
     systems: list[Rational]
     dead_times: list[float]
     compensated: bool
@@ -227,7 +231,7 @@ class Family:
 
     @cached_property
     def regions(self) -> list[StabilizingRegion]:
-        """The gains that stabilise each plant."""
+        """Stabilising gains of each plant."""
         return [stabilizing_pi(g, dead_time=tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
     def loops(self, kp: float, ki: float) -> list[DeadTimeLoop]:
@@ -235,22 +239,22 @@ class Family:
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
     def margins(self, kp: Floats, ki: float, *, peaks: bool) -> BatchMargins:
-        """Of every loop but gain margins, for gains kp, (n,): n times the number of plants, those of a kp together."""
-        loops = [loop for one in kp.tolist() for loop in self.loops(one, ki)]
+        """Return the margins without gain margins of all plants for each of n gains kp, ordered by kp."""
+        loops = [loop for gain in kp.tolist() for loop in self.loops(gain, ki)]
         return family_margins(loops, gain_margins=False, peaks=peaks)
 
     def worst(self, kp: float, ki: float, margin: str) -> float:
-        """The worst of a margin over the plants, negative if more of it is better; inf where a loop is unstable."""
+        """Return the worst value of a margin over the plants, negated unless it is Ms; inf if a loop is unstable."""
         margins = self.margins(np.array([kp]), ki, peaks=margin == "ms")
         values = getattr(margins, margin) * (1 if margin == "ms" else -1)
         return float(np.where(margins.stable, values, np.inf).max())
 
     def excess(self, kp: float, ki: float, specification: Specification) -> float:
-        """How far the worst loop misses the specification, relatively; <= 0 meets it, inf is unstable."""
+        """Return the relative violation of the specification by the worst loop; <= 0 meets it, inf is unstable."""
         return float(self.excesses(np.array([kp]), ki, specification)[0])
 
     def excesses(self, kp: Floats, ki: float, specification: Specification) -> Floats:
-        """As `excess`, for many kp, (n,), at once."""
+        """Return `excess` for many kp, (n,), at once."""
         margins = self.margins(kp, ki, peaks=specification.ms_max is not None)
         shape = kp.size, len(self.systems)
         misses = np.full(shape, -np.inf)
@@ -264,12 +268,16 @@ class Family:
             low, high = specification.crossover
             at = margins.phase_frequency.reshape(shape)
             outside = np.fmax(at / high, low / at) - 1
-            misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))  # a loop without crossover has none there
+            misses = np.fmax(
+                misses, np.where(np.isnan(at), 1.0, outside)
+            )  # a loop without crossover violates the range
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
     def meets(self, kp: Floats, ki: float, specification: Specification) -> Flags:
-        """Whether each of many kp, (n,), meets the specification: the first plant alone spares the others most of those
-        that do not."""
+        """Return True for each of many kp, (n,), that meets the specification.
+
+        The first plant is checked first, because it excludes most gains.
+        """
         met = np.ones(kp.size, dtype=bool)
         for part in (slice(0, 1), slice(1, None)) if kp.size > _FEW else (slice(None),):
             some = replace(self, systems=self.systems[part], dead_times=self.dead_times[part])
@@ -279,61 +287,67 @@ class Family:
 
     @cached_property
     def forbidden(self) -> Forbidden:
+        """Excluded gains at sampled frequencies."""
         usual = [np.abs(r.kp_range).max() if r.kp_range else r.decomposition.largest_kp for r in self.regions]
         return Forbidden.sampled(self.systems, self.dead_times, usual)
 
     @cached_property
     def ki_ends(self) -> tuple[float, float]:
-        """A ki too small to matter, and one too large to stabilise all plants (without dead time: to be of use)."""
+        """Lower and upper end of the search for ki: negligible, and too large to stabilise all plants.
+
+        Without dead time the upper end is a large multiple of the plants' scale.
+        """
         low, high = self.forbidden.ki_ends
         high = min(high, *(r.decomposition.largest_ki for r in self.regions))
         return min(low, _NEARLY_NO_KI * high), high
 
     @cached_property
     def binding(self) -> list[int]:
-        """The plants that bound kp from below and from above."""
+        """Indices of the plants that bound kp from below and from above."""
         ranges = [region.kp_range or (-math.inf, math.inf) for region in self.regions]
         return [int(np.argmax([low for low, _ in ranges])), int(np.argmin([high for _, high in ranges]))]
 
     @cached_property
     def few(self) -> Family:
-        """The plants that bound kp alone: what they forbid need not be asked of all."""
+        """Family of the plants that bound kp, used for a first check before all plants."""
         chosen = sorted(set(self.binding))
         return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
 
     def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
-        """The intervals of kp that meet a specification at a ki; or that Ms leaves from it `to` another, as far as they
-        are stable."""
-        met, found = Specification() if to else specification, []
-        for family in (self.few, self):
-            found = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
-            if not found or len(family.systems) == len(self.systems):
-                break
-        return found
+        """Return the intervals of kp that meet a specification at a ki.
 
-    def gaps(self, found: list[Interval], ki: float, met: Specification) -> list[Interval]:
-        """Those intervals of kp of which one loop inside meets a specification exactly."""
+        With `to`, return the stable intervals that the bound on Ms does not exclude at all ki from one to the other.
+        """
+        met, intervals = Specification() if to else specification, []
+        for family in (self.few, self):
+            intervals = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
+            if not intervals or len(family.systems) == len(self.systems):
+                break
+        return intervals
+
+    def gaps(self, intervals: list[Interval], ki: float, met: Specification) -> list[Interval]:
+        """Return the intervals of kp in which one loop inside meets a specification exactly."""
         if met.crossover is not None:
-            found = [piece for gap in found for piece in pairwise(np.linspace(*gap, _PIECES + 1).tolist())]
-        good = self.meets(np.array([_inside(*gap) for gap in found]), ki, met)
-        return _joined([gap for gap, kept in zip(found, good, strict=True) if kept])
+            intervals = [piece for gap in intervals for piece in pairwise(np.linspace(*gap, _PIECES + 1).tolist())]
+        good = self.meets(np.array([_inside(*gap) for gap in intervals]), ki, met)
+        return _joined([gap for gap, is_good in zip(intervals, good, strict=True) if is_good])
 
 
 def _rows(low: float, high: float, ms_max: float | None) -> Floats:
-    """Integral gains from one to another, ascending."""
+    """Return integral gains from `low` to `high`, ascending, in equal ratios."""
     ratio = 1 + float(np.clip(1 / (ms_max or 1), *_BAND))
     return np.asarray(low * ratio ** np.arange(math.log(high / low) / math.log(ratio) + 1))
 
 
 def _joined(gaps: list[Interval]) -> list[Interval]:
-    """Those that touch taken together."""
+    """Join intervals that touch."""
     edges = [x for gap in gaps for x in gap]
-    kept = [x for i, x in enumerate(edges) if edges[max(i - 1, 0) : i] != [x] and edges[i + 1 : i + 2] != [x]]
-    return list(zip(kept[::2], kept[1::2], strict=True))
+    outer = [x for i, x in enumerate(edges) if edges[max(i - 1, 0) : i] != [x] and edges[i + 1 : i + 2] != [x]]
+    return list(zip(outer[::2], outer[1::2], strict=True))
 
 
 def _inside(low: float, high: float) -> float:
-    """A gain between two others, of the order of the smaller one: far up, the root count is of larger numbers."""
+    """Return a gain between two others, of the magnitude of the smaller, for which the root count is cheaper."""
     if low * high > 0:
         return math.copysign(math.sqrt(low * high), low)
     return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
@@ -343,14 +357,15 @@ def _inside(low: float, high: float) -> float:
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
+    """Return (kp, ki) with the largest ki that meets the specification; InfeasibleDesignError if there is none."""
     if any(region.is_empty for region in family.regions):
         raise _infeasible(family, specification)
     for ki, gaps in _highest_rows(family, specification):
         if ki > _LIMITLESS * family.ki_ends[1] and not any(family.dead_times):
-            # with little lag, gains may grow for ever: say so instead of returning a search limit
+            # without dead time and lag ki may be unbounded; report this instead of the limit of the search
             raise InfeasibleDesignError(
-                "ki has no largest value: ever larger gains meet the specification; bound the crossover, or put the "
-                "dead time and the lags that the real loop has into the plant"
+                "ki has no largest value: arbitrarily large gains meet the specification; bound the crossover, or "
+                "include the dead time and the lags of the real loop in the plant"
             )
         best = max((_tip(family, specification, gap, ki) for gap in gaps), key=lambda gains: gains[1])
         if best[1] > 0:
@@ -359,7 +374,7 @@ def largest_ki(family: Family, specification: Specification) -> tuple[float, flo
 
 
 def _highest_rows(family: Family, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
-    """Integral gains that meet the specification, from near the largest down, with the intervals of kp there."""
+    """Yield integral gains that meet the specification, from near the largest down, with their intervals of kp."""
     bounded = specification.ms_max is not None
     bands = list(pairwise(_rows(*family.ki_ends, specification.ms_max).tolist()))
     while bands:
@@ -372,23 +387,23 @@ def _highest_rows(family: Family, specification: Specification) -> Iterator[tupl
         elif gaps := family.row(low, specification):
             while high > low * (1 + _TOP):
                 middle = math.sqrt(low * high)
-                found = family.row(middle, specification)
-                low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
+                inner = family.row(middle, specification)
+                low, high, gaps = (middle, high, inner) if inner else (low, middle, gaps)
             yield low, gaps
 
 
 def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
-    """(kp, ki) of largest ki next to an interval of kp that meets the specification; ki 0 if none does exactly."""
+    """Return (kp, ki) with the largest ki near an interval of kp that meets the specification; ki 0 if none does."""
     stable = Specification(crossover=specification.crossover)
     around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))
     window = ((gap[0] - around, gap[1] + around),)
 
     def left(samples: Forbidden, log_ki: float) -> tuple[Interval, ...]:
         here = math.exp(log_ki)
-        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # stable as a whole, or not
+        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # each stable as a whole or not
         return tuple(family.gaps(list(near), here, stable))
 
-    # the samples forbid nothing that may be had: a tip that stays where it is on a closer look is the true one
+    # samples exclude no feasible gains: a tip that does not move when samples are refined is exact
     samples, moved = family.forbidden, _TOP
     for _ in range(_MOST_LOOKS):
         samples = samples.closer(0.5 * (gap[0] + gap[1]), ki, specification.ms_max or math.inf)
@@ -400,7 +415,7 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
         while high - low > agree:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if left(samples, middle) else (low, middle)
-        gap = max(left(samples, low), key=lambda one: one[1] - one[0])
+        gap = max(left(samples, low), key=lambda interval: interval[1] - interval[0])
         moved, ki = max(abs(low - math.log(ki)), agree), math.exp(low)
         if moved <= 10 * _AGREE:
             break
@@ -409,19 +424,19 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
 
 def _least(objective: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function is least between `low` and `high`; of several minima, one that a coarse look prefers."""
+    """Return the minimum point of a function between `low` and `high`, near the smallest value on a coarse grid."""
     from scipy.optimize import minimize_scalar
 
-    look = np.linspace(low, high, _LOOKS)
-    best = int(np.argmin([objective(x) for x in look.tolist()]))
-    ends = look[max(best - 1, 0)], look[min(best + 1, look.size - 1)]
+    grid = np.linspace(low, high, _LOOKS)
+    best = int(np.argmin([objective(x) for x in grid.tolist()]))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     tolerance = _KP_TOLERANCE * max(abs(low), abs(high))
     result = minimize_scalar(objective, bounds=ends, method="bounded", options={"xatol": tolerance})
     return float(result.x)
 
 
 def _refined_ki(family: Family, specification: Specification, kp: float, start: float) -> float:
-    """The largest ki near or below `start` that meets the specification exactly; 0 if there is none."""
+    """Return the largest ki near or below `start` that meets the specification exactly; 0 if there is none."""
 
     def miss(log_ki: float) -> float:
         return min(family.excess(kp, math.exp(log_ki), specification), 1e3)
@@ -435,7 +450,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
     from scipy.optimize import brentq
 
     root = float(brentq(miss, lower, upper, xtol=1e-13, rtol=1e-15))
-    # land on the side that meets it, by a step of rounding
+    # move by rounding errors to the side that meets the specification
     for margin in (0.0, 1e-14, 1e-13, 1e-12, 1e-11):
         if miss(root - margin) <= 0:
             return math.exp(root - margin)
@@ -443,7 +458,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
 
 
 def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
-    """(met, missed) values of ln ki around `start`; both equal if none is missed; None if none is met."""
+    """Return values of ln ki around `start` with and without `met`; equal if all meet it, None if none does."""
     first, here = bool(met(start)), start
     while step < (_FAR_UP if first else _FAR_DOWN):
         ahead = here + (step if first else -step)
@@ -454,12 +469,12 @@ def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -
 
 
 def _infeasible(family: Family, specification: Specification) -> InfeasibleDesignError:
-    """What each bound alone could be, with next to no integral action."""
+    """Return the error with the best value of each required margin alone, with almost no integral action."""
     common = (
         intersection(family.regions, family.names) if len(family.regions) > 1 or family.names else family.regions[0]
     )
     if common.kp_range is None:
-        # a lead is no advice where there is one
+        # do not recommend a lead if there is one
         reason = common.reason.replace("; no PI can: add a lead, or reduce", "; reduce")
         return InfeasibleDesignError(
             f"no PI behind the compensator stabilises the plant(s): {reason}"
@@ -467,26 +482,26 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
             else f"no PI stabilises the plant(s): {common.reason}"
         )
     remedy = "relax the specification" + ("" if family.compensated else " or add a lead")
-    found = []
+    texts = []
     alone = True
-    for margin, sign, bound, words in (
+    for margin, sign, bound, text in (
         ("ms", 1, specification.ms_max, "least worst Ms {:.4g}"),
         ("phase_deg", -1, specification.phase_min_deg, "largest phase margin {:.4g} deg"),
         ("delay_s", -1, specification.delay_min_s, "largest delay margin {:.4g} s"),
     ):
         if bound:
             best = _best(family, margin)
-            found.append(words.format(sign * best))
+            texts.append(text.format(sign * best))
             alone &= best <= sign * bound
-    together = "; each alone can be met, together they cannot" if alone and len(found) > 1 else ""
+    together = "; each requirement alone can be met, but not all together" if alone and len(texts) > 1 else ""
     return InfeasibleDesignError(
-        f"specification cannot be met: {specification.words} is asked for, and with ki near 0 the best is "
-        f"{', '.join(found)}{together}; {remedy}"
+        f"specification cannot be met: {specification.words} is required, and with ki near 0 the best is "
+        f"{', '.join(texts)}{together}; {remedy}"
     )
 
 
 def _best(family: Family, margin: str) -> float:
-    """Least `Family.worst` over kp with next to no integral action; inf if nothing is stable."""
+    """Return the smallest `Family.worst` over kp with almost no integral action; inf if no kp stabilises."""
     ki = family.ki_ends[0]
     worst = partial(family.worst, ki=ki, margin=margin)
     gaps = _tightest(family, ki, Specification(), margin)
@@ -494,9 +509,12 @@ def _best(family: Family, margin: str) -> float:
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
-    """The intervals of kp that remain of a row as the bound on one margin tightens, whatever the `others` leave."""
+    """Return the intervals of kp of a row that remain when the bound on one margin is tightened as far as possible.
 
-    def asked(x: float) -> Specification:
+    The `others` are requirements that are met as well.
+    """
+
+    def bounded(x: float) -> Specification:
         if margin == "ms":
             return replace(others, ms_max=1 + math.exp(-x))
         if margin == "phase_deg":
@@ -508,11 +526,11 @@ def _tightest(family: Family, ki: float, others: Specification, margin: str) -> 
         "phase_deg": (0.0, 179.9),
         "delay_s": family.forbidden.log_times,
     }[margin]
-    gaps = family.gaps(family.forbidden.gaps(ki, asked(low)), ki, asked(low))
+    gaps = family.gaps(family.forbidden.gaps(ki, bounded(low)), ki, bounded(low))
     for _ in range(_TIGHTENINGS):
         middle = 0.5 * (low + high)
-        found = family.gaps(family.forbidden.gaps(ki, asked(middle)), ki, asked(middle))
-        low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
+        inner = family.gaps(family.forbidden.gaps(ki, bounded(middle)), ki, bounded(middle))
+        low, high, gaps = (middle, high, inner) if inner else (low, middle, gaps)
     return gaps
 
 
@@ -520,6 +538,7 @@ def _tightest(family: Family, ki: float, others: Specification, margin: str) -> 
 
 
 def least_ms(family: Family, specification: Specification, ki_min: float) -> tuple[float, float]:
+    """Return (kp, ki) with the smallest worst Ms at ki >= `ki_min`; InfeasibleDesignError if there is none."""
     others = replace(specification, ms_max=None)
 
     def objective(kp: float, ki: float) -> float:
@@ -528,41 +547,43 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
     least, best, width = math.inf, None, 0.0
     rows = _rows(ki_min, max(family.ki_ends[1], ki_min), None)
-    # Ms seldom falls as ki grows, but an unstable plant may need more than ki_min
+    # Ms usually rises with ki, but an unstable plant may need more than ki_min
     for some in (rows[:1], rows[1:]):
         better = replace(others, ms_max=1 + min(_LARGEST_MS, (least - 1) * (1 - _TOP)))
-        for ki in (one for one in some.tolist() if family.row(one, better)):
+        for ki in (row for row in some.tolist() if family.row(row, better)):
             for gap in _tightest(family, ki, others, "ms"):
                 kp = _least(partial(objective, ki=ki), *gap)
-                if (found := objective(kp, ki)) < least:
-                    least, best, width = found, (kp, ki), gap[1] - gap[0]
+                if (ms := objective(kp, ki)) < least:
+                    least, best, width = ms, (kp, ki), gap[1] - gap[0]
     if best is None:
         raise _no_such_ki(family, specification, ki_min)
     kp, ki = _with_more_ki(objective, *best, ki_min, width)
     least = objective(kp, ki)
     if specification.ms_max is not None and least > specification.ms_max:
         raise InfeasibleDesignError(
-            f"Ms <= {specification.ms_max:g} with ki >= {ki_min:g} is asked for, and the least worst Ms is {least:.5g}"
+            f"Ms <= {specification.ms_max:g} with ki >= {ki_min:g} cannot be met: the smallest worst Ms is "
+            f"{least:.5g}; relax the specification"
         )
     return kp, ki
 
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
-    """Nothing holds with that much integral action: say how much there may be, or what the other bounds cost."""
+    """Return the error if no gains with ki >= `ki_min` are stable: the largest ki, or the limit by other bounds."""
     largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
     if math.isnan(largest):
         return _infeasible(family, specification)
     if largest > ki_min and specification.words:
         return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
     return InfeasibleDesignError(
-        f"no PI with ki >= {ki_min:g} holds all plants; the largest ki that does is about {largest:.4g}"
+        f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki of at most about {largest:.4g}, the largest "
+        "that does"
     )
 
 
 def _with_more_ki(
     objective: Callable[[float, float], float], kp: float, ki: float, ki_min: float, width: float
 ) -> tuple[float, float]:
-    """If Ms falls as ki grows (it seldom does), follow it; `width` is a step of kp."""
+    """Continue to larger ki if Ms falls with it, which is rare; `width` is a step of kp."""
     least = objective(kp, ki)
     if ki == ki_min and not objective(kp, 1.01 * ki) < least:
         return kp, ki
@@ -574,5 +595,5 @@ def _with_more_ki(
     start = [0.0, math.log(ki / ki_min)]
     simplex = np.array(start) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.05]])
     options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-12}
-    found = minimize(lambda x: objective(*at(x)), start, method="Nelder-Mead", options=options)
-    return at(found.x) if found.fun < least else (kp, ki)
+    better = minimize(lambda x: objective(*at(x)), start, method="Nelder-Mead", options=options)
+    return at(better.x) if better.fun < least else (kp, ki)

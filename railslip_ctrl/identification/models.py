@@ -159,8 +159,11 @@ class Coordinates:
 
 
 TABLE_KNOTS = 25
-"""Most knots of a fitted table. Their distance near the peak is a quarter of its slip, which resolves a curve with one
-peak to about 0.3 % of its height."""
+"""Largest number of knots of a fitted table.
+
+Their distance near the peak is a quarter of its slip, which resolves a curve with one peak to about 0.3 % of its
+height.
+"""
 
 _ROWS_A_KNOT = 8  # least rows for each value of a table; with fewer it would follow the noise
 _LEAST_KNOTS = 5

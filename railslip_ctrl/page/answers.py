@@ -1,4 +1,7 @@
-"""What the page asks, answered by the functions that the commands use: a design in, numbers, words and arrays out."""
+"""Answer the requests of the page with the functions that the commands use.
+
+A request has a design; an answer has numbers, texts and arrays.
+"""
 
 from __future__ import annotations
 
@@ -35,51 +38,53 @@ from railslip_ctrl.report.stops import stop_scenario
 from railslip_ctrl.simulation import Simulator
 from railslip_ctrl.simulation.scenario import with_patch
 
-POINTS = 600  #: of each line of a plot
-_LONG = 16.0  # times dead time and lag together: a loop of use has settled
-_CELLS = 17, 13  # of a map of two numbers that are no gains of a PI
-_SAMPLES = 400  # of a braking run
-_PATCH = 3.0  # s at the first speed until a wet patch begins, and its length
+POINTS = 600  #: number of points of each line of a plot
+_STEP_TIME = 16.0  # duration of step responses, in units of dead time plus lag; a usable loop has settled by then
+_CELLS = 17, 13  # cells of the map of two parameters that are not the gains of a PI
+_SAMPLES = 400  # points of a line of a braking run
+_PATCH = 3.0  # s; time at the initial speed until the wet patch, and across it
 
 Answer = tuple[dict[str, Any], dict[str, Floats]]
-Asked = Mapping[str, Any]
+Request = Mapping[str, Any]
 
 
-def answered(bench: Workbench, what: str, asked: Asked) -> bytes:
-    """The answer to a question of `ANSWERS` as the page reads it: length of the head, head as JSON, arrays of 32-bit
-    floats. InputError for what is no design."""
+def answered(bench: Workbench, name: str, request: Request) -> bytes:
+    """Return the answer to a request of `ANSWERS` as the page reads it; InputError for an invalid design.
+
+    The answer is the length of the head, the head as JSON, and the arrays as 32-bit floats.
+    """
     with np.errstate(all="ignore"):
-        head, arrays = ANSWERS[what](bench, asked)
-        columns = {name: np.ascontiguousarray(values, dtype="<f4") for name, values in arrays.items()}
-    sizes = {name: int(column.size) for name, column in columns.items()}
+        head, arrays = ANSWERS[name](bench, request)
+        columns = {key: np.ascontiguousarray(values, dtype="<f4") for key, values in arrays.items()}
+    sizes = {key: int(column.size) for key, column in columns.items()}
     text = json.dumps({**plain(head), "arrays": sizes}, allow_nan=False, ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
     return b"".join([len(text).to_bytes(4, "little"), text, *(column.tobytes() for column in columns.values())])
 
 
-def _design(asked: Asked) -> tuple[str, dict[str, float], ReferenceSlip | None]:
-    """Kind, numbers by name and slips held of the design that was sent; InputError for what is none."""
-    sent = asked.get("design")
-    kind, values, held = map(sent.get, ("kind", "values", "reference")) if isinstance(sent, dict) else (None,) * 3
-    if not isinstance(kind, str) or not isinstance(values, dict) or not isinstance(held, dict | None):
-        raise InputError("design: give kind, a text, values, numbers by name, and reference, dry and wet")
-    slips = held and ReferenceSlip(**{rail: sized(f"{rail} slip", slip) for rail, slip in held.items()})
-    return kind, {name[:60]: sized(name[:60], value) for name, value in values.items()}, slips or None
+def _design(request: Request) -> tuple[str, dict[str, float], ReferenceSlip | None]:
+    """Return kind, parameters by name and reference slips of the design in a request; InputError if it is invalid."""
+    sent = request.get("design")
+    kind, values, slips = map(sent.get, ("kind", "values", "reference")) if isinstance(sent, dict) else (None,) * 3
+    if not isinstance(kind, str) or not isinstance(values, dict) or not isinstance(slips, dict | None):
+        raise InputError("design: give kind (a text), values (numbers by name) and reference (dry and wet)")
+    reference = slips and ReferenceSlip(**{rail: sized(f"{rail} slip", slip) for rail, slip in slips.items()})
+    return kind, {name[:60]: sized(name[:60], value) for name, value in values.items()}, reference or None
 
 
-def _control(bench: Workbench, asked: Asked) -> Controller:
-    return bench.control(*_design(asked))
+def _control(bench: Workbench, request: Request) -> Controller:
+    return bench.control(*_design(request))
 
 
-def start_answer(bench: Workbench, asked: Asked) -> Answer:
-    """What the page begins with: vehicle, kinds with their numbers, slips."""
+def start_answer(bench: Workbench, request: Request) -> Answer:
+    """Return the content of the page at its start: vehicle, kinds with their parameters, reference slips."""
     envelope, brake = bench.envelope, bench.envelope.vehicle.actuator
-    kinds = bench.with_ratio_of(_control(bench, asked)) if asked.get("design") else bench.kinds
-    where = f"{', '.join(envelope.rails)} rail; {min(envelope.speeds):g} to {max(envelope.speeds):g} km/h"
+    kinds = bench.with_ratio_of(_control(bench, request)) if request.get("design") else bench.kinds
+    rails = f"{', '.join(envelope.rails)} rail; {min(envelope.speeds):g} to {max(envelope.speeds):g} km/h"
     return {
         "vehicle": f"{envelope.vehicle.name}: dead time {brake.dead_time:g} s, lag {brake.lag:g} s",
-        "envelope": f"{where}; {', '.join(envelope.loads)}",
-        "kinds": {name: _shaped(one) for name, one in kinds.items()},
+        "envelope": f"{rails}; {', '.join(envelope.loads)}",
+        "kinds": {name: _kind(control) for name, control in kinds.items()},
         "kind": bench.given.kind if bench.given is not None else next(n for n in ("pi-lead", *kinds) if n in kinds),
         "reference": {rail.value: bench.reference.on(rail) for rail in Rail},
         "fixed": envelope.reference is not None,
@@ -88,20 +93,22 @@ def start_answer(bench: Workbench, asked: Asked) -> Answer:
     }, {}
 
 
-def _shaped(control: Controller) -> dict[str, Any]:
-    """A kind as it begins: its title, whether gains are tuned and a loop is closed, its numbers."""
+def _kind(control: Controller) -> dict[str, Any]:
+    """Return title and parameters of a kind, whether its gains can be tuned, and whether it has a linear loop."""
     loop = isinstance(control, LinearControl) or control.kind in structures()
     return {"title": control.title, "tuned": isinstance(control, PI), "loop": loop, "sliders": control.design_numbers()}
 
 
-def loop_answer(bench: Workbench, asked: Asked) -> Answer:
-    """The fast one: exact margins, Nyquist, Bode, step and load response of one operating point: the one that is asked
-    for, or the hardest from a speed (km/h) up."""
-    control = _control(bench, asked)
+def loop_answer(bench: Workbench, request: Request) -> Answer:
+    """Return exact margins, Nyquist, Bode, step and load response of one operating point.
+
+    It is the point of the request, or the hardest one at or above its speed `from` (km/h). This answer is the fastest.
+    """
+    control = _control(bench, request)
     _, points = bench.points(control)
-    index = asked.get("point")
+    index = request.get("point")
     if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(points.plants):
-        index = bench.hardest(control, points, sized("from", asked.get("from") or 0.0))
+        index = bench.hardest(control, points, sized("from", request.get("from") or 0.0))
     plant, brake = points.plants[index], points.vehicle.actuator
     case = points.case(int(np.flatnonzero((points.plant == index) & points.operating)[0]))
     head: dict[str, Any] = {"point": index, "where": case.words}
@@ -115,22 +122,21 @@ def loop_answer(bench: Workbench, asked: Asked) -> Answer:
     omega = np.geomspace(low, high, POINTS)
     response = loop.response(omega)
     arrays = {"omega": omega, "re": response.real, "im": response.imag, "db": 20 * np.log10(np.abs(response))}
-    if not isinstance(
-        loop, DeadTimeLoop | SampledLoop
-    ):  # delays in the controller: other margins than Ms take a second
-        one = np.zeros(1, dtype=int)
-        stable, ms = control.stable_and_ms([plant.point], [brake], (one, one)) or ((False,), (math.nan,))
+    if not isinstance(loop, DeadTimeLoop | SampledLoop):
+        # the controller has delays: all margins but Ms take a second and come with `verdict`
+        first = np.zeros(1, dtype=int)
+        stable, ms = control.stable_and_ms([plant.point], [brake], (first, first)) or ((False,), (math.nan,))
         head |= {"stable": bool(stable[0]), "ms": float(ms[0]), "later": True}
     else:
         m = loop.margins() if loop.is_stable() else None
         head |= {"stable": m is not None, **margin_numbers(m), "frequencies": margin_frequencies(m)}
         head["range"] = loop.stabilizing_gain_range if m is None else None
     if not isinstance(loop, DeadTimeLoop):
-        told = "this controller has no step response in closed form; see the braking run"
-        return {**head, "no_step": told}, {**arrays, "phase": np.degrees(np.unwrap(np.angle(response)))}
+        message = "this controller has no step response in closed form; see the braking run"
+        return {**head, "no_step": message}, {**arrays, "phase": np.degrees(np.unwrap(np.angle(response)))}
     arrays["phase"] = np.degrees(loop.phase(omega))
     slowest = brake.dead_time + brake.lag or 1 / float(np.abs(plant.poles).max(initial=1.0))
-    times = np.linspace(0.0, _LONG * slowest, POINTS)
+    times = np.linspace(0.0, _STEP_TIME * slowest, POINTS)
     try:
         step, load = slip_responses(control.linear(None), plant, brake, times, reference=1.0, torque=LOAD_STEP)
     except InputError as error:
@@ -138,9 +144,9 @@ def loop_answer(bench: Workbench, asked: Asked) -> Answer:
     return head, {**arrays, "time": times, "step": step.output, "load": load.output}
 
 
-def envelope_answer(bench: Workbench, asked: Asked, *, nominal: bool = True) -> Answer:
-    """The verdict at the operating points, worst Ms over speed and load, and what no controller beats there."""
-    control = _control(bench, asked)
+def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True) -> Answer:
+    """Return the verdict at the operating points, and over speed and load the worst Ms and its lower bound."""
+    control = _control(bench, request)
     envelope, points = bench.points(control, nominal=nominal)
     judgement = judge_points(envelope, control, points, nominal=nominal)
     over, least = judgement.map, None
@@ -155,14 +161,14 @@ def envelope_answer(bench: Workbench, asked: Asked, *, nominal: bool = True) -> 
     return head, {}
 
 
-def verdict_answer(bench: Workbench, asked: Asked) -> Answer:
-    """As `envelope_answer`, with every tolerance."""
-    return envelope_answer(bench, asked, nominal=False)
+def verdict_answer(bench: Workbench, request: Request) -> Answer:
+    """Return the same as `envelope_answer`, with every tolerance."""
+    return envelope_answer(bench, request, nominal=False)
 
 
-def stops_answer(bench: Workbench, asked: Asked) -> Answer:
-    """Braking runs from the envelope's initial speed: dry, wet, and dry with a wet patch."""
-    control, words, arrays = _control(bench, asked), {}, dict[str, Floats]()
+def stops_answer(bench: Workbench, request: Request) -> Answer:
+    """Return braking runs from the envelope's initial speed: on dry rail, wet rail, and dry rail with a wet patch."""
+    control, texts, arrays = _control(bench, request), {}, dict[str, Floats]()
     envelope, points = bench.points(control)
     law, load = points.plants[0].point.law.name, points.loads[0]
     dry, wet = (stop_scenario(envelope, points, law, load, rail) for rail in Rail)
@@ -171,59 +177,63 @@ def stops_answer(bench: Workbench, asked: Asked) -> Answer:
         run = Simulator(scenario, control).run(0, record_every=1)
         s = run.signals
         assert s is not None, "the run is recorded"
-        words[name] = str(run)
+        texts[name] = str(run)
         columns = {"time": s.time, "slip": s.slip, "reference": s.reference, "torque": s.torque}
         columns |= {"train": s.speed / KMH, "wheel": (s.speed - s.slip_velocity) / KMH}
         kept = np.unique(np.linspace(0, s.time.size - 1, _SAMPLES).astype(int))
         arrays |= {f"{name} {column}": values[kept] for column, values in columns.items()}
-    return {"words": words}, arrays
+    return {"words": texts}, arrays
 
 
-def region_answer(bench: Workbench, asked: Asked) -> Answer:
-    """The map: of a PI the gains that stabilise, and that keep an Ms, at a few of the hardest operating points or at
-    `all`; of two numbers, `axes`, of another kind the worst Ms in cells, at a few."""
-    kind, values, held = _design(asked)
-    control, brake = bench.control(kind, values, held), bench.envelope.vehicle.actuator
+def region_answer(bench: Workbench, request: Request) -> Answer:
+    """Return the map of a design's parameters.
+
+    - a PI: regions of (kp, ki) that stabilise the loops or keep Ms below a level, at a few of the hardest operating
+      points, or with `all` at every one
+    - another kind: the worst Ms at a few of the hardest points, over a grid of the two parameters named by `axes`
+    """
+    kind, values, reference = _design(request)
+    control, brake = bench.control(kind, values, reference), bench.envelope.vehicle.actuator
     plants = operating_plants(bench.points(control)[1])
     if isinstance(control, PI):
-        levels = gain_levels(control, plants if asked.get("all") else hard_plants(plants), brake)
-        return {"levels": [vars(level) for level in levels], "few": not asked.get("all")}, {}
-    axes = asked.get("axes")
+        levels = gain_levels(control, plants if request.get("all") else hard_plants(plants), brake)
+        return {"levels": [vars(level) for level in levels], "few": not request.get("all")}, {}
+    axes = request.get("axes")
     if not isinstance(axes, list) or len(axes) != 2 or not {*map(str, axes)} <= values.keys():
-        raise InputError("axes: give the names of two numbers of the design")
+        raise InputError("axes: give the names of two parameters of the design")
 
-    def made(*pair: float) -> Controller:
-        return bench.control(kind, {**values, **dict(zip(axes, pair, strict=True))}, held)
+    def with_pair(*pair: float) -> Controller:
+        return bench.control(kind, {**values, **dict(zip(axes, pair, strict=True))}, reference)
 
-    around = values[axes[0]], values[axes[1]]
-    return dict(zip("xym", ms_cells(made, around, _CELLS, hard_plants(plants), brake), strict=True)), {}
+    centre = values[axes[0]], values[axes[1]]
+    return dict(zip("xym", ms_cells(with_pair, centre, _CELLS, hard_plants(plants), brake), strict=True)), {}
 
 
-def tune_answer(bench: Workbench, asked: Asked) -> Answer:
-    """The gains of least worst Ms at a least integral gain, or of most integral action with an Ms, as by `railslip
-    tune`."""
-    control, given = _control(bench, asked), {n: sized(n, asked[n]) for n in ("ms_max", "ki_min") if asked.get(n)}
+def tune_answer(bench: Workbench, request: Request) -> Answer:
+    """Return the gains of `railslip tune`: smallest worst Ms with ki >= `ki_min`, or largest ki with Ms <= `ms_max`."""
+    control = _control(bench, request)
+    given = {name: sized(name, request[name]) for name in ("ms_max", "ki_min") if request.get(name)}
     if not isinstance(control, PI) or len(given) != 1 or min(given.values()) <= 0:
         raise InputError("tune: give the design of a PI, and either ms_max > 1 or ki_min > 0")
     leads = {"lead": control.lead, "lead_filter": control.lead_filter}
     leads = leads if control.lead and not isinstance(control, PID) else {}
     specification, ki_min, period = Specification(given.get("ms_max")), given.get("ki_min"), control.period
     envelope, kind = bench.points(control)[0], type(control)
-    tuned, found = tune_over(envelope, specification, kind, ki_min=ki_min, nominal=True, period=period, **leads)
-    if found is None:
+    tuned, design = tune_over(envelope, specification, kind, ki_min=ki_min, nominal=True, period=period, **leads)
+    if design is None:
         raise InputError(tuned.reason)
-    return {"values": {one.name: one.value for one in found.controller.design_numbers()}}, {}
+    return {"values": {number.name: number.value for number in design.controller.design_numbers()}}, {}
 
 
-def file_answer(bench: Workbench, asked: Asked) -> Answer:
-    """A file of the design."""
-    name, control = str(asked.get("name")), _control(bench, asked)
+def file_answer(bench: Workbench, request: Request) -> Answer:
+    """Return the text of a file of the design."""
+    name, control = str(request.get("name")), _control(bench, request)
     if name not in FILES:
         raise InputError(f"file: give one of {', '.join(FILES)}")
     return {"text": FILES[name](bench.points(control)[0], control)}, {}
 
 
-ANSWERS: Mapping[str, Callable[[Workbench, Asked], Answer]] = MappingProxyType(
+ANSWERS: Mapping[str, Callable[[Workbench, Request], Answer]] = MappingProxyType(
     {"start": start_answer, "loop": loop_answer, "envelope": envelope_answer, "stops": stops_answer}
     | {"verdict": verdict_answer, "region": region_answer, "tune": tune_answer, "file": file_answer}
 )

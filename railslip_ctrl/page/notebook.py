@@ -1,4 +1,4 @@
-"""The page in a notebook, or beside a script."""
+"""Show the design page in a notebook, or serve it beside a script."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 
 from .server import Desk, PageServer
 
-_HEIGHT = 1100  # CSS pixels of the frame: the map and four plots without scrolling
+_HEIGHT = 1100  # height of the frame, CSS pixels; shows the map and four plots without scrolling
 
 
 class DesignPage(ExitStack):
-    """A design page that is served until its `close()`; `address` is where it is. See `design_page`."""
+    """Design page, served at `address` until `close()`; made by `design_page`."""
 
     def __init__(self, bench: Workbench, port: int) -> None:
         super().__init__()
@@ -30,22 +30,22 @@ class DesignPage(ExitStack):
         return f"DesignPage({self.address})"
 
     def _repr_html_(self) -> str:
-        """The page in a frame, as a notebook shows it."""
+        """Return the frame in which a notebook shows the page."""
         style = f'width="100%" height="{_HEIGHT}" style="border:0"'
         return f'<iframe src="{self.address}" title="Design page" {style}></iframe>'
 
 
 @checked
 def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None, *, port: int = 0) -> DesignPage:
-    """The page of `railslip design`: a notebook shows it in a frame, a browser at its `address`.
+    """Serve the page of `railslip design`: a notebook shows it in a frame, a browser at its `address`.
 
-    - envelope: what a design must hold, or a vehicle, whose envelope is taken.
-    - controller: where the page begins: a controller of a kind, or its class, a linear system, or a design; left out, a
-      PI-lead by a rule.
-    - port: of 127.0.0.1; 0: a free one.
+    - envelope: the envelope to shape the loop for, or a vehicle, whose default envelope is used.
+    - controller: the first design: a controller, its class, a linear system, or a design of `tune`; by default a
+      PI-lead by rule.
+    - port: port number on 127.0.0.1; 0: any free port.
 
-    Returns the page, served until its `close()` or the end of Python. InputError: a controller without numbers by name,
-    an envelope without points, or a port that cannot be had.
+    Returns the page, served until its `close()` or the end of Python. InputError: a controller without named
+    parameters, an envelope without operating points, or a port in use.
     """
     number("port", port, ge=0, le=65_535)
     return DesignPage(Workbench(Envelope(envelope) if isinstance(envelope, Vehicle) else envelope, controller), port)

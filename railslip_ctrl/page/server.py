@@ -1,7 +1,7 @@
-"""The page served on 127.0.0.1: who may ask, how much at once, and that the newest question wins.
+"""Serve the page on 127.0.0.1: check requests, limit their number, and drop outdated ones.
 
-A request is answered if its address has the token, it names this server as its host, and comes from its own page or
-from no page. The loop is answered in this process, all else in others, so that it never waits.
+A request is answered if its address has the token, its Host header is this server, and its Origin header, if any, is
+the page itself. Requests for the loop are answered in this process and never wait; the others in further processes.
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .answers import ANSWERS, answered
 
-LARGEST_REQUEST = 65_536  #: bytes of a question; the largest of the page has some 2 000
-_CONNECTIONS, _PATIENCE = 64, 30.0  # at once, of which a browser has 6 a tab; s, for which one may be silent
-_WAITING, _TABS = 24, 64  # slow questions at once; tabs whose newest questions are remembered
-_HERE, _SOON = ("start", "loop"), ("envelope", "stops")  # the rest takes seconds, a report a minute: in two processes
+LARGEST_REQUEST = 65_536  #: largest request, bytes; those of the page have up to about 2000
+_CONNECTIONS = 64  # largest number of open connections; a browser opens 6 a tab
+_TIMEOUT = 30.0  # s; a connection is closed after this time without data
+_WAITING = 24  # largest number of slow requests at once
+_TABS = 64  # number of tabs whose newest requests are remembered
+_FAST = ("start", "loop")  # requests answered in this process
+_MEDIUM = ("envelope", "stops")  # requests with a process of their own; the others take seconds, a report a minute
 _FILES = {"": "html", "page.css": "css", "page.js": "javascript"}
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors http://127.0.0.1:* http://localhost:*"  # of notebooks
+    "base-uri 'none'; form-action 'none'; frame-ancestors http://127.0.0.1:* http://localhost:*"  # for notebooks
 )
 
 
 class Desk:
-    """Answers the questions of all tabs; each tab numbers its own."""
+    """Answers the requests of all tabs; each tab numbers its requests."""
 
     def __init__(self, bench: Workbench) -> None:
         own = [law for law in bench.envelope.laws if isinstance(law, AdhesionLaw)]
@@ -56,48 +59,54 @@ class Desk:
 
     @contextmanager
     def opened(self) -> Iterator[Desk]:
-        """With its processes; in threads of this one if the class of an adhesion law or a kind is the user's own, which
-        no other process knows."""
-        with processes(1) as soon, processes(2) as later, ThreadPoolExecutor(1) as here:
-            ask = partial(_elsewhere, self._sent) if self._sent else partial(answered, self.bench)
-            pools = ((1, soon), (2, later)) if self._sent else ((1, here.submit), (1, here.submit))
-            self._pools = [(threading.Semaphore(count), partial(submit, ask)) for count, submit in pools]
+        """Start the processes for slow requests; a thread of this process instead if a class is the user's own.
+
+        Other processes cannot import such a class of an adhesion law or controller.
+        """
+        with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
+            answer = partial(_answered_in_process, self._sent) if self._sent else partial(answered, self.bench)
+            pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))
+            self._pools = [(threading.Semaphore(count), partial(submit, answer)) for count, submit in pools]
             yield self
 
-    def answer(self, what: str, client: str, turn: int, asked: dict[str, Any]) -> bytes | None:
-        """The answer; None where the same tab has asked again since. InputError as of `answered`; Full where too many
-        wait."""
-        key = client, what
+    def answer(self, name: str, client: str, turn: int, request: dict[str, Any]) -> bytes | None:
+        """Return the answer, or None if the tab has sent a newer request of this name.
+
+        InputError as in `answered`; Full if too many slow requests are waiting.
+        """
+        key = client, name
         self._newest[key] = max(turn, self._newest.pop(key, turn))
         while len(self._newest) > _TABS * len(ANSWERS):
             self._newest.pop(next(iter(self._newest)), None)
-        if what in _HERE:
+        if name in _FAST:
             with self._lock:
-                return answered(self.bench, what, asked) if self._newest.get(key, turn) <= turn else None
+                return answered(self.bench, name, request) if self._newest.get(key, turn) <= turn else None
         if not self._waiting.acquire(blocking=False):
             raise Full
         try:
-            mine, submit = self._pools[what not in _SOON]
-            with mine:
-                return submit(what, asked).result() if self._newest.get(key, turn) <= turn else None
+            free, submit = self._pools[name not in _MEDIUM]
+            with free:
+                return submit(name, request).result() if self._newest.get(key, turn) <= turn else None
         finally:
             self._waiting.release()
 
 
 @lru_cache(2)
 def _bench(sent: bytes) -> Workbench:
-    with suppress(AttributeError, OSError):  # not on Windows
-        os.nice(5)  # what is dragged comes first
+    with suppress(AttributeError, OSError):  # Windows has no nice()
+        os.nice(5)  # lower priority than the process that answers while the user drags
     return Workbench(*pickle.loads(sent))
 
 
-def _elsewhere(sent: bytes, what: str, asked: dict[str, Any]) -> bytes:
-    return answered(_bench(sent), what, asked)
+def _answered_in_process(sent: bytes, name: str, request: dict[str, Any]) -> bytes:
+    return answered(_bench(sent), name, request)
 
 
 class PageServer(ThreadingHTTPServer):
-    """The server of a desk at an `address` with a token; on a port of the user's choice with the one of last time, so
-    that open pages go on after a restart. InputError for a port that cannot be had."""
+    """HTTP server of a desk, at an `address` with a token; InputError if the port is not available.
+
+    On a port that the user chooses the token is the same after a restart, so that open pages continue.
+    """
 
     daemon_threads, request_queue_size = True, 128
 
@@ -105,18 +114,18 @@ class PageServer(ThreadingHTTPServer):
         try:
             super().__init__(("127.0.0.1", port), _Handler)
         except OSError as error:
-            raise InputError(f"port: {port} cannot be had ({error.strerror or error}); give another") from None
+            raise InputError(f"port: {port} is not available ({error.strerror or error}); give another") from None
         token = secrets.token_hex(20)
         self.desk, self.token = desk, private_text("page", f"token-{port}", token) if port else token
         self.hosts = [f"{host}:{self.server_port}" for host in ("127.0.0.1", "localhost")]
         self.address = f"http://{self.hosts[0]}/{self.token}/"
         folder = files(__package__).joinpath("static")
         self.files = {name: folder.joinpath(name or "page.html").read_bytes() for name in _FILES}
-        self._room = threading.BoundedSemaphore(_CONNECTIONS)
+        self._connections = threading.BoundedSemaphore(_CONNECTIONS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """A thread for each connection, for some of which there is room; others are closed, to come again."""
-        if self._room.acquire(timeout=0.5):
+        """Start a thread for the connection; close it if too many are open (the browser tries again)."""
+        if self._connections.acquire(timeout=0.5):
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
@@ -125,10 +134,10 @@ class PageServer(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._room.release()
+            self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A line of what went wrong, unless the browser has gone or the server ends."""
+        """Print the error in one line, unless the browser has closed the connection or the server is ending."""
         kind, error, _ = sys.exc_info()
         if kind is not None and not issubclass(kind, OSError | RuntimeError):
             print(f"railslip: design: {kind.__name__}: {error}", file=sys.stderr)
@@ -137,62 +146,62 @@ class PageServer(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     server: PageServer
     protocol_version, server_version, sys_version = "HTTP/1.1", "railslip", ""
-    disable_nagle_algorithm, wbufsize, timeout = True, -1, _PATIENCE  # an answer is one packet, as soon as it is there
+    disable_nagle_algorithm, wbufsize, timeout = True, -1, _TIMEOUT  # send each answer at once, in one piece
 
     def log_message(self, *_: Any) -> None:
-        """Nothing: addresses have the token."""
+        """Log nothing, because addresses contain the token."""
 
     def do_GET(self) -> None:
-        name = self._asked_for()
+        name = self._name()
         if name in self.server.files:
             self._send(HTTPStatus.OK, self.server.files[name], f"text/{_FILES[name]}; charset=utf-8")
         elif name is not None:
-            self._refuse(HTTPStatus.NOT_FOUND, "there is no such page")
+            self._reject(HTTPStatus.NOT_FOUND, "unknown page")
 
     def do_POST(self) -> None:
-        name, length = self._asked_for(), self.headers.get("Content-Length", "")
+        name, length = self._name(), self.headers.get("Content-Length", "")
         if name is None:
             return
         if self.headers.get_content_type() != "application/json" or name not in ANSWERS:
-            self._refuse(HTTPStatus.NOT_FOUND, f"ask {', '.join(ANSWERS)}, in application/json")
+            self._reject(HTTPStatus.NOT_FOUND, f"request one of {', '.join(ANSWERS)}, as application/json")
         elif not (length.isascii() and length.isdigit() and len(length) < 9 and int(length) <= LARGEST_REQUEST):
-            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"send Content-Length, at most {LARGEST_REQUEST} bytes")
+            self._reject(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give Content-Length, at most {LARGEST_REQUEST} bytes")
         else:
             self._answer(name, self.rfile.read(int(length)))
 
-    def _asked_for(self) -> str | None:
-        """What comes after the token; None if it has been refused."""
+    def _name(self) -> str | None:
+        """Return the part of the address after the token; None if the request was rejected."""
         token, _, name = self.path.partition("?")[0].removeprefix("/").partition("/")
         hosts = self.server.hosts
         if self.headers.get("Host", "") not in hosts:
-            self._refuse(HTTPStatus.FORBIDDEN, "this host is not served")
+            self._reject(HTTPStatus.FORBIDDEN, "the Host header is not this server")
         elif not secrets.compare_digest(token.encode("utf-8", "replace"), self.server.token.encode()):
-            self._refuse(HTTPStatus.FORBIDDEN, "the address has no token, or an old one; open the one that was printed")
+            self._reject(HTTPStatus.FORBIDDEN, "the address has no token, or an old one; open the printed address")
         elif self.headers.get("Origin", f"http://{hosts[0]}").removeprefix("http://") not in hosts:
-            self._refuse(HTTPStatus.FORBIDDEN, "only the page itself may ask")
+            self._reject(HTTPStatus.FORBIDDEN, "only the page itself may send requests")
         else:
             return name
         return None
 
-    def _answer(self, what: str, body: bytes) -> None:
+    def _answer(self, name: str, body: bytes) -> None:
         try:
-            asked = json.loads(body)
-            turn = asked.get("turn", 0) if isinstance(asked, dict) else None
+            request = json.loads(body)
+            turn = request.get("turn", 0) if isinstance(request, dict) else None
             if isinstance(turn, bool) or not isinstance(turn, int) or not 0 <= turn < 2**53:
-                raise InputError(f"{shown(asked)} is no question; give an object with a turn, a count")
-            found = self.server.desk.answer(what, str(asked.get("client", ""))[:40], turn, asked)
-        except (RailslipError, ArithmeticError) as error:  # numbers each allowed but absurd together
-            self._refuse(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
+                raise InputError(f"{shown(request)} is not a request; give an object whose turn is a whole number >= 0")
+            answer = self.server.desk.answer(name, str(request.get("client", ""))[:40], turn, request)
+        except (RailslipError, ArithmeticError) as error:  # numbers that are allowed one by one can overflow together
+            self._reject(HTTPStatus.UNPROCESSABLE_ENTITY, str(error))
         except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
-            self._refuse(HTTPStatus.BAD_REQUEST, "this is no JSON")
+            self._reject(HTTPStatus.BAD_REQUEST, "the request is not JSON")
         except Full:
-            self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, "busy; ask again")
+            self._reject(HTTPStatus.SERVICE_UNAVAILABLE, "busy; repeat the request")
         else:
-            self._send(HTTPStatus.NO_CONTENT if found is None else HTTPStatus.OK, found or b"")
+            self._send(HTTPStatus.NO_CONTENT if answer is None else HTTPStatus.OK, answer or b"")
 
-    def _refuse(self, status: HTTPStatus, told: str) -> None:
-        self.close_connection = True  # what else was sent is not read
-        self._send(status, json.dumps({"error": told}).encode(), "application/json")
+    def _reject(self, status: HTTPStatus, message: str) -> None:
+        self.close_connection = True  # the rest of the request is not read
+        self._send(status, json.dumps({"error": message}).encode(), "application/json")
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str = "application/octet-stream") -> None:
         self.send_response(status)

@@ -1,4 +1,4 @@
-"""Text and JSON of a campaign."""
+"""Text and JSON of a campaign and of a repeated run."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from .export import exported, plain
 
 
 def headed(title: str, unit: str) -> str:
-    """The head of a column or axis: the unit in brackets, if there is one."""
+    """Return the head of a column or axis, with the unit in brackets if there is one."""
     return title if unit in ("", "1") else f"{title} ({unit})"
 
 
 def measure_head(measure: Measure) -> str:
-    """What a measure is, with the unit people are shown."""
+    """Return the title of a measure with the unit for display."""
     return headed(measure.title, measure.shown_unit or measure.unit)
 
 
 def quantity_heads(campaign: Campaign) -> dict[str, str]:
-    """Of each quantity's column, by name: as much of the end of its path as tells it apart, and its unit."""
+    """Return the heads of the quantities' columns by name: the shortest unique end of the path, and the unit."""
     endings = {
         name: [name.split(".", dots)[-1] for dots in range(name.count("."), -1, -1)]  # shortest first
         for name in campaign.quantity_units
@@ -49,11 +49,11 @@ def quantity_heads(campaign: Campaign) -> dict[str, str]:
 
 
 def campaign_text(summary: CampaignSummary) -> str:
-    """What was varied, what became of the runs, statistics, comparison, the worst runs."""
+    """Return the report of a campaign: varied quantities, outcomes, statistics, comparison and worst runs."""
     parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
     parts += [Facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
     if failed := _failures(summary):
-        parts += [*failed, Text("They are in no average below.")]
+        parts += [*failed, Text("The averages below exclude them.")]
     parts.append(heading("Runs that stopped", "-"))
     if summary.any_stopped:
         parts += [_mean_table(summary), _quantile_table(summary), Text(_interval_note(summary))]
@@ -64,12 +64,12 @@ def campaign_text(summary: CampaignSummary) -> str:
     if summary.paired:
         parts += [heading("Controllers on the same runs (second minus first)", "-"), _paired_table(summary)]
     parts += [heading(f"Worst runs by {measured(summary.worst_by).title}", "-"), *_worst(summary)]
-    parts.append(Text("To see one again, with its time series: the same command with --replay NUMBER"))
+    parts.append(Text("To repeat a run with its time series, give the same command with --replay NUMBER"))
     return render(parts)
 
 
 def campaign_table(summary: CampaignSummary) -> str:
-    """A line a controller."""
+    """Return a table with one line for each controller."""
 
     def row(found: ControllerSummary) -> tuple[str, ...]:
         distance, slip = found.measures["braking_distance_m"], found.measures["max_slip"]
@@ -83,7 +83,7 @@ def campaign_table(summary: CampaignSummary) -> str:
 
 
 def replay_text(replayed: Replay) -> str:
-    """A run of a campaign again."""
+    """Return the report of a repeated run of a campaign."""
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
     known = "equal to the stored row to the last bit" if replayed.stored else "the folder does not have this run yet"
     rows.append(("Compared", known))
@@ -96,7 +96,7 @@ def replay_text(replayed: Replay) -> str:
 
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
-    """The same, unrounded."""
+    """Return a repeated run as JSON, unrounded."""
     runs = {
         name: {"outcome": run.outcome.value, **{measure.name: plain(measure.of(run)) for measure in COLUMNS}}
         for name, run in replayed.runs.items()
@@ -105,7 +105,7 @@ def replay_json(replayed: Replay) -> dict[str, Any]:
 
 
 def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
-    """The same, unrounded; unbounded intervals are null."""
+    """Return a campaign as JSON, unrounded; ends of unbounded intervals are null."""
     pair_names = {"mean_difference": "difference", "share_second_smaller": "second_smaller"}
     named = {"hash": "fingerprint", "scenario": "scenario.name", "runs_asked": "runs"}
     return {
@@ -152,7 +152,7 @@ def _campaign_facts(summary: CampaignSummary) -> list[tuple[str, str]]:
     rows += [("Varied", text) for text in _quantity_texts(summary) or ["nothing but the noise"]]
     rows.append(("Sampling", f"{campaign.sampling.value}, seed {campaign.seed}"))
     if not summary.complete:
-        rows.append(("Unfinished", f"{summary.runs} of {campaign.runs} runs; the same command goes on"))
+        rows.append(("Unfinished", f"{summary.runs} of {campaign.runs} runs; the same command continues"))
     return rows
 
 
@@ -255,7 +255,7 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
 
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
-    """Those that did not stop by number, then the worst of those that stopped."""
+    """Return the numbers of runs that did not stop, then a table of the worst runs that stopped."""
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     rows = [
         (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))
@@ -267,13 +267,13 @@ def _worst(summary: CampaignSummary) -> list[RenderableType]:
 
 
 def _with_interval(found: Estimate, scale: float = 1.0) -> str:
-    """A value with its interval in brackets, to the digits that the interval leaves meaning to."""
+    """Return a value with its interval in brackets, with as many digits as the interval justifies."""
     value, low, high = (scale * v for v in found)
     if math.isnan(value):
         return "-"
     known = [end for end in (low, high) if math.isfinite(end)]
     half = max((abs(end - value) for end in known), default=0.0)
-    # a bound is told to a tenth of the interval
+    # the last digit is about a tenth of the interval
     digits = 3 if half == 0.0 or abs(value) <= half else min(7, 2 + math.ceil(math.log10(abs(value) / half)))
     if not known:
         return fixed(value, digits)

@@ -40,11 +40,11 @@ def derivation_json(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> dict[str, Any]:
-    """The contract's keys, how each step was done and checked, and a law's `numbers` by rail; its `code`, if any."""
-    formulas = [None if one.torque is None else f"T_b = {latex(one.torque)}" for one in numbers]
+    """Return a derivation as JSON: steps with method and check, the law, its `numbers` by rail, its `code`, errata."""
+    formulas = [None if rows.torque is None else f"T_b = {latex(rows.torque)}" for rows in numbers]
     of_rails = {
-        one.rail.value: {"parameters": dict(one.parameters), "latex": formula}
-        for one, formula in zip(numbers, formulas, strict=True)
+        rows.rail.value: {"parameters": dict(rows.parameters), "latex": formula}
+        for rows, formula in zip(numbers, formulas, strict=True)
     }
     torque, law = _law(derivation)
     return {
@@ -62,7 +62,7 @@ def derivation_json(
 
 
 def _law(derivation: Derivation | PredictiveDerivation) -> tuple[sp.Symbol, sp.Expr]:
-    """The torque that the law commands, and its formula."""
+    """Return the symbol of the commanded torque, and its formula."""
     if isinstance(derivation, Derivation):
         return plant.Tb, derivation.law_in_adhesion
     return sliding_symbol("u"), derivation.control_law
@@ -110,7 +110,7 @@ def _mark(checked: bool) -> str:
 def derivation_text(
     derivation: Derivation | PredictiveDerivation, errata: Sequence[Erratum] = (), numbers: Sequence[LawNumbers] = ()
 ) -> str:
-    """Plain text."""
+    """Return a derivation as plain text."""
     parts: list[RenderableType] = [
         heading(_title(derivation)),
         Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
@@ -144,7 +144,7 @@ def derivation_text(
 
 
 def _sources(derivation: Derivation | PredictiveDerivation) -> list[str]:
-    """References cited by the steps."""
+    """Return the references that the steps cite."""
     return [
         f"[{key}] {text}"
         for key, text in SOURCES.items()
@@ -169,10 +169,13 @@ def derivation_document(
     code: LawCode | None = None,
     numbers: Sequence[LawNumbers] = (),
 ) -> str:
-    """As "markdown" with LaTeX formulas, or as "latex": a document that needs amsmath, geometry, graphicx and listings;
-    too wide a formula is made to fit."""
+    """Return a derivation as "markdown" with LaTeX formulas, or as a "latex" document.
+
+    The LaTeX document needs the packages amsmath, geometry, graphicx and listings; it shrinks formulas that are too
+    wide.
+    """
     template, escapes = {"markdown": ("derivation.md", _MARKDOWN), "latex": ("derivation.tex", _LATEX)}[form]
-    # LaTeX is full of braces
+    # other delimiters, because LaTeX uses braces
     names = ("block_start_string", "block_end_string", "variable_start_string", "variable_end_string")
     filling = environment("railslip_ctrl.report", **dict(zip(names, ("<%", "%>", "<<", ">>"), strict=True)))
     filling.filters |= {

@@ -22,18 +22,18 @@ from .recommendation import design_report
 
 
 def toml_text(envelope: Envelope, control: Controller) -> str:
-    """What every command takes with --controller."""
+    """Return the controller's TOML text, for --controller of every command."""
     return control.toml
 
 
 def script_text(envelope: Envelope, control: Controller) -> str:
-    """A Python script that makes the envelope and the controller, judges it, runs a stop, and saves the controller.
+    """Return a Python script that makes envelope and controller, judges it, runs a stop, and saves the controller.
 
-    InputError for a kind, or an adhesion law, of the user's own: the script would have to load its file.
+    InputError for a user's own kind or adhesion law, because the script would have to load its file.
     """
     kind = type(control)
     if python_file(kind) is not None or any(isinstance(law, AdhesionLaw) for law in envelope.laws):
-        raise InputError("script: a controller or an adhesion law of your own is in your file; save controller.toml")
+        raise InputError("script: it cannot contain your own controller or adhesion law; save controller.toml instead")
     given = {**control.file_keys(), "name": control.label, "reference": control.reference}
     fields = type(envelope).model_fields
     changed = {n: getattr(envelope, n) for n in fields if n != "vehicle" and getattr(envelope, n) != fields[n].default}
@@ -60,9 +60,9 @@ def _shown(values: Mapping[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A value in words of Python alone."""
+    """Convert a value to built-in Python types."""
     if isinstance(value, Record | Mapping):
-        return {name: _plain(one) for name, one in dict(value).items() if one is not None}
+        return {name: _plain(entry) for name, entry in dict(value).items() if entry is not None}
     if isinstance(value, tuple | list):
         return tuple(map(_plain, value))
     if isinstance(value, Enum):
@@ -71,7 +71,7 @@ def _plain(value: Any) -> Any:
 
 
 def report_text(envelope: Envelope, control: Controller) -> str:
-    """The page of `railslip report`, with the controller beside what that recommends."""
+    """Return the page of `railslip report`, with the controller beside the recommendation."""
     check_extra("html", "report")
     found = design_report(envelope, given={control.label: control}, sliding=False)
     pictures = Pictures()
@@ -83,4 +83,4 @@ def report_text(envelope: Envelope, control: Controller) -> str:
 FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(
     {"controller.toml": toml_text, "design.py": script_text, "report.html": report_text}
 )
-"""What makes each file, by its name."""
+"""Functions that make the text of each file, by file name."""

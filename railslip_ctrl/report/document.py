@@ -1,6 +1,6 @@
-"""What reports are made of: facts, tables, paragraphs, pictures, sections, and the numbers in them.
+"""Blocks of reports (facts, tables, paragraphs, pictures, sections), and the format of numbers.
 
-One model for text and HTML: `render` prints blocks with rich, `page` sets the same blocks in its template.
+Text and HTML use the same blocks: `render` prints them with rich, `page` fills them into its template.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_up, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 
-WIDTH = 110  #: columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print
+WIDTH = 110  #: columns of a report in a file or a pipe; fits A4 landscape in a usual fixed-width font
 
 NONE = "–"
 
 MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")  #: columns of `margin_cells`
 
-_UNLIMITED = 10_000  # columns that no table has
-_SHORT = 16  # rows of a table that is kept on one page
-_LARGE = 1e6  # numbers below it are written out
+_UNLIMITED = 10_000  # columns, wider than any table
+_SHORT = 16  # largest number of rows of a table that is kept on one page
+_LARGE = 1e6  # smallest number that is written with a power of ten
 _POWER = re.compile(r"e([+-]?)0*(\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
 _NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
@@ -46,7 +46,7 @@ _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Text."""
+    """Paragraph of text."""
 
     text: str
     kind: ClassVar[str] = "paragraph"
@@ -57,7 +57,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Facts:
-    """Names and values, in two columns."""
+    """Names and values in two columns."""
 
     rows: Sequence[tuple[str, str]]
     kind: ClassVar[str] = "facts"
@@ -73,11 +73,11 @@ class Facts:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a ruled head.
+    """Table with a ruled head.
 
-    In text the first `left` columns and those numbered in `words` are aligned left, others right; cells of the first
-    `whole` columns are never broken; columns without room follow below, the first `left` repeated. On a page columns
-    of numbers are aligned right, `caption` stands above, and `wide` sets it smaller.
+    In text the first `left` columns and those with an index in `words` are aligned left, others right. Cells of the
+    first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated. On a
+    page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
     """
 
     head: Sequence[str]
@@ -92,17 +92,17 @@ class Table:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """By column, whether it holds numbers alone."""
+        """True for each column that has only numbers."""
         columns = zip(*self.rows, strict=True)
         return tuple(all(_NUMBER.fullmatch(cell) for cell in column) for column in columns)
 
     @property
     def short(self) -> bool:
-        """Whether it is kept on one page."""
+        """True if the table is kept on one page."""
         return len(self.rows) <= _SHORT
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
-        unlimited = options.update(max_width=_UNLIMITED)  # within a limit a table would measure no more than that
+        unlimited = options.update(max_width=_UNLIMITED)  # otherwise the measured width would be limited
         repeated = list(range(self.left))
         shown = repeated
         for i in range(self.left, len(self.head)):
@@ -125,7 +125,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A captioned picture by the name it was drawn under; `alt` says in words what is seen."""
+    """Picture with caption, by the name it was drawn under; `alt` describes it in words."""
 
     name: str
     caption: str
@@ -135,7 +135,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Details:
-    """Something to open: its title, a word that judges it, and what is inside."""
+    """Block that can be opened: its title, a verdict in one word, and the blocks inside."""
 
     title: str
     verdict: str
@@ -144,7 +144,7 @@ class Details:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         yield heading(f"{self.title}: {self.verdict}", "-")
-        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text has none
+        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text has no pictures
         yield ""
 
 
@@ -153,7 +153,7 @@ Block = Paragraph | Facts | Table | Picture | Details
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter with its anchor in the table of contents."""
+    """Chapter with its anchor for the table of contents."""
 
     anchor: str
     title: str
@@ -162,10 +162,12 @@ class Section:
 
 @dataclass(frozen=True)
 class FirstPage:
-    """What is read in a minute.
+    """First page of a report, which can be read in a minute.
 
-    `headline` says what to do in a word or four, `subject` of what; `file` has it as data; `lines` are headed texts;
-    `rows` of the table say what, its number, and where.
+    - headline: result in one to four words; subject: what it is about.
+    - file: file with the result as data.
+    - lines: texts with headings.
+    - head, rows: table of quantities, numbers and places.
     """
 
     title: str
@@ -183,7 +185,7 @@ class FirstPage:
 
 @contextmanager
 def columns(number: int) -> Iterator[None]:
-    """Reports made inside are `number` columns wide: those for a terminal narrower than `WIDTH`."""
+    """Set the width of reports made inside to `number` columns, for a terminal narrower than `WIDTH`."""
     before = _width.set(number)
     try:
         yield
@@ -192,12 +194,12 @@ def columns(number: int) -> Iterator[None]:
 
 
 def width() -> int:
-    """Columns of the reports made here."""
+    """Return the present width of reports in columns."""
     return _width.get()
 
 
 def render(parts: Iterable[RenderableType]) -> str:
-    """Facts, tables and strings as text."""
+    """Render facts, tables and strings as text."""
     stream = io.StringIO()
     console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
     for part in parts:
@@ -206,7 +208,7 @@ def render(parts: Iterable[RenderableType]) -> str:
 
 
 def heading(text: str, mark: str = "=") -> Text:
-    """A heading, underlined."""
+    """Return an underlined heading."""
     return Text(f"{text}\n{mark * min(len(text), _width.get())}")
 
 
@@ -214,18 +216,18 @@ def heading(text: str, mark: str = "=") -> Text:
 
 
 def counted(number: int, what: str) -> str:
-    """ "1 run", "2 runs"."""
+    """Return a number with a noun, as "1 run" or "2 runs"."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def listed(words: Iterable[str]) -> str:
-    """Words with commas and an "and"."""
-    found = list(words)
-    return found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}" if found else "none"
+    """Join words with commas and an "and"; "none" without words."""
+    every = list(words)
+    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}" if every else "none"
 
 
 def fixed(value: float, digits: int = 5) -> str:
-    """A number with `digits` significant digits, trailing zeros kept off; "unbounded" for inf, "-" for NaN."""
+    """Format a number with `digits` significant digits, without trailing zeros; "unbounded" for inf, "-" for NaN."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
@@ -234,7 +236,7 @@ def fixed(value: float, digits: int = 5) -> str:
 
 
 def short(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits and a proper minus sign; powers of ten only where they save zeros."""
+    """Format a number with `digits` significant digits and a minus sign; powers of ten only if they save zeros."""
     if not math.isfinite(value):
         return "∞" if value > 0 else NONE
     nearest = rounded(value, digits)
@@ -243,27 +245,27 @@ def short(value: float, digits: int = 4) -> str:
 
 
 def above(value: float, digits: int = BOUND_DIGITS) -> str:
-    """A number that is not below `value`, for what must not be less."""
+    """Format a value rounded up, for an upper bound."""
     return short(rounded_up(value, digits), digits)
 
 
 def below(value: float, digits: int = BOUND_DIGITS) -> str:
-    """A number that is not above `value`, for what must not be more."""
+    """Format a value rounded down, for a lower bound."""
     return short(rounded_down(value, digits), digits)
 
 
 def ms_text(ms: float) -> str:
-    """A worst Ms, inf where a loop is unstable; NONE for NaN."""
+    """Format a worst Ms: "unstable" for inf, NONE for NaN."""
     return "unstable" if ms == math.inf else NONE if math.isnan(ms) else ms_up(ms)
 
 
 def minus(text: str) -> str:
-    """Text of numbers with proper minus signs."""
+    """Replace hyphens by minus signs in a text of numbers."""
     return text.replace("-", "−")
 
 
 def roots_text(values: Iterable[complex]) -> str:
-    """Poles or zeros, one of each pair, separated by commas; "none" if there are none."""
+    """Format poles or zeros, one of each pair, separated by commas; "none" if there are none."""
 
     def one(value: complex) -> str:
         return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
@@ -272,7 +274,7 @@ def roots_text(values: Iterable[complex]) -> str:
 
 
 def margin_cells(margins: Margins | None) -> tuple[str, ...]:
-    """Gain decrease and increase, phase, delay, Ms, Mt; dashes for an unstable loop."""
+    """Return cells for gain decrease and increase, phase, delay, Ms, Mt; dashes for an unstable loop."""
     if margins is None:
         return (NONE,) * len(MARGIN_HEAD)
     values = (margins.gain_decrease, margins.gain_increase, margins.phase_deg, margins.delay_s, margins.ms, margins.mt)

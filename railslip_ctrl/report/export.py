@@ -1,4 +1,4 @@
-"""Records as JSON, the source of an adhesion law, files written whole, and where a report comes from."""
+"""Records as JSON, the source of an adhesion law, complete writing of files, and versions for reports."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, remarks
 
-PUBLISHED, GIVEN = "published", "given"  #: sources of a law that is from no file
+PUBLISHED, GIVEN = "published", "given"  #: sources of an adhesion law without a file
 
 _PACKAGES = {
     **{"control": "python-control", "numpy": "NumPy", "scipy": "SciPy"},
@@ -47,13 +47,16 @@ _MARGINS = {**_CERTIFIED, "disk_margin": "disk"}
 
 
 def number(value: float) -> float | None:
-    """A finite float, or None."""
+    """Return a finite float, or None for any other number."""
     return float(value) if math.isfinite(value) else None
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays and tuples are lists, named ones objects, complex numbers [re, im], what is not
-    finite is null."""
+    """Convert a value to JSON types.
+
+    Arrays and tuples become lists, named tuples objects, complex numbers [re, im], and numbers that are not finite
+    null.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Enum):
@@ -67,29 +70,32 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):
-        return {key: plain(one) for key, one in value.items()}
-    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+        return {key: plain(entry) for key, entry in value.items()}
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def json_text(content: Mapping[str, Any], *, ensure_ascii: bool = True) -> str:
-    """JSON as files have it, or as it is printed; a number that is not finite would be a defect here, and fails."""
+    """Return JSON text for files, or for printing; ValueError for a number that is not finite."""
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=ensure_ascii) + "\n"
 
 
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
-    """Attributes of a record as JSON: `same` by their own names, `named` by a path ("vehicle.mass"); None has nulls."""
+    """Return attributes of a record as JSON, `same` by their names, `named` by a path such as "vehicle.mass".
+
+    For a record that is None all values are null.
+    """
     paths = {name: name for name in same} | named
     return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
 
 
 def case_json(point: OperatingPoint) -> dict[str, Any]:
-    """The six keys that name a case."""
+    """Return the six keys that identify a case."""
     scale = "vehicle.inertia_scale"
     return exported(point, "adhesion", "rail", "speed_kmh", "slip", mass_kg="vehicle.mass", inertia_scale=scale)
 
 
 def _context_json(point: OperatingPoint) -> dict[str, Any]:
-    """What else a case depends on, beside the six keys."""
+    """Return the other quantities on which a case depends."""
     return {
         "adhesion_law": law_json(point.law, source_at(point)),
         **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
@@ -98,13 +104,13 @@ def _context_json(point: OperatingPoint) -> dict[str, Any]:
 
 
 def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
-    """The law: name, source, the rail its parameters are for, and each parameter's value (SI) and unit."""
+    """Return an adhesion law as JSON: name, source, rail of its parameters, and values (SI) with units."""
     parameters = {name: {"value": plain(value), "unit": unit} for name, (value, unit) in law.numbers().items()}
     return {"name": law.name, "source": source, "rail": law.rail.value, "parameters": parameters}
 
 
 def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
-    """A linearisation: operating point, matrices with names, poles and zeros, torque to sigma."""
+    """Return a linearisation as JSON: operating point, matrices with names, poles, zeros, torque to sigma."""
     num, den = plant.transfer_function()
     return {
         **case_json(plant.point),
@@ -116,22 +122,22 @@ def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
 
 
 def margin_numbers(margins: Margins | None) -> dict[str, Any]:
-    """Each margin; null where it is without bound, or the loop unstable."""
-    found = exported(margins, **_MARGINS)
-    return found | {"gain_decrease": found["gain_decrease"] or None}
+    """Return each margin as JSON; null if it is unbounded or the loop is unstable."""
+    numbers = exported(margins, **_MARGINS)
+    return numbers | {"gain_decrease": numbers["gain_decrease"] or None}
 
 
 def margin_frequencies(margins: Margins | None) -> dict[str, Any] | None:
-    """Where each margin is, rad/s; null of an unstable loop."""
+    """Return the frequency of each margin, rad/s; null for an unstable loop."""
     names = ("gain_increase", "gain_decrease", "phase", "delay", "ms", "mt", "disk")
     keys = {"phase": "phase_margin", "delay": "delay_margin", "disk": "disk_margin"}
     return None if margins is None else exported(margins, **{keys.get(x, x): f"{x}_frequency" for x in names})
 
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
-    """One loop's margins, of an unstable loop null, and its certificate where there is one."""
+    """Return the margins of a loop as JSON, null if it is unstable, and its certificate if there is one."""
     unstable = assessment.unstable_poles
-    found = {
+    content = {
         **case_json(assessment.point),
         **_context_json(assessment.point),
         "controller": controller_json(assessment.controller),
@@ -155,17 +161,17 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
             for row in assessment.pade
         ],
     }
-    if assessment.as_run is not None:  # how a continuous controller is sampled
+    if assessment.as_run is not None:  # the sampled loop of a continuous controller
         stable = assessment.as_run.is_stable()
         margins = margin_numbers(assessment.sampled)
-        found["sampled"] = {"period_s": assessment.as_run.period, "stable": stable, **margins}
+        content["sampled"] = {"period_s": assessment.as_run.period, "stable": stable, **margins}
     if certificate is not None:
-        found["certificate"] = _certificate_json(certificate)
-    return found
+        content["certificate"] = _certificate_json(certificate)
+    return content
 
 
 def controller_json(controller: LinearController | Controller) -> dict[str, Any]:
-    """The numbers of a controller with margins, SI."""
+    """Return the numbers of a controller with margins as JSON, SI."""
     if isinstance(controller, Controller):
         return {"structure": controller.kind, **controller.gain_values()}
     if not isinstance(controller, PIController):
@@ -182,11 +188,11 @@ def _crossovers(assessment: Assessment) -> Any:
 
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Enclosures as [lowest, highest]; null for an end without bound, or for all of an unstable loop."""
+    """Return enclosures as [lowest, highest]; null for an unbounded end, or for all values of an unstable loop."""
     pairs = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
     ends = {name: None if pair is None else [number(end) for end in pair] for name, pair in pairs.items()}
     if ends["gain_decrease"] is not None:
-        ends["gain_decrease"] = [end or None for end in ends["gain_decrease"]]  # 0 is without bound
+        ends["gain_decrease"] = [end or None for end in ends["gain_decrease"]]  # 0 means unbounded
     return {
         **exported(certificate, "stable", "marginal", "bits", "parts", unstable_closed_loop_poles="unstable_poles"),
         "gain_crossovers_rad_s": [[number(w) for w in pair] for pair in certificate.gain_crossovers],
@@ -195,69 +201,69 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
 
 
 def _limits_json(assessment: Assessment) -> dict[str, Any]:
-    """What no controller beats, and what a PI, and a PI with a lead on the lag, may hope for; null without theorem."""
+    """Return the limits for any controller, for a PI and for a PI-lead as JSON; null if a theorem does not apply."""
     limits = assessment.limits
     names = {"unstable_pole_rad_s": "unstable_pole", "pole_times_dead_time_and_lag": "actuator_product"}
-    found = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
+    content = exported(limits, **names, mt_lower_bound="mt_bound", ms_lower_bound="ms_bound")
     for name, structure in (("pi", limits.pi), ("pi_lead", limits.pi_lead)):
         keys = {f"{name}_phase_margin_upper_bound_deg": "phase_deg", f"{name}_ms_lower_bound": "ms_bound"}
-        found |= exported(structure, **keys)
-    return found
+        content |= exported(structure, **keys)
+    return content
 
 
-# --- whose an adhesion law is: published, or the user's own ---------------------------------------------------------
+# --- source of an adhesion law: published, or the user's own --------------------------------------------------------
 
 
 def law_words(law: AdhesionLaw, source: str) -> str:
-    """The law in words: its name if published, else "beam as given (model.toml)"."""
+    """Return the name of an adhesion law, with its source unless it is published: "beam as given (model.toml)"."""
     if source == PUBLISHED:
         return law.name
     return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
 
 
 def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """The file that a law is from; else whether its numbers are those of what `published` makes."""
+    """Return the file of an adhesion law, or else PUBLISHED if its numbers equal those of `published`, or GIVEN."""
     if law.file is not None:
         return law.file
     try:
         other = published()
-    except RailslipError:  # there is no such law
+    except RailslipError:  # there is no published law of this name
         return GIVEN
     return PUBLISHED if type(other) is type(law) and other.parameters() == law.parameters() else GIVEN
 
 
 def source_at(point: OperatingPoint) -> str:
-    """`source_of` a point's law, published for its rail, v0 and wheel load."""
+    """Return the source of a point's adhesion law; published laws are compared for its rail, v0 and wheel load."""
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))
 
 
 def words_at(point: OperatingPoint) -> str:
-    """`law_words` of a point's law."""
+    """Return the name of a point's adhesion law with its source."""
     return law_words(point.law, source_at(point))
 
 
-# --- files, so that an existing report is never left half-written ---------------------------------------------------
+# --- files; an existing report is never left incomplete -------------------------------------------------------------
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
     """Raise InputError if files of these names could not be written into `directory`; it need not exist yet."""
     if str(directory) in ("", "."):
         raise InputError(
-            "--out: the working folder itself is not taken, so that nothing in it is overwritten; name one"
+            "--out: the working folder itself is not allowed, so that nothing in it is overwritten; name another folder"
         )
     existing = directory
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
     if not _takes_a_folder(existing):
-        raise InputError(f"--out: {str(directory)!r} cannot be made or written to; choose another folder")
+        raise InputError(f"--out: {str(directory)!r} cannot be created or written to; choose another folder")
     for name in names:
         if (directory / name).is_dir():
             raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
 
 
 def _takes_a_folder(directory: Path) -> bool:
-    """Whether a folder can be made in a directory; tried, as rights alone do not tell (of /proc, say)."""
+    """Return True if a folder can be created in a directory, by trying; access rights are not sufficient (/proc)."""
     try:
         with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True
@@ -269,21 +275,21 @@ def check_file(path: Path, option: str) -> None:
     """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
     if path.is_dir() or not path.name:
         raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
-    if path.exists() and not path.is_file():  # a device or pipe would be replaced, not written to
+    if path.exists() and not path.is_file():  # a device or pipe would be replaced instead of written to
         raise InputError(f"{option}: {str(path)!r} is not a regular file; choose another")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
 
 
 FileContent = str | bytes | Callable[[Path], object]
-"""What a file has in it, or what writes it at the path that it is given."""
+"""Content of a file, or a function that writes it to a path."""
 
 
 def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
-    """Write files, by name, into `directory` (made if missing), all or none; their paths.
+    """Write files by name into `directory`, which is created if missing, all or none; return their paths.
 
-    InputError, which begins with `option`, if the directory cannot be made or written to; what was there before is
-    then untouched.
+    InputError, which begins with `option`, if the directory cannot be created or written to; existing files are then
+    not changed.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -300,10 +306,10 @@ def write_files(directory: Path, files: Mapping[str, FileContent], *, option: st
     return [directory / name for name in files]
 
 
-# --- where a report comes from --------------------------------------------------------------------------------------
+# --- versions for reports -------------------------------------------------------------------------------------------
 
 
 def software() -> dict[str, str]:
-    """Versions of this package, of Python, and of the libraries that computed or drew something, by name."""
+    """Return the versions of this package, of Python, and of the libraries used, by name."""
     own = {"railslip_ctrl": __version__, "Python": platform.python_version()}
     return own | {shown: version(name) for name, shown in _PACKAGES.items()}

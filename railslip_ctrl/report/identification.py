@@ -1,4 +1,4 @@
-"""What `railslip identify` found: as text, as the model's file, as JSON, and the observed adhesion as CSV."""
+"""Results of `railslip identify` as text, as the model's file, as JSON, and the observed adhesion as CSV."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from .export import exported, number, plain
 
 
 def identification_text(found: Identification) -> str:
-    """One log as a report."""
+    """Return the report of one log."""
     return render(_log_parts(found))
 
 
 def series_text(found: LogSeries) -> str:
-    """Several logs as a report: each, then the parameters over the initial speed."""
+    """Return the report of several logs: each log, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
     parts += [Text(f"Warning: {text}") for text in found.warnings]
@@ -54,7 +54,7 @@ def series_text(found: LogSeries) -> str:
 
 
 def _error_table(found: LogSeries) -> RenderableType:
-    """As [Park2008] Table 3."""
+    """Return a table of errors in the form of [Park2008] Table 3."""
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in found.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
     speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in found.logs)
@@ -66,7 +66,7 @@ def _pair(value: float, stderr: float) -> str:
 
 
 def _range(value: float, interval: tuple[float, float], digits: int) -> str:
-    """A value with its interval; an infinite end is left out."""
+    """Return a value with its interval; an infinite end is left out."""
     text, low, high = (fixed(x, digits) for x in (value, *interval))
     if not math.isfinite(interval[0]):
         return text
@@ -88,7 +88,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
     samples = f"{found.scores[0].independent:.3g} independent samples"
-    weight = f"AIC and BIC are of {samples}, and compare these models with each other alone"
+    weight = f"AIC and BIC are based on {samples}, and are only for comparing these models with each other"
     parts.append(Text(f"{too_few(found.scores) or weight}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
@@ -98,7 +98,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
 
 
 def _load_of(found: Identification) -> str:
-    """Whose wheel load it is, where the log has one of its own."""
+    """Return a remark if the log has its own wheel load."""
     own = found.vehicle.wheel_load
     same = math.isclose(found.setting.wheel_load, own, rel_tol=1e-6)
     return "" if same else f" (the log's; the vehicle's is {own:g} N)"
@@ -188,7 +188,7 @@ def _verdict(found: Identification) -> str:
 
 
 def _doubt(found: Identification) -> str:
-    """What the uncertainty of the peak leaves open."""
+    """Return a remark if the reference slip may be beyond the peak."""
     peak = found.own_peak
     low = peak.lowest_slip
     if peak.reference <= low * (1.0 + 1e-9):
@@ -196,8 +196,8 @@ def _doubt(found: Identification) -> str:
     lost = 100 * (1 - peak.reference_coefficient / peak.coefficient)
     known = f"only from slip {max(low, 0.0):.3g} up" if math.isfinite(low) else "without an interval"
     return (
-        f"; the peak is known {known} (99 %), so that what is held, {lost:.0f} % below the highest mu, "
-        "may lie beyond it: a log with more slip about the peak tells it better"
+        f"; the peak is known {known} (99 %), so that this slip, with mu {lost:.0f} % below the highest, may be beyond "
+        "it; record a log with more slip around the peak"
     )
 
 
@@ -206,11 +206,11 @@ def _doubt(found: Identification) -> str:
 
 @checked
 def model_toml(found: Identification) -> str:
-    """The chosen law of an identified log, for `--adhesion FILE`.
+    """Return the chosen adhesion law of a log as TOML text for `--adhesion FILE`.
 
-    - found: of `identify`.
+    - found: result of `identify`.
 
-    Returns the TOML text: parameters in SI, speeds in km/h.
+    Parameters are in SI, speeds in km/h.
     """
     fit, curve, load = found.chosen.fit, found.curve, found.setting.wheel_load
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)
@@ -229,13 +229,13 @@ def model_toml(found: Identification) -> str:
 
 
 def series_toml(found: LogSeries) -> str | None:
-    """The law over the initial speed for `--adhesion FILE --initial-speed KMH`; None for tables, whose knots differ."""
+    """Return the law over the initial speed as TOML text; None for tables, whose knots differ."""
     fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
     if fits[0].model.name == "table":
         return None
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
-        "For --adhesion with --initial-speed. The slips to hold are those of the logs, at their speeds.",
+        "For --adhesion with --initial-speed. The reference slips are those of the logs, at their speeds.",
         *(text for p in found.polynomials for text in _errors_of(p)),
         *(f"Warning: {warning}" for each in found.logs for warning in (*each.warnings, *each.doubts)),
         *(f"Warning: {warning}" for warning in found.warnings),
@@ -249,25 +249,25 @@ def series_toml(found: LogSeries) -> str | None:
 
 
 def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
-    """How sure the polynomial of a parameter is: of its coefficients, which go together, and of its values."""
+    """Return the standard errors of a parameter's polynomial, of its (correlated) coefficients and of its values."""
     if not all(math.isfinite(x) for x in p.stderrs):
-        return (f"{p.name}: standard errors not known, as not every log gave one",)
+        return (f"{p.name}: standard errors not known, because not every log gives one",)
     values = (f"{p.stderr_at(speed):.3g} at {speed:.4g} km/h" for speed in sorted({*p.speeds_kmh.tolist()}))
     errors = ", ".join(f"{x:.3g}" for x in p.stderrs)
-    told = f"{p.name}: standard errors of the coefficients {errors}; of the value {', '.join(values)}"
-    return (told, p.misses) if p.misses else (told,)
+    text = f"{p.name}: standard errors of the coefficients {errors}; of the value {', '.join(values)}"
+    return (text, p.misses) if p.misses else (text,)
 
 
 def _references(found: LogSeries) -> dict[float, ReferenceSlip]:
-    """The slips to hold by v0 in km/h, of logs at one speed the lowest; none unless every log has them."""
-    held: dict[float, ReferenceSlip] = {}
+    """Return the reference slips by v0 in km/h, the lowest of logs at one speed; none unless every log has them."""
+    slips: dict[float, ReferenceSlip] = {}
     for each in found.logs:
         if each.reference is None:
             return {}
         v0 = float(round(each.setting.initial_speed / KMH, 1))
-        other = held.get(v0, each.reference)
-        held[v0] = ReferenceSlip(dry=min(each.reference.dry, other.dry), wet=min(each.reference.wet, other.wet))
-    return held
+        other = slips.get(v0, each.reference)
+        slips[v0] = ReferenceSlip(dry=min(each.reference.dry, other.dry), wet=min(each.reference.wet, other.wet))
+    return slips
 
 
 def law_toml(
@@ -278,10 +278,11 @@ def law_toml(
     speeds_kmh: tuple[float, float] | None = None,
     comments: Iterable[str] = (),
 ) -> str:
-    """The text of a law's file: numbers with all their digits, so that reading it gives the same law.
+    """Return the text of an adhesion law's file, with all digits, so that reading it gives the same law.
 
-    `wheel_load` is that of the log, N, `speeds_kmh` the lowest and the highest initial speed in it; `comments` go to
-    its head, a line each.
+    - wheel_load: wheel load of the log, N.
+    - speeds_kmh: lowest and highest initial speed of the log.
+    - comments: lines for the head of the file.
     """
     lines = [*_head(law, wheel_load, speeds_kmh, comments), "", "[parameters]"]
     for name in law.parameter_names():
@@ -289,13 +290,13 @@ def law_toml(
         meaning = f"{'' if unit == '1' else f'{unit}, '}{type(law).model_fields[name].description}"
         lines.append(f"{name} = {_number(getattr(law, name))}  # {meaning}")
     if reference is not None:
-        held = (f"{name} = {getattr(reference, name)!r}" for name in _held_on(law, (reference,)))
-        lines += ["", "[reference_slip]", *held]
+        slips = (f"{name} = {getattr(reference, name)!r}" for name in _rails_of(law, (reference,)))
+        lines += ["", "[reference_slip]", *slips]
     return "\n".join(lines) + "\n"
 
 
-def _held_on(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
-    """The rails for which a law's file has a slip to hold: what was found on wet rail alone says nothing of dry."""
+def _rails_of(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
+    """Return the rails with a reference slip in a law's file: only wet if the log is from wet rail."""
     wet_alone = law.rail is Rail.WET and all(each.dry == each.wet for each in references)
     return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
@@ -306,8 +307,8 @@ def _head(
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
     lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
     if speeds_kmh is not None:
-        lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, v0 that the parameters are for")
-    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; forces among the parameters are those of this load"]
+        lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, range of v0 of the parameters")
+    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; parameters that are forces hold for this load"]
 
 
 def polynomials_toml(
@@ -319,19 +320,20 @@ def polynomials_toml(
     wheel_load: float,
     comments: Iterable[str] = (),
 ) -> str:
-    """The text of a file with the parameters over the initial speed: `coefficients` of powers of v0 in km/h, SI.
+    """Return the text of a file with parameters over the initial speed: coefficients of powers of v0 in km/h, SI.
 
-    `law` gives name and rail condition, `speeds_kmh` the range, `references` the slips to hold by v0 in km/h, none if
-    there are none; `wheel_load` and `comments` as of `law_toml`.
+    - law: name and rail condition; speeds_kmh: range of v0.
+    - references: reference slips by v0 in km/h; may be empty.
+    - wheel_load, comments: as in `law_toml`.
     """
     lines = _head(law, wheel_load, speeds_kmh, comments)
     lines += ["", "[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
     lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
     if references:
         speeds = tuple(sorted(references))
-        lines += ["", "[reference_slip]  # at these initial speeds, straight between"]
+        lines += ["", "[reference_slip]  # at these initial speeds, linear between them"]
         lines.append(f"initial_speed = {_number(speeds)}")
-        for name in _held_on(law, references.values()):
+        for name in _rails_of(law, references.values()):
             lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
     return "\n".join(lines) + "\n"
 
@@ -339,15 +341,15 @@ def polynomials_toml(
 def _number(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_number(each) for each in value) + "]"
-    assert math.isfinite(value), "records refuse other numbers"
+    assert math.isfinite(value), "records reject other numbers"
     return repr(float(value))
 
 
-# --- what `railslip identify` found, as JSON -------------------------------------------------------------------------
+# --- results of `railslip identify` as JSON --------------------------------------------------------------------------
 
 
 def identification_json(found: Identification) -> dict[str, Any]:
-    """One log: the model chosen first, then the comparison, the curve, the peaks and the log."""
+    """Return the result of one log as JSON: the chosen model, the comparison, the curve, the peaks and the log."""
     fit, curve = found.chosen.fit, found.curve
     return {
         **_errors_json(found.chosen, found.regimes),
@@ -375,7 +377,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
 
 
 def series_json(found: LogSeries) -> dict[str, Any]:
-    """Several logs: the parameters over the initial speed, `value` being that at the logs' mean, then each log."""
+    """Return the result of several logs as JSON: parameters over v0, with `value` at the mean v0, and each log."""
     first = found.logs[0].chosen.fit
     return {
         "model": first.model.name,
@@ -458,37 +460,39 @@ def _rolling_json(rolling: Rolling) -> dict[str, Any]:
     return {**exported(rolling, "slip", **names), "speed_kmh": rolling.speed / KMH}
 
 
-# --- the observed adhesion of a log as a CSV, row by row with the regime each belongs to, whole or not at all --------
+# --- the observed adhesion of a log as CSV, with the regime of each row; written completely or not at all ------------
 
 
 COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
     *("adhesion torque [N*m]", "mu [1]", "regime"),
 )
-"""Header of the file. The observed torque is late by the observer's filter; what stands beside it is as late."""
+"""Header of the file. The observer's filter delays the observed torque; the other columns have the same delay."""
 
 _SLIP = COLUMNS.index("filtered slip [1]")
 _NUMBERS = len(COLUMNS) - 1
-_BLOCK = 1 << 16  # rows in memory at a time
+_BLOCK = 1 << 16  # number of rows in memory at a time
 
 
 class ObservedRows:
-    """Rows that wait in the scratch file `rows`, as bytes, until the regimes are known.
+    """Observed rows, stored as bytes in a temporary file until the regimes are known.
 
-    `path` is the CSV to be, `radius` the wheel's, m.
+    - path: CSV file to write.
+    - radius: wheel radius, m.
+    - rows: temporary file.
     """
 
     def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:
         self._path, self._radius, self._rows = path, radius, rows
 
     def __call__(self, samples: Observed) -> None:
-        """Take samples in, in the order they come."""
+        """Store samples, which must come in order of time."""
         torque = samples.mu * self._radius * samples.load
         columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
         self._rows.write(np.column_stack(columns).tobytes())
 
     def finish(self, regimes: Regimes) -> None:
-        """Write the file."""
+        """Write the CSV file."""
         import pandas as pd
 
         self._rows.seek(0)
@@ -502,9 +506,9 @@ class ObservedRows:
 
 @contextmanager
 def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
-    """What writes observed samples to the file at `path`, once it is finished; None without one.
+    """Give an object that writes observed samples to the file at `path` when it is finished; None without a path.
 
-    `radius` is the wheel's, m. InputError where it cannot be written.
+    `radius` is the wheel radius, m. InputError if the file cannot be written.
     """
     if path is None:
         yield None

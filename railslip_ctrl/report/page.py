@@ -1,4 +1,4 @@
-"""Blocks of `document` as one HTML page: the template filled in, pictures embedded, text and formulas typeset."""
+"""Make one HTML page of the blocks of `document`, with embedded pictures and typeset text and formulas."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ def page(
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """One HTML document that loads nothing: style within, pictures as data; `command` made it, in `seconds`, s.
+    """Return one HTML document that loads nothing: it contains its style and pictures.
 
-    `pictures` are SVG by the names that `first` and `sections` use.
+    - pictures: SVG by the names that `first` and `sections` use.
+    - command, date, seconds: command that made the report, its date and computing time, s.
     """
     filling = environment("railslip_ctrl.report", autoescape=True)
     filling.keep_trailing_newline = False
@@ -41,7 +42,7 @@ def page(
         first=first,
         sections=sections,
         software=software(),
-        pictures={name: f"data:image/svg+xml;base64,{one}" for name, one in embedded.items()},
+        pictures={name: f"data:image/svg+xml;base64,{data}" for name, data in embedded.items()},
         **{"command": command, "version": __version__, "date": date.isoformat(), "seconds": seconds},
     )
     cited = {key: _linked(source) for key, source in SOURCES.items() if f"[{key}]" in text}
@@ -50,23 +51,25 @@ def page(
 
 
 def _linked(source: str) -> Markup:
-    """A source in which a DOI or an address is a link."""
+    """Return a source with links for a DOI or an address."""
     from markupsafe import Markup, escape
 
-    def link(found: re.Match[str]) -> str:
-        address = f"https://doi.org/{found[1]}" if found[1] else found[0]
-        return f'<a href="{address}">{found[0]}</a>'
+    def link(match: re.Match[str]) -> str:
+        address = f"https://doi.org/{match[1]}" if match[1] else match[0]
+        return f'<a href="{address}">{match[0]}</a>'
 
     return Markup(_ADDRESS.sub(link, str(escape(source))))
 
 
 def css_string(text: str) -> str:
-    """Text for between quotes in a style sheet: everything but letters, digits and spaces as its number,
-    with the space that ends one."""
+    """Escape text for a string in a style sheet.
+
+    Characters other than letters, digits and spaces become their number and a space.
+    """
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
 
 
-# --- text written for a terminal, set as print: signs, Greek letters, powers, units, code ---------------------------
+# --- typesetting of text written for a terminal: signs, Greek letters, powers, units, code --------------------------
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
@@ -101,7 +104,7 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:deg|kg|km|kN|MJ|N|m|s|1/s|rad)\b|%)")
 
 
 def typeset(text: str) -> Markup:
-    """The text as HTML: what stood between backticks as code, everything else with the signs of print."""
+    """Return text as HTML, with code for text in backticks, and typographic signs elsewhere."""
     from markupsafe import Markup, escape
 
     pieces = _CODE.split(text)  # odd pieces are code
@@ -114,15 +117,15 @@ def typeset(text: str) -> Markup:
 
 
 def with_units(text: str) -> str:
-    """The text, or HTML, with no line end between a number and its unit."""
+    """Return text, or HTML, without line breaks between a number and its unit."""
     from markupsafe import Markup
 
-    found = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
-    return Markup(found) if isinstance(text, Markup) else found
+    joined = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+    return Markup(joined) if isinstance(text, Markup) else joined
 
 
 def formula(latex: str) -> Markup:
-    """A formula within a line as MathML, from LaTeX, its fractions as large as in a line of its own."""
+    """Return a LaTeX formula as inline MathML, with fractions in display size."""
     from latex2mathml.converter import convert
     from markupsafe import Markup
 

@@ -1,4 +1,4 @@
-"""Pictures of a result: drawn and written after the numbers, which never depend on them."""
+"""Draw and write the pictures of a result, after the numbers, which do not depend on them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Drawings: TypeAlias = "Mapping[str, Figure | Callable[[], Figure]]"  #: figures 
 
 
 class Pictures:
-    """Pictures of a result. One that cannot be drawn or written costs neither the numbers nor other pictures.
+    """Pictures of a result; a failure of one affects neither the numbers nor other pictures.
 
     - drawn: content by name and suffix.
-    - failure: why a picture is missing; empty if none is.
+    - failure: reason why a picture is missing; empty if none is.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Pictures:
         self.failure = ""
 
     def draw(self, figures: Callable[[], Drawings], forms: Sequence[str] = ("png", "svg")) -> None:
-        """Draw those that are missing, by name, with Matplotlib's default settings."""
+        """Draw the missing pictures by name, with Matplotlib's default settings."""
         self.failure = ""
         try:
             from railslip_ctrl.report.plots.style import figure_files, standard_settings
@@ -37,24 +37,27 @@ class Pictures:
                 for name, figure in figures().items():
                     if name not in self.drawn:
                         self.drawn[name] = figure_files(figure() if callable(figure) else figure, forms)
-        except Exception as error:  # noqa: BLE001  # whatever fails in Matplotlib, fonts or LaTeX: the numbers stay
+        except Exception as error:  # noqa: BLE001  # any failure of Matplotlib, fonts or LaTeX
             self.failure = f"{type(error).__name__}: {error}"
 
     def files(self) -> dict[str, bytes]:
-        """Content by file name."""
+        """Return the content of the pictures by file name."""
         return {f"{name}.{form}": content for name, forms in self.drawn.items() for form, content in forms.items()}
 
     def write(self, directory: Path, written: Sequence[Path], files: Mapping[str, FileContent]) -> int:
-        """Write `files` after those already `written`; the number of both. InputError if a picture is missing."""
+        """Write `files` after those already `written`, and return the number of both.
+
+        InputError if a picture is missing.
+        """
         failure = self.failure
         try:
             written = [*written, *write_files(directory, files)]
         except InputError as error:
             failure = str(error)
         if failure:
-            there = ", ".join(path.name for path in written)
+            names = ", ".join(path.name for path in written)
             raise InputError(
-                f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {there}; "
+                f"--out: not every picture could be made ({failure}); written to {str(directory)!r}: {names}; "
                 "do not use any other file there"
             )
         return len(written)
@@ -66,7 +69,7 @@ def write_results(
     figures: Callable[[], Drawings],
     forms: Sequence[str] = ("png", "svg"),
 ) -> int:
-    """Write results first, then draw and write pictures; the number of files. InputError if any is missing."""
+    """Write results, then draw and write pictures; return the number of files. InputError if a picture is missing."""
     written, pictures = write_files(directory, results), Pictures()
     pictures.draw(figures, forms)
     return pictures.write(directory, written, pictures.files())

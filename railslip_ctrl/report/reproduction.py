@@ -1,6 +1,6 @@
-"""The paper's numbers beside ours: as text, as JSON, and as a page with its errata and its gains in both readings.
+"""Comparison of the paper's numbers with ours, as text, as JSON, and as a page with errata and gains in both readings.
 
-Text and page are made of the same blocks; the page sets their words as print (`typeset`).
+Text and page have the same blocks; the page typesets their texts (`typeset`).
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from .export import exported, number
 from .page import formula, typeset
 
 _WORDS = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -")
-QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))  #: what a row of Table 5 is called, with its unit
+QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))  #: names of the rows of Table 5, with units
 
 FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
-"""The paper's figures by the names of the pictures redrawn."""
+"""Figures of the paper by the names of the redrawn pictures."""
 
 _ENERGY = QUANTITIES[2]
 _ROW = (
@@ -61,7 +61,7 @@ _DECIDED = {
 def reproduction_json(
     comparison: Table5, three: Table3, found: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> dict[str, Any]:
-    """The rows of Table 5, the reading, Table 3, the facts, and the sensitivity where it was asked for."""
+    """Return Table 5, the reading, Table 3, the facts, and the sensitivity if given, as JSON."""
     content = {
         "rows": [exported(row, *_ROW) for row in comparison.rows],
         "seeds": comparison.seeds,
@@ -82,7 +82,7 @@ def reproduction_json(
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
-    """The alternatives; `numbers` are the sixteen by column, null where runs did not stop."""
+    """Return the alternatives as JSON; `numbers` are the sixteen by column, null if runs did not stop."""
     return {
         "seeds": sensitivity.seeds,
         "rms_deviation_percent": number(sensitivity.base_rms_deviation_percent),
@@ -105,13 +105,13 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
 def reproduction_text(
     comparison: Table5, three: Table3, found: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> str:
-    """The same as text."""
+    """Return Table 5, the reading, Table 3, the facts, and the sensitivity if given, as text."""
     five = _table5(comparison)
     parts: list[RenderableType] = [
         heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
         five,
         Paragraph(f"{five.caption}\n"),
-        heading("The reading it is computed under"),
+        heading("Reading of the units and of unstated details"),
         _reading(str),
         *_table3_parts(three),
         heading("Other facts of the published runs"),
@@ -151,7 +151,7 @@ def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
     )
     columns = ("Rule", "Instead", "Largest change", "Rms, %", "Did not stop")
     rows = [_sensitivity_row(row, sensitivity.seeds) for row in sensitivity.rows]
-    title = heading("What each rule is worth: one at a time put to an alternative")
+    title = heading("Effect of each rule: alternatives, one at a time")
     return [title, known, Table(columns, rows, left=3)]
 
 
@@ -166,7 +166,7 @@ def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
     )
 
 
-# --- what text and page have in common --------------------------------------------------------------------------------
+# --- blocks of text and page ------------------------------------------------------------------------------------------
 
 
 def _fact(one: Fact, words: Callable[[str], str]) -> Details:
@@ -175,7 +175,7 @@ def _fact(one: Fact, words: Callable[[str], str]) -> Details:
 
 
 def reproduction_finding(comparison: Table5) -> str:
-    """How many of the numbers are met, and how far the seeds here decide it."""
+    """Return how many numbers are within tolerance, and which ones the seeds do not decide."""
     out = [row for row in comparison.rows if not row.within]
     total, seeds = len(comparison.rows), comparison.seeds
     text = (
@@ -188,19 +188,19 @@ def reproduction_finding(comparison: Table5) -> str:
             f"{_item(row.item)}: {minus(format(row.deviation_percent, '+.2f'))} % ± {_error(row):.2f} %"
             for row in open_
         )
-        text += f" Beyond the tolerance by less than two standard errors, which so few seeds do not decide: {which}. "
-        text += f"railslip reproduce takes {DEFAULT_SEEDS} seeds."
+        text += f" Outside the tolerance by less than two standard errors, undecided with so few seeds: {which}. "
+        text += f"railslip reproduce uses {DEFAULT_SEEDS} seeds."
     return text
 
 
 def _item(item: str) -> str:
-    """A number of a column in few words."""
+    """Return a short name for a number of a column."""
     column, quantity = item.split(" / ")[-2:]
     return f"{column}, {QUANTITY_WORDS[quantity].split(', ')[0]}"
 
 
 def _error(row: Row) -> float:
-    """Standard error, % of the published number."""
+    """Return the standard error in % of the published number."""
     return 100 * row.standard_error / row.published
 
 
@@ -225,7 +225,7 @@ def _table5(comparison: Table5) -> Table:
 
 
 def _energy(comparison: Table5) -> str:
-    """A printed energy in joules, as the tables of braking runs have them."""
+    """Return a remark with a printed energy in joules, the unit of the tables of braking runs."""
     row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
     if row is None:
         return ""
@@ -246,13 +246,13 @@ def _reading(words: Callable[[str], str]) -> Table:
 def reproduction_first_page(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> FirstPage:
-    """What is read in a minute."""
+    """Return the first page of the reproduction report."""
     within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
     wrong = sum(not one.agrees for one in errata)
     rows = [
         ("Rms deviation", f"{comparison.rms_deviation_percent:.1f} %", f"of {total} numbers, Table 5"),
         ("Facts that hold", f"{sum(one.holds for one in held)} of {len(held)}", "of the published runs"),
-        ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims looked at"),
+        ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims checked"),
     ]
     for group in groups:
         unstable = sum(not one.stable for one in group.assessments)
@@ -278,7 +278,7 @@ def reproduction_first_page(
 def reproduction_sections(
     comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> list[Section]:
-    """What stands behind it."""
+    """Return the sections of the reproduction report."""
     alt = "The curves of {} of the paper, computed by this software."
     figures = tuple(Picture(name, f"[Park2008] {one}, redrawn.", alt.format(one)) for name, one in FIGURES.items())
     return [
@@ -292,14 +292,14 @@ def reproduction_sections(
 
 
 def _gains(groups: Sequence[ControllerGroup]) -> Section:
-    """Table 4's gains in both readings of the units."""
+    """Return the section on Table 4's gains in both readings of the units."""
     rows = [
         (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
         for group in groups
         for a in group.assessments
     ]
     head = ("Reading", "Operating point", *MARGIN_HEAD, "Verdict")
-    text = "Table 4's PI gains, read as N·m per km/h, with the dead time exact: [Park2008] asks for no margins."
+    text = "Table 4's PI gains, read as N·m per km/h, with exact dead time; [Park2008] gives no margins."
     alt = "Magnitude and phase of the loops with Table 4's gains in both readings, a panel a reading."
     return Section(
         "gains",
@@ -314,7 +314,7 @@ def _gains(groups: Sequence[ControllerGroup]) -> Section:
 
 
 def _errata(errata: Sequence[Erratum]) -> Section:
-    """Where the paper's print does not follow from its own statement."""
+    """Return the section on errata, where the printed text does not follow from the paper's own statements."""
     wrong, right = ([one for one in errata if one.agrees is agrees] for agrees in (False, True))
     blocks: list[Block] = []
     for one in wrong:

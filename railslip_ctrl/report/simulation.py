@@ -1,4 +1,4 @@
-"""A braking run as text, JSON and CSV, and controllers compared over runs as text."""
+"""Text, JSON and CSV of a braking run, and text of a comparison of controllers."""
 
 from __future__ import annotations
 
@@ -56,9 +56,10 @@ _WORKS = {
 
 
 def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) -> dict[str, Any]:
-    """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any.
+    """Return the numbers of a run as JSON; those of a stop are null if the train did not stop.
 
-    `law_speed` is v0 of the adhesion law, m/s.
+    - gains: column of Table 4, if any.
+    - law_speed: v0 of the adhesion law, m/s.
     """
     scenario = run.scenario
     of_stop = {
@@ -106,13 +107,13 @@ def _law_source(scenario: simulation.Scenario, law_speed: float) -> str:
 
 
 def simulation_text(run: simulation.Run, law_speed: float) -> str:
-    """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance.
+    """Return the report of a run: scenario, controller, outcome, numbers and energy balance.
 
-    `law_speed` as of `simulation_json`.
+    `run.signals` is needed if an event is in distance. `law_speed` as in `simulation_json`.
     """
     scenario = run.scenario
     end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
-    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
+    unfinished = f"NO STOP: {run.outcome.value}, {end}; the numbers below are those up to this time"
     outcome = f"stopped {end}" if run.stopped else unfinished
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.label}"),
@@ -161,23 +162,23 @@ def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, st
 
 
 def _limits(scenario: simulation.Scenario) -> str:
-    """What the actuator cannot do, beside its dead time and lag."""
+    """Describe the limits of the actuator besides its dead time and lag."""
     limits, lag = scenario.limits, scenario.vehicle.actuator.lag
     rate = "no limit of rate" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
     dump = lag if limits.dump_lag is None else limits.dump_lag
     most = math.inf if limits.torque_max is None else limits.torque_max
     torque = torque_range(limits.torque_min, most)
-    acting = "" if limits.torque_gain == 1.0 else f", {limits.torque_gain:g} times of it acts"
-    return f"commanded torque {torque}{acting}, {rate}, lag {dump:g} s where torque falls"
+    acting = "" if limits.torque_gain == 1.0 else f", acting torque {limits.torque_gain:g} times that"
+    return f"commanded torque {torque}{acting}, {rate}, lag {dump:g} s for falling torque"
 
 
 def _believed(scenario: simulation.Scenario) -> list[tuple[str, str]]:
-    """What controllers believe of the vehicle wrongly, if anything."""
+    """Return the vehicle parameters that controllers assume wrongly, if any."""
     units = scenario.beliefs.units()
-    told = [
+    texts = [
         f"{name.replace('_', ' ')} {value:g} {units[name]}" for name, value in scenario.beliefs if value is not None
     ]
-    return [("Controllers believe", ", ".join(told))] if told else []
+    return [("Controllers assume", ", ".join(texts))] if texts else []
 
 
 def _controller_facts(run: simulation.Run) -> list[tuple[str, str]]:
@@ -226,10 +227,10 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 
     rows = [
         row("kinetic, at the start", energies.starting),
-        row("booked in with changes of mass", energies.booked),
+        row("added by changes of mass", energies.booked),
         *(row(f"taken by {_WORKS[name]}", -work) for name, work in energies.works.items()),
         row("kinetic, at the end", energies.final),
-        ("what the balance lacks", f"{energies.error * energies.starting / 1000:.1e}", f"{100 * energies.error:.1e}"),
+        ("energy balance error", f"{energies.error * energies.starting / 1000:.1e}", f"{100 * energies.error:.1e}"),
     ]
     return Table(("Energy", "kJ", "% of the start"), rows)
 
@@ -238,9 +239,9 @@ def _energy_table(run: simulation.Run) -> RenderableType:
 
 
 def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = False) -> None:
-    """Write the time series, one row a recorded sample, a header with units; if `internal`, the controller's state too.
+    """Write the time series as CSV, a header with units and one row for each recorded sample.
 
-    The reference of a controller without one is nan.
+    With `internal` it has the controller's state too. The reference slip is nan for a controller without one.
     """
     signals = run.signals
     assert signals is not None, "the run was recorded"
@@ -251,7 +252,7 @@ def write_simulation_csv(run: simulation.Run, path: Path, *, internal: bool = Fa
         np.savetxt(file, np.column_stack([*signals, *own.values()]), fmt="%.12g", delimiter=",")
 
 
-# --- controllers compared -------------------------------------------------------------------------------------------
+# --- comparison of controllers --------------------------------------------------------------------------------------
 
 
 COLUMNS = (
@@ -261,7 +262,7 @@ COLUMNS = (
 
 
 def run_comparison_text(comparison: RunComparison) -> str:
-    """One table: a row a controller, means over the seeds, the standard error of the distance beside it."""
+    """Return a table with a row for each controller: means over the seeds, and the standard error of the distance."""
     scenario, bound = comparison.scenario, comparison.bound
     parts: list[RenderableType] = [
         heading(f"Braking runs: {scenario.name}, inertia scale {scenario.vehicle.inertia_scale:g}"),
@@ -269,7 +270,7 @@ def run_comparison_text(comparison: RunComparison) -> str:
             f"Means over {len(comparison.seeds)} seeds, the same noise for all. No controller can stop in less than "
             f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s: the highest adhesion at every moment, "
             "after the dead time. Slip error: mean of |slip - the controller's own reference|, if it has one; error "
-            "[P]: against the 0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
+            "[P]: against 0.132/0.092 of [Park2008]; rate: rms of the rate of the acting torque."
         ),
         Table(COLUMNS, [_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
     ]
@@ -280,7 +281,7 @@ def run_comparison_text(comparison: RunComparison) -> str:
 
 
 def _row(row: ControllerRow, bound: float) -> tuple[str, ...]:
-    """The cells of `COLUMNS`."""
+    """Return the cells of a row, in the order of `COLUMNS`."""
     return (
         row.name,
         f"{row.braking_distance.value:.1f}",

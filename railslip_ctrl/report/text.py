@@ -1,4 +1,4 @@
-"""Plants, margins, verdicts over envelopes and tuned designs as text, and the latter two as JSON."""
+"""Text of plants, margins, verdicts over envelopes and tuned designs; JSON of verdicts and tuned designs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl.controllers.base import Controller
-from railslip_ctrl.controllers.systems import LinearController, plain_number, system_words
+from railslip_ctrl.controllers.systems import LinearController, describe_system, plain_number
 from railslip_ctrl.core.units import BOUND_DIGITS, ms_down, ms_up, rounded_up
 from railslip_ctrl.design.assessment import Assessment, assess
 from railslip_ctrl.design.envelope import ERRORS, Envelope
@@ -61,15 +61,15 @@ def _matrix(matrix: Iterable[Iterable[float]]) -> str:
 
 
 def case_title(point: OperatingPoint) -> str:
-    """The case in a line."""
+    """Return an operating point in one line."""
     return f"{words_at(point)}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
         "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     )
 
 
 def controller_text(controller: LinearController | Controller) -> str:
-    """What a controller with margins is, with its numbers."""
-    return controller.described() if isinstance(controller, Controller) else system_words(controller)
+    """Describe a controller with margins, with its numbers."""
+    return controller.described() if isinstance(controller, Controller) else describe_system(controller)
 
 
 def _actuator(actuator: Actuator) -> str:
@@ -77,20 +77,20 @@ def _actuator(actuator: Actuator) -> str:
 
 
 def vehicle_line(vehicle: Vehicle) -> str:
-    """The vehicle's name, source and wheel load in a line."""
+    """Return the vehicle's name, source and wheel load in one line."""
     source = f"  {vehicle.source}" if vehicle.source else ""
     return f"{vehicle.name}{source}, wheel load {vehicle.wheel_load:g} N"
 
 
 def _loads(empty: float, loaded: float, unit: str) -> str:
-    """A number of the vehicle as it is, and loaded where that is another."""
+    """Return a quantity of the vehicle, empty and loaded if these differ."""
     if empty == loaded:
-        return f"{empty:g} {unit}"  # one load, or taken as loaded
+        return f"{empty:g} {unit}"  # one load only, or the vehicle is used loaded
     return f"{empty:g} {unit} empty, {loaded:g} {unit} loaded"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
-    """The vehicle's parameters with units, and what was assumed of it."""
+    """Return the vehicle's parameters with units, and the assumptions about it."""
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
@@ -112,12 +112,12 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
-    """The law of the points on each rail with its parameters; of the user's own law also how wet ones follow."""
-    found = {(point.rail, point.law.parameters()): point for point in points}
-    dry = next((point.law for point in found.values() if point.rail is Rail.DRY), None)
+    """Return the adhesion law on each rail with its parameters; for a user's own law also the rule for wet rail."""
+    distinct = {(point.rail, point.law.parameters()): point for point in points}
+    dry = next((point.law for point in distinct.values() if point.rail is Rail.DRY), None)
     return [
         (f"Adhesion law, {point.rail} rail", f"{words_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}")
-        for point in found.values()
+        for point in distinct.values()
     ]
 
 
@@ -127,7 +127,7 @@ def _parameters(law: AdhesionLaw) -> str:
 
 
 def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
-    """That wet parameters were derived from dry ones, by which factors; what is known where only wet rail is asked."""
+    """Describe how wet parameters follow from dry ones; if only the wet rail is known, state the possible rule."""
     if point.rail is not Rail.WET or source_at(point) == PUBLISHED:
         return ""
     if dry is not None:
@@ -138,22 +138,22 @@ def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
 
 
 def _factors(dry: AdhesionLaw) -> str:
-    """What the parameters of a dry law are multiplied by on wet rail."""
-    told = []
+    """Return the factors on the parameters of a dry law for wet rail, as text."""
+    texts = []
     wet = dry.wet().numbers()
     for name, (value, _) in dry.numbers().items():
         columns = zip(np.atleast_1d(wet[name][0]), np.atleast_1d(value), strict=True)
         ratios = [new / old for new, old in columns if old != 0.0]
         if ratios and ratios[0] != 1.0:
-            told.append(f"{name} × {ratios[0]:g}")
-    return ", ".join(told) or "no parameter changes"
+            texts.append(f"{name} × {ratios[0]:g}")
+    return ", ".join(texts) or "no parameter changes"
 
 
 # -- linearize ------------------------------------------------------------------------------------------------
 
 
 def linearize_text(plants: Sequence[LinearPlant]) -> str:
-    """Operating points and linearisations."""
+    """Return the report of operating points and linearisations."""
     parts: list[RenderableType] = []
     for plant in plants:
         point = plant.point
@@ -169,7 +169,7 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
             ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
             ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
             ("States", ", ".join(plant.states)),
-            ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
+            ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (without the actuator)"),
             ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
             ("A", _matrix(plant.A)),
             ("B", _matrix(plant.B)),
@@ -184,7 +184,7 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
 
 
 def polynomial_text(coefficients: Iterable[float]) -> str:
-    """A polynomial in s from its coefficients, highest power first."""
+    """Return a polynomial in s as text; coefficients with the highest power first."""
     values = list(coefficients)
     terms: list[str] = []
     for i, value in enumerate(values):
@@ -199,7 +199,7 @@ def polynomial_text(coefficients: Iterable[float]) -> str:
 
 
 def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certificate] = ()) -> str:
-    """Stability-margin reports, one after the other, with their certificates where there are any."""
+    """Return the stability-margin reports one after the other, with certificates if there are any."""
     parts: list[RenderableType] = []
     for assessment, certificate in zip_longest(assessments, certificates):
         parts += [*_assessment(assessment), *_certificate(certificate), ""]
@@ -232,7 +232,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         numbers = "unstable"
         if m is not None:
             numbers = f"Ms {ms_up(m.ms)}"
-            if not math.isnan(m.phase_deg):  # else known of the continuous loop alone
+            if not math.isnan(m.phase_deg):  # NaN if only the continuous loop has a phase margin
                 numbers += f", phase margin {m.phase_deg:.4g} deg, delay margin {m.delay_s:.4g} s"
         parts.append(f"As run, sampled every {assessment.as_run.period:g} s: {numbers}")
     parts.append(f"Verdict: {assessment.verdict_line}")
@@ -240,7 +240,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:
-    """Enclosures, every digit of their ends."""
+    """Return the enclosures with all digits of their ends."""
     if certificate is None:
         return []
     if not certificate.stable:
@@ -265,13 +265,13 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
 
 def _limits(assessment: Assessment) -> str:
     limits = assessment.limits
-    against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI holds it"
+    against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI stabilises it"
     text = (
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}"
     )
-    if (least := ms_down(limits.ms_bound)) != "1.00":  # as every loop's is
-        text += f"; no controller gets Ms or Mt below {least}"
+    if (least := ms_down(limits.ms_bound)) != "1.00":  # 1.00 is no limit
+        text += f"; no controller has Ms or Mt below {least}"
     for structure in (limits.pi, limits.pi_lead):
         if structure is None:
             continue
@@ -311,10 +311,11 @@ def _decrease(m: Margins, digits: int) -> str:
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
-    """The Pade table; of an unstable loop only which orders see that it is."""
+    """Return the table of Pade approximations; one line if all orders agree that the loop is unstable."""
     exact, orders = assessment.margins, assessment.pade
     if exact is None and all(row.margins is None for row in orders):
-        return [f"Pade approximation of the dead time: orders {orders[0].order} to {orders[-1].order} say unstable too"]
+        first, last = orders[0].order, orders[-1].order
+        return [f"Pade approximation of the dead time: orders {first} to {last} give an unstable loop too"]
     rows = []
     for row in orders:
         error = "" if (row.margins is None) == (exact is None) else "wrong verdict"
@@ -324,7 +325,7 @@ def _pade_part(assessment: Assessment) -> list[RenderableType]:
         rows.append([str(row.order), *_pade_cells(row.margins), error])
     rows.append(["exact", *_pade_cells(exact), ""])
     head = ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error")
-    return ["Pade approximation of the dead time against exact:", Table(head, rows)]
+    return ["Pade approximation of the dead time, compared with the exact loop:", Table(head, rows)]
 
 
 def _pade_cells(m: Margins | None) -> list[str]:
@@ -337,21 +338,21 @@ def _pade_cells(m: Margins | None) -> list[str]:
 
 
 def judgement_json(judgement: Judgement) -> dict[str, Any]:
-    """The judgement, and as `cases` the margins of each operating point."""
+    """Return a judgement as JSON, with the margins of each operating point as `cases`."""
     points = judgement.points
     operating = [points.case(int(i)) for i in np.flatnonzero(points.operating)]
-    cases = [margins_json(assess(case.plant, judgement.controller, case.actuator)) for case in operating]
-    named = [case | {"load": one.load} for case, one in zip(cases, operating, strict=True)]
-    return {**judgement.table(), "cases": named}
+    margins = [margins_json(assess(case.plant, judgement.controller, case.actuator)) for case in operating]
+    cases = [numbers | {"load": case.load} for numbers, case in zip(margins, operating, strict=True)]
+    return {**judgement.table(), "cases": cases}
 
 
 def judgement_text(judgement: Judgement) -> str:
-    """The verdict, the worst cases, and the worst Ms over speed and load."""
+    """Return the verdict, the worst cases, and the worst Ms over speed and load as text."""
     return render(judgement_parts(judgement))
 
 
 def judgement_parts(judgement: Judgement) -> list[RenderableType]:
-    """What `judgement_text` renders."""
+    """Return the blocks of `judgement_text`."""
     used, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
     over = "all speeds" if used is None or used <= min(judgement.envelope.speeds) else f"{used:g} km/h and more"
     rows = [
@@ -361,32 +362,32 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
         ("Robust", "at no speed" if robust is None else f"from {robust:g} km/h up"),
     ]
     # the first line of the judgement is its verdict
-    verdict, *told = str(judgement).splitlines()
+    verdict, *notes = str(judgement).splitlines()
     return [
         heading("Verdict over the envelope"),
         Facts(rows),
         Table((f"Over {over}", "", "Where"), list(worst_rows(judgement)), words=(2,)),
         _map_table(judgement),
-        *told,
+        *notes,
         f"Verdict: {verdict}",
     ]
 
 
 def envelope_words(envelope: Envelope) -> str:
-    """An envelope in a line."""
-    car, said = envelope.vehicle, envelope.table()
-    lists = [", ".join(said[name]) for name in ("rails", "laws", "loads")]
+    """Describe an envelope in one line."""
+    car, table = envelope.vehicle, envelope.table()
+    lists = [", ".join(table[name]) for name in ("rails", "laws", "loads")]
     speeds = f"{', '.join(f'{v:g}' for v in envelope.speeds)} km/h"
-    names = ["slip", "dead_time", "lag", "radius", *(name for name in ERRORS if said[name] != [1.0])]
-    factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in said[name])}" for name in names)
-    slips = [f"{value:g} {rail}" for rail, value in said.get("reference", {}).items() if rail in said["rails"]]
+    names = ["slip", "dead_time", "lag", "radius", *(name for name in ERRORS if table[name] != [1.0])]
+    factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in table[name])}" for name in names)
+    slips = [f"{value:g} {rail}" for rail, value in table.get("reference", {}).items() if rail in table["rails"]]
     return "; ".join(
         [car.name, *lists, speeds, *([f"slip {', '.join(slips)}"] if slips else []), f"times {'; '.join(factors)}"]
     )
 
 
 def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
-    """Yield the worst Ms and the least margins over the speeds at which all loops are stable, each with its case."""
+    """Yield the worst Ms and the smallest margins over the speeds at which all loops are stable, each with its case."""
     name, value, where = worst_cells(judged.worst)
     yield f"Worst {name}", value, where
     if not judged.nominal:
@@ -404,24 +405,24 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
-    """The larger Ms, of the loop or of the sampled one that runs: which of them, its value, and its case."""
+    """Return the larger Ms of the continuous and the sampled loop: its name, its value, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.words
     return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
-    """Which loop a margin is of, where there are two, or the sampled one alone."""
+    """Return which loop a margin is of, if there are two loops or only the sampled one."""
     return ", sampled" if isinstance(worst.loop, SampledLoop) else "" if worst.as_run is None else ", continuous"
 
 
 def _map_table(judgement: Judgement) -> RenderableType:
-    found = judgement.map
-    kinds = {"": found.operating} if judgement.nominal else {"": found.operating, ", tol.": found.with_tolerances}
-    head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in found.loads)]
+    ms_map = judgement.map
+    kinds = {"": ms_map.operating} if judgement.nominal else {"": ms_map.operating, ", tol.": ms_map.with_tolerances}
+    head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in ms_map.loads)]
     rows = [
         [f"{speed:g}", *(ms_text(float(ms)) for values in kinds.values() for ms in values[i])]
-        for i, speed in enumerate(found.speeds_kmh.tolist())
+        for i, speed in enumerate(ms_map.speeds_kmh.tolist())
     ]
     return Table(head, rows)
 
@@ -430,7 +431,7 @@ def _map_table(judgement: Judgement) -> RenderableType:
 
 
 def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
-    """The design, its margins at every case, its judgement over an envelope; infeasible: null, with the reason."""
+    """Return a design as JSON: margins of every case and its judgement; null, with the reason, if infeasible."""
     design = tuned.design
     margins: Sequence[Margins | None] = [None] * len(tuned.points)
     worst = None
@@ -453,13 +454,13 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
 
 
 def by_rule_json(design: Design) -> dict[str, Any]:
-    """A controller whose parameters follow from the vehicle, and its judgement over an envelope."""
-    told = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
-    return {**told, "feasible": not design.reason, **design.judgement.table()}
+    """Return a controller whose parameters follow from the vehicle, and its judgement, as JSON."""
+    head = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.controller)}
+    return {**head, "feasible": not design.reason, **design.judgement.table()}
 
 
 def by_rule_text(design: Design) -> str:
-    """A controller whose parameters follow from the vehicle, and its judgement over an envelope."""
+    """Return a controller whose parameters follow from the vehicle, and its judgement, as text."""
     control, rows = design.controller, []
     for name, field in type(control).model_fields.items():
         extra, value = field.json_schema_extra, getattr(control, name)
@@ -475,10 +476,12 @@ def by_rule_text(design: Design) -> str:
 
 
 def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
-    """The design, its worst case, and its margins at every case, or its judgement over an envelope."""
+    """Return a design as text, with its worst case and the margins of every case, or its judgement over an envelope."""
     design, points = tuned.design, tuned.points
     name = tuned.kind.title
-    at = "" if design is None else f" at {counted(len(points), 'operating point')}"  # those that the reason names
+    at = (
+        "" if design is None else f" at {counted(len(points), 'operating point')}"
+    )  # the reason names those of an infeasible one
     parts: list[RenderableType] = [heading(f"Tuning: {name}{at}")]
     known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]
     if design is None:
@@ -507,14 +510,15 @@ def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) ->
 
 
 def no_lock_section(released: Sequence[Released]) -> Section | None:
-    """Where in its stops the recommended design could release the brake without a lock, certified."""
+    """Return the section on stops of the recommended design: certified no lock after a release of the brake."""
     rows = []
-    for one in (one for one in released if one.found is not None):
-        assert one.found is not None, "as asked"
+    for one in released:
+        if one.found is None:
+            continue
         outside = one.found.outside_kmh
-        told = "none" if outside is None else f"{outside[0]:.0f} to {outside[1]:.0f}"
-        where = (one.stop.law, one.stop.load, str(one.stop.rail), str(one.found.inside.size))
-        rows.append((*where, below(100 * one.found.share), told))
+        speeds = "none" if outside is None else f"{outside[0]:.0f} to {outside[1]:.0f}"
+        case = (one.stop.law, one.stop.load, str(one.stop.rail), str(one.found.inside.size))
+        rows.append((*case, below(100 * one.found.share), speeds))
     left_out = dict.fromkeys(one.reason for one in released if one.found is None)
     if not released:
         return None
@@ -523,10 +527,10 @@ def no_lock_section(released: Sequence[Released]) -> Section | None:
         return Section("no-lock", "No lock after a release", (Paragraph(f"Not certified.{reasons}"),))
     text = (
         "Share of the samples, 0.1 s apart and above the hand-over speed, at which the wheel certainly does not lock "
-        "if the brake is released at once. Certified for static adhesion laws, a rail that stays as it is, vehicle and "
-        "brake as given, a random force within 3 standard deviations and 5 % of the caliper's torque. Of each case "
-        "the stop is the longest of its seeds. The certificate is by interval arithmetic. It says nothing of the stop "
-        f"without the release; a wheel outside need not lock.{reasons}"
+        "if the brake is released at once. Certified by interval arithmetic for static adhesion laws, a constant rail "
+        "condition, vehicle and brake as given, a random force within 3 standard deviations and 5 % of the caliper's "
+        "torque. The stop of each case is the longest of its seeds. The certificate does not apply to the stop without "
+        f"the release; outside the certified region the wheel may or may not lock.{reasons}"
     )
     head = ("Law", "Load", "Rail", "Samples", "Inside, %", "Outside at, km/h")
     alt = "Largest certified torque over slip at several speeds, a panel a rail, with the run of a stop in it."

@@ -1,6 +1,6 @@
 """Text and JSON of a verification, and of runs judged by the Lyapunov conditions.
 
-What a condition asks and what was found, and what an engineer may conclude, is in `templates/conditions.toml`.
+The texts of conditions, evidence and conclusions are in `templates/conditions.toml`.
 """
 
 from __future__ import annotations
@@ -26,47 +26,48 @@ _LAWS = {
     "robust": "robust variants",
     "predictive": "predictive sliding-mode law",
 }
-_ACTUATOR = "none (the torque acts at once) but where a condition names it"
+_ACTUATOR = "none (the torque acts at once), except in conditions that name it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"predictive": "lag and dead time throughout"}
 _CONSTANTS = {"inf": math.inf, "KMH": KMH}
 
 
 def statement(condition: Condition) -> str:
-    """What a condition asks, in words and letters."""
-    return _told(_named(condition)["statement"], condition.numbers)
+    """Return the statement of a condition as text."""
+    return _with_numbers(_texts_of(condition)["statement"], condition.numbers)
 
 
 def evidence(condition: Condition) -> str:
-    """The identity, or the numbers and the set they belong to; or why the condition was not decided."""
-    return _told(_named(condition)["evidence"], condition.numbers)
+    """Return the evidence: the identity, or numbers and their set, or the reason why it was not decided."""
+    return _with_numbers(_texts_of(condition)["evidence"], condition.numbers)
 
 
 def conclusion_text(law: str, findings: Mapping[str, Any] | None) -> str:
-    """What an engineer may conclude for the brake with its actuator, from the findings of a law's verification."""
-    return "" if findings is None else _told(_texts()["conclusion"][law], findings)
+    """Return the conclusion for the brake with its actuator, from the findings of a law's verification."""
+    return "" if findings is None else _with_numbers(_texts()["conclusion"][law], findings)
 
 
 def _texts() -> dict[str, Any]:
     return texts(__package__, "templates/conditions.toml")
 
 
-def _named(condition: Condition) -> dict[str, str]:
-    found: dict[str, str] = _texts()[condition.name.split(",")[0] if condition.name not in _texts() else condition.name]
-    return found
+def _texts_of(condition: Condition) -> dict[str, str]:
+    own: dict[str, str] = _texts()[condition.name.split(",")[0] if condition.name not in _texts() else condition.name]
+    return own
 
 
-def _told(text: str, numbers: Mapping[str, Any]) -> str:
-    """The text with its numbers, in one line."""
+def _with_numbers(text: str, numbers: Mapping[str, Any]) -> str:
+    """Return a text with its numbers filled in, in one line."""
     one_line = filled(_texts()["macros"]["text"] + text, {**_CONSTANTS, **numbers})
     return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
-    """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None.
+    """Return a verification as JSON: the conditions in order, and whether all hold.
 
-    Of a law decided over a box, the `box`, and in `tolerances` the largest value of each quantity, the others as in it.
-    `down_to_kmh` and `tolerated_errors` (shares either way, None without bound) as of `Condition`.
+    `holds` and `how` are None for a condition that was not decided. For a law verified over a box the result has the
+    `box`, and in `tolerances` the largest value of each quantity with the others as in the box. `down_to_kmh` and
+    `tolerated_errors` (shares in both directions, None if unbounded) are those of `Condition`.
     """
     return {
         "conditions": [
@@ -89,9 +90,9 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 
 
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
-    """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude.
+    """Return a verification as text: table of verdicts, conditions with evidence, failures and conclusion.
 
-    `about`: what else the head says of vehicle and adhesion, names and values.
+    `about` has further rows of the head on vehicle and adhesion, names and values.
     """
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
@@ -115,17 +116,17 @@ def verification_text(verification: Verification, about: Sequence[tuple[str, str
 
 
 def _box(verification: Verification) -> list[RenderableType]:
-    """The box, and the largest value of each quantity."""
+    """Return the box, and the table of the largest value of each quantity."""
     box = verification.box
     speeds, masses = ("{:g} to {:g}".format(*box[name]) for name in ("speed_kmh", "mass_kg"))
-    words = (
+    text = (
         f"Box: {box['adhesion']}, {' and '.join(box['rails'])} rail, v {speeds} km/h, slip within "
         f"{100 * box['slip']:g} % of the reference, {masses} kg with the wheel load in proportion, |S| <= "
-        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; the vehicle as the law "
-        "believes it where nothing else is said."
+        f"{box['surface']:g} N m, |e_hat| <= {box['error']:g} m/s, 0 <= Tb <= torque_max; otherwise the vehicle is as "
+        "the law assumes."
     )
     if not verification.tolerances:
-        return [Paragraph(words)]
+        return [Paragraph(text)]
     rows = [
         (
             one.name.replace("_", " "),
@@ -135,7 +136,7 @@ def _box(verification: Verification) -> list[RenderableType]:
         for one in verification.tolerances
     ]
     columns = ("Largest tolerance, the others as in the box", "either way", "condition not proved beyond")
-    return [Paragraph(words), Text(""), Table(columns, rows, left=3)]
+    return [Paragraph(text), Text(""), Table(columns, rows, left=3)]
 
 
 def _facts(verification: Verification) -> list[tuple[str, str]]:
@@ -177,11 +178,11 @@ def _verdict(verification: Verification) -> str:
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
-    """One table of the shares of time and first violations, one of the ultimate bounds; a row a case."""
+    """Return tables of shares of time, first violations and ultimate bounds, with a row for each case."""
     names = [condition.name for condition in cases[0][1].conditions]
-    # rounded down: what does not hold all the time never reads 100 %
-    held = [(name, *(f"{math.floor(1000 * one.share) / 10:.1f} %" for one in run.conditions)) for name, run in cases]
-    shares = Table(("Share of the time each holds", *names), held)
+    # rounded down, so that only a condition that always holds shows 100 %
+    rows = [(name, *(f"{math.floor(1000 * one.share) / 10:.1f} %" for one in run.conditions)) for name, run in cases]
+    shares = Table(("Share of the time each holds", *names), rows)
     broken = [(n, *("never" if one.holds else f"{one.first_violation:.3f}" for one in r.conditions)) for n, r in cases]
     first = Table(("First violation, s", *names), broken)
     columns = ("Last third of each stage", "outcome", "time s", "largest |s| m/s", "largest slip error", "locked %")

@@ -1,4 +1,4 @@
-"""Braking runs: scenarios, results; campaigns of many runs, and the stop that no controller can beat.
+"""Braking runs and their scenarios, campaigns of many runs, and the shortest stop that any controller can reach.
 
 Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says
 what a run is and reads its files, `paths` finds numbers in it. `kernel` is the integration loop: its source text is

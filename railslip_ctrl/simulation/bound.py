@@ -1,6 +1,6 @@
-"""The stop that no controller can beat, and controllers side by side over the same runs: how far each is from it.
+"""Lower bound of the stopping distance for any controller, and a comparison of controllers with it over the same runs.
 
-It has the highest adhesion of the rail at every moment, through the same actuator.
+The bound assumes the highest adhesion of the rail at every moment, and the same actuator.
 """
 
 from __future__ import annotations
@@ -23,27 +23,28 @@ from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 from .run import Outcome, Run, Simulator
 from .scenario import Event, Scenario, event_place
 
-_SPEEDS = 33  # of the grid on which the peak is looked for; it is smooth in speed
-_TOLERANCE = 1e-9  # of the integration, relative
-_FAR = 1e6  # m, in place of no stop at all, with which a search by parabolas cannot reckon
+_SPEEDS = 33  # speeds at which the peak is computed; it is smooth in speed
+_TOLERANCE = 1e-9  # relative tolerance of the integration
+_FAR = 1e6  # m, distance in place of infinity, because the search by parabolas needs a finite number
 
 
 @dataclass(frozen=True)
 class ClairvoyantStop:
-    """Lower bounds of braking time, s, and distance, m, for any controller; infinite where even it does not stop."""
+    """Braking time, s, and braking distance, m, of the best stop; infinite if the train does not stop."""
 
     braking_time: float
     braking_distance: float
 
 
 def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
-    """Bounds of the stop in a scenario without its random force, whose mean is zero.
+    """Return lower bounds of braking time and distance in a scenario without its random force, whose mean is zero.
 
-    The controller knows the rail ahead and holds the slip of highest adhesion (`numeric.peak`) from when the torque is
-    there: after the dead time, through the lag where a largest torque is set (without one any lag can be overcome),
-    within the rate limit. The wheel's inertia helps nobody: r Fa <= Tb + B omega, omega at most v/r.
+    The ideal controller knows the rail ahead and holds the slip of highest adhesion (`numeric.peak`) as soon as the
+    torque acts: after the dead time, within the rate limit, and through the lag if the scenario has a largest torque
+    (without one a large command overcomes any lag). The wheel's inertia is neglected: r Fa <= Tb + B omega, omega at
+    most v/r.
 
-    InputError for events in time and in distance together, whose order a bound would have to know.
+    InputError for a scenario with events in time and events in distance, whose order depends on the controller.
     """
     kinds = {event.time is None for event in scenario.events}
     if len(kinds) > 1:
@@ -65,7 +66,7 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
 
 
 def _after(scenario: Scenario, past: list[Event]) -> tuple[float, Floats, Floats]:
-    """After some events: effective mass, kg, and highest adhesion force, N, over speed, m/s."""
+    """Return the effective mass, kg, and the highest adhesion force, N, over speed, m/s, after the `past` events."""
     mass, rail, factor = scenario.vehicle.mass, scenario.rail, scenario.adhesion_factor
     for event in past:
         mass, rail, factor = event.mass or mass, event.rail or rail, event.adhesion_factor or factor
@@ -107,7 +108,7 @@ def _brake(
 
 
 def _available_torque(scenario: Scenario) -> Callable[[float], float]:
-    """The most that can act at a time, N*m."""
+    """Return a function that gives the largest possible torque at a time, N*m."""
     actuator, limits = scenario.vehicle.actuator, scenario.limits
 
     def available(t: float) -> float:
@@ -124,19 +125,19 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
 
 # --- with the time that slip takes to build up ----------------------------------------------------------------------
 
-_SWITCHES = 9  # times tried first at which the torque is taken back
-_MOST_SLIP = 0.4  # a build-up that comes here is of no use
-_SAMPLES = 100  # of the hold, at which its command is looked at
-_SLACK = 0.02  # of the largest torque, by which a command may pass its limits: of the differences that give it
+_SWITCHES = 9  # number of times first tried for the end of the full torque
+_MOST_SLIP = 0.4  # largest slip ratio during the build-up; more is never the best stop
+_SAMPLES = 100  # number of times at which the command that holds the slip is checked
+_SLACK = 0.02  # share of the largest torque by which that command may exceed its limits: error of the differences
 
 
 def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
-    """A stop that can be had in a scenario without noise, by one that knows the rail: the largest torque through the
-    actuator, then none until the slip comes to rest, from where it is held, or brought to less in some time; the best
-    such slips and times.
+    """Return the best stop found in a scenario without noise by a controller that knows the rail.
 
-    It is no bound but a stop of the true plant, adhesion state and wheel included, so that the best there is lies
-    between `clairvoyant_stop` and it. Infinite where no such stop is found.
+    The controller commands the largest torque, then none until the slip stops rising. It then holds this slip ratio,
+    or reduces it in some time. The best switching time, final slip and decay time are used. The stop includes adhesion
+    state and wheel, so that the shortest possible stop lies between `clairvoyant_stop` and this one. Infinite if no
+    such stop is found.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
@@ -146,25 +147,25 @@ def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
     path = _Path(scenario)
     latest = path.latest
     first = scenario.vehicle.actuator.dead_time
-    tried = np.linspace(first, latest, _SWITCHES + 2)[1:-1]
-    found = [path.stop(float(switch)) for switch in tried]
-    at = int(np.argmin([one.braking_distance for one in found]))
-    ends = tried[max(at - 1, 0)], tried[min(at + 1, _SWITCHES - 1)]
-    once = minimize_scalar(lambda x: min(path.stop(x).braking_distance, _FAR), bounds=ends, method="bounded")
-    every = [path.stop(float(once.x)), found[at]]
-    if path.stop(float(once.x), *_LESS).braking_distance < every[0].braking_distance:  # as where adhesion falls
+    switches = np.linspace(first, latest, _SWITCHES + 2)[1:-1]
+    stops = [path.stop(float(switch)) for switch in switches]
+    at = int(np.argmin([stop.braking_distance for stop in stops]))
+    ends = switches[max(at - 1, 0)], switches[min(at + 1, _SWITCHES - 1)]
+    holding = minimize_scalar(lambda x: min(path.stop(x).braking_distance, _FAR), bounds=ends, method="bounded")
+    candidates = [path.stop(float(holding.x)), stops[at]]
+    if path.stop(float(holding.x), *_LESS).braking_distance < candidates[0].braking_distance:  # adhesion falls with v
         best = minimize(
             lambda x: path.stop(*x.tolist()).braking_distance,
-            [once.x, *_LESS],
+            [holding.x, *_LESS],
             method="Nelder-Mead",
             options={"fatol": 0.02, "xatol": 0.02, "maxfev": 80},
         )
-        every.append(path.stop(*best.x.tolist()))
-    return min(every, key=lambda one: one.braking_distance)
+        candidates.append(path.stop(*best.x.tolist()))
+    return min(candidates, key=lambda stop: stop.braking_distance)
 
 
 class _Path:
-    """The plant of a scenario without noise: speed, slip velocity, adhesion state, acting torque, distance."""
+    """Plant of a scenario without noise, with the states speed, slip velocity, adhesion state, torque and distance."""
 
     def __init__(self, scenario: Scenario) -> None:
         law = scenario.law(scenario.rail, scenario.adhesion_factor)
@@ -190,40 +191,43 @@ class _Path:
 
     @property
     def latest(self) -> float:
-        """When the slip would be too much with the largest torque, s."""
+        """Time at which the largest torque has brought the slip to `_MOST_SLIP`, s."""
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """With the torque taken back at a time, s, and then a share of the slip left after some times `time`, s;
-        infinite where that brings the slip nowhere to rest, or passes the limits of the brake."""
+        """Return the stop with full torque until `switch`, s; then the slip ratio falls to a share in some time, s.
+
+        Infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
+        """
         try:
             return self._stop(switch, share, time)
-        except ValueError:  # of SciPy's search for an event, where the solution of a step ends on its other side
+        except ValueError:  # SciPy: the interpolation has no sign change at the event
             return ClairvoyantStop(math.inf, math.inf)
 
     def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
+        """Return the stop without handling of errors of the event search."""
         never = ClairvoyantStop(math.inf, math.inf)
-        taken_back = self._driven(0.0)
+        released = self._driven(0.0)
 
         def rests(t: float, y: Floats) -> float:
-            rates = taken_back(t, y)
+            rates = released(t, y)
             return float(rates[1] * y[0] - y[1] * rates[0])
 
         rests.terminal, rests.direction = True, -1.0  # type: ignore[attr-defined]
         if not (self._actuator.dead_time < switch < self.latest and 0 < share <= 1 and time > _LEAST_TIME):
             return never
         begin = self._full.sol(switch)
-        if self._actuator.lag == 0:  # the torque jumps, so that the slip is held from here on
-            return self._held(switch, begin, share, time)
+        if self._actuator.lag == 0:  # the torque drops at once, so the slip is held from now on
+            return self._hold(switch, begin, share, time)
         if rests(switch, begin) <= 0:
             return never
-        back = solve_ivp(taken_back, (switch, switch + _LONGEST_BACK), begin, events=rests, **_SOLVER)
+        back = solve_ivp(released, (switch, switch + _LONGEST_BACK), begin, events=rests, **_SOLVER)
         if not back.t_events[0].size or back.y[1, -1] > _MOST_SLIP * back.y[0, -1]:
             return never
-        return self._held(float(back.t[-1]), back.y[:, -1], share, time)
+        return self._hold(float(back.t[-1]), back.y[:, -1], share, time)
 
-    def _held(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
-        """The slip ratio held from a time on to the end, or brought to a share of it."""
+    def _hold(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
+        """Return the stop that holds the slip ratio of `begin` from `start` on, or reduces it to a share."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
         def slip(t: Any) -> Any:
@@ -238,30 +242,30 @@ class _Path:
 
         stopped.terminal = True  # type: ignore[attr-defined]
         end = start + self._scenario.longest_time
-        found = solve_ivp(rates, (start, end), begin[[0, 2, 4]], events=stopped, dense_output=True, **_SOLVER)
-        if not found.t_events[0].size:
+        solution = solve_ivp(rates, (start, end), begin[[0, 2, 4]], events=stopped, dense_output=True, **_SOLVER)
+        if not solution.t_events[0].size:
             return ClairvoyantStop(math.inf, math.inf)
-        times = np.linspace(start, float(found.t[-1]), _SAMPLES)
-        acting = self._holding(times, found.sol(times)[0], found.sol(times)[1], slip)
-        asked = acting + self._actuator.lag * np.gradient(acting, times)
-        if asked[1:].max() > (1 + _SLACK) * self._most or asked.min() < -_SLACK * self._most:
+        times = np.linspace(start, float(solution.t[-1]), _SAMPLES)
+        torque = self._holding_torque(times, solution.sol(times)[0], solution.sol(times)[1], slip)
+        command = torque + self._actuator.lag * np.gradient(torque, times)
+        if command[1:].max() > (1 + _SLACK) * self._most or command.min() < -_SLACK * self._most:
             return ClairvoyantStop(math.inf, math.inf)
-        return ClairvoyantStop(float(found.t[-1]), float(found.y[2, -1]))
+        return ClairvoyantStop(float(solution.t[-1]), float(solution.y[2, -1]))
 
-    def _holding(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
-        """The acting torque, N*m, at times, s, that gives a slip ratio over time."""
+    def _holding_torque(self, t: Floats, speed: Floats, state: Floats, slip: Callable[[Floats], Floats]) -> Floats:
+        """Return the acting torque, N*m, at times, s, that gives the slip ratio `slip(t)`."""
         ratio, rate = slip(t), (slip(t + _STEP) - slip(t - _STEP)) / (2 * _STEP)
-        change, none, _ = self._plant(t, speed, ratio * speed, state, 0.0)
-        one = self._plant(t, speed, ratio * speed, state, 1.0)[1]
-        return np.asarray((ratio * change + rate * speed - none) / (one - none))
+        change, at_zero, _ = self._plant(t, speed, ratio * speed, state, 0.0)
+        at_unit = self._plant(t, speed, ratio * speed, state, 1.0)[1]
+        return np.asarray((ratio * change + rate * speed - at_zero) / (at_unit - at_zero))
 
     def _plant(self, t: Any, speed: Any, sigma: Any, state: Any, torque: float) -> tuple[Any, Any, Any]:
-        """Rates of speed, slip velocity and adhesion state; of arrays, arrays."""
-        found = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
-        return found[0], found[1], found[2] if len(found) > 2 else 0.0
+        """Return the rates of speed, slip velocity and adhesion state; arrays give arrays."""
+        rates = self._rates(speed, sigma, state, torque, 0.0, self._scenario.viscous_rate * t, self._parameters)
+        return rates[0], rates[1], rates[2] if len(rates) > 2 else 0.0
 
     def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
-        """Rates with a command that has passed the dead time."""
+        """Return a function for the rates with a constant command behind the dead time."""
 
         def rates(t: float, y: Floats) -> list[float]:
             lag = self._actuator.lag
@@ -272,10 +276,10 @@ class _Path:
 
 
 _SOLVER: dict[str, Any] = {"method": "LSODA", "rtol": 1e-6, "atol": 1e-7}
-_STEP = 1e-4  # s, of the difference that gives the rate of the slip
-_LEAST_TIME = 0.05  # s
-_LESS = (0.6, 1.0)  # share of the slip, and s, from which the best are looked for
-_LONGEST_BACK = 5.0  # s, until the slip rests
+_STEP = 1e-4  # s, step of the difference for the rate of the slip ratio
+_LEAST_TIME = 0.05  # s, shortest decay time of the slip ratio that is tried
+_LESS = (0.6, 1.0)  # start of the search: final share of the slip ratio, decay time in s
+_LONGEST_BACK = 5.0  # s, longest time without torque until the slip stops rising
 
 
 # --- controllers side by side over the same braking runs --------------------------------------------------------------
@@ -283,7 +287,7 @@ _LONGEST_BACK = 5.0  # s, until the slip rests
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over the runs and its standard error (NaN for a single run); NaN where no run stopped."""
+    """Mean over the runs that stopped, with its standard error; NaN without such runs, error NaN for a single one."""
 
     value: float
     error: float
@@ -291,10 +295,10 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """A controller over the seeds of a scenario: `outcomes` of all `runs`, means over those that `stopped`.
+    """Results of a controller over the seeds of a scenario: `outcomes` of all `runs`, means over those that `stopped`.
 
-    SI, as of `Run`; `lock_time` is that with r omega < 0.02 v, s; `beyond_bound` the braking distance beyond the
-    clairvoyant's, m.
+    SI units as in `Run`. `lock_time` is the time with r omega < 0.02 v, s; `beyond_bound` is the braking distance minus
+    that of `clairvoyant_stop`, m.
     """
 
     name: str
@@ -315,7 +319,7 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """`rows` of controllers over one scenario, each over all `seeds`, with the `bound` that none can beat."""
+    """Comparison of controllers in one scenario: `rows` over all `seeds`, and the `bound` of `clairvoyant_stop`."""
 
     scenario: Scenario
     seeds: tuple[int, ...]
@@ -323,29 +327,29 @@ class RunComparison:
     rows: tuple[ControllerRow, ...]
 
     def __str__(self) -> str:
-        text = import_module("railslip_ctrl.report.simulation")  # a room above this one, asked for by the user
+        text = import_module("railslip_ctrl.report.simulation")  # a room above this one, imported only for printing
         return str(text.run_comparison_text(self))
 
     def row(self, name: str) -> ControllerRow:
-        """The row of a controller by name; KeyError for another."""
+        """Return the row of a controller by name; KeyError for an unknown name."""
         return {row.name: row for row in self.rows}[name]
 
 
 @checked
 def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequence[int]) -> RunComparison:
-    """Run every controller through the scenario with every seed, on all cores; all meet the same noise.
+    """Run every controller through the scenario with every seed, on all cores, with the same noise for all.
 
-    - scenario: the run, SI.
-    - controllers: by name, what `simulate` takes.
-    - seeds: one for each run, any number of them.
+    - scenario: the braking run.
+    - controllers: controllers by name, as for `simulate`.
+    - seeds: seeds of the noise, one for each run.
 
-    Returns means for each controller, SI, and the bound of `clairvoyant_stop`, without noise: where the scenario sets
-    no largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
+    Returns means for each controller, SI, and the bound of `clairvoyant_stop`, without noise. If the scenario has no
+    largest torque, the bound includes the actuator's dead time but not its lag, which a large command overcomes.
     """
     bound = clairvoyant_stop(scenario)
     simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}
-    with ThreadPoolExecutor() as pool:  # the kernel holds no lock of the interpreter
-        rows = [_row(name, list(pool.map(one.run, seeds)), bound) for name, one in simulators.items()]
+    with ThreadPoolExecutor() as pool:  # the kernel releases the interpreter's lock
+        rows = [_row(name, list(pool.map(simulator.run, seeds)), bound) for name, simulator in simulators.items()]
     return RunComparison(scenario, tuple(seeds), bound, tuple(rows))
 
 

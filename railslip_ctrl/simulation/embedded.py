@@ -1,4 +1,4 @@
-"""A controller's C99 program written, with what single precision changes in whole stops."""
+"""Write a controller as a C99 program that states the effect of single precision in whole stops."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
 from .run import Simulator
 from .scenario import stop
 
-_SEED = 0  # of the random force in the stops over which single precision is compared
+_SEED = 0  # seed of the random force in the stops that compare single with double precision
 
 
 @checked
 def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tuple[Path, Path]:
-    """Write a controller as C99: a source file, and the header beside it.
+    """Write a controller as C99: a source file, and a header beside it.
 
-    - controller: whatever `simulate` takes but a step object or function. One that assumes the run's adhesion law
-      assumes that of a dry stop.
-    - path: of the source file; it ends in .c.
-    - vehicle: what the controller believes where its parameters do not say it, and what brakes in the stops over which
-      single precision is compared with double.
+    - controller: as for `simulate`, but not a step object or function. A controller that uses the adhesion law of the
+      run gets that of a stop on dry rail.
+    - path: path of the source file; it ends in .c.
+    - vehicle: vehicle that the controller assumes if its parameters do not give one; the stops that compare single
+      with double precision use it too.
 
     Returns the paths of the source file and of the header. InputError: a controller without a step in named fields, or
     a path that cannot be written.
@@ -44,35 +44,37 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
     control = control.assuming(stop(vehicle, Rail.DRY).law(Rail.DRY))
     if control.period is None:
         control = control.model_copy(update={"period": PERIOD})
-    text = f"{single_precision_deviation(control, vehicle):.2g} N*m"
+    deviation = f"{single_precision_deviation(control, vehicle):.2g} N*m"
     note = (
-        f"In single precision its command differs by at most {text} from that in double precision, in the stops of "
+        f"Single precision changes the command by at most {deviation}: compared with double precision in stops of "
         "this vehicle from 100 km/h on dry and on wet rail, with the same measurements."
     )
     program = c_program(control, vehicle, name=path.stem, notes=("", note))
     written = path, path.with_suffix(".h")
     try:
-        for one, content in zip(written, (program.source, program.header), strict=True):
-            one.write_text(content, "utf-8")
+        for file, content in zip(written, (program.source, program.header), strict=True):
+            file.write_text(content, "utf-8")
     except OSError as error:
         raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
     return written
 
 
 def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Sequence[Rail] = tuple(Rail)) -> float:
-    """Largest difference of the command, N*m, between single and double precision, over a stop on each rail, with the
-    measurements of the run in double precision."""
+    """Return the largest difference of the command, N*m, between single and double precision, over a stop on each rail.
+
+    Both steps get the measurements of the run in double precision.
+    """
     largest, step = 0.0, control.whole_step
     for rail in rails:
         scenario = stop(vehicle, rail)
         simulator = Simulator(scenario, control)
         run = simulator.run(_SEED, record_every=1)
-        assert run.signals is not None, "it is recorded"
+        assert run.signals is not None, "the run is recorded"
         signals, single = run.signals, np.float32
         state = mutable(control.start(scenario.initial_speed, simulator.period))
-        state = SimpleNamespace(**{name: _single(one) for name, one in vars(state).items()})
+        state = SimpleNamespace(**{name: _single(value) for name, value in vars(state).items()})
         values = step_parameters(simulator.controller, rail, simulator.period)
-        parameters = SimpleNamespace(**{name: _single(one) for name, one in values.items()})
+        parameters = SimpleNamespace(**{name: _single(value) for name, value in values.items()})
         before = 0.0
         rows = zip(signals.time, signals.measured_speed, signals.measured_wheel_speed, signals.command, strict=True)
         for time, v, omega, command in rows:
@@ -86,5 +88,5 @@ def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Seq
 
 
 def _single(value: Any) -> Any:
-    """Numbers in single precision."""
-    return [np.float32(one) for one in value] if isinstance(value, list | tuple) else np.float32(value)
+    """Convert a number, or a list of numbers, to single precision."""
+    return [np.float32(x) for x in value] if isinstance(value, list | tuple) else np.float32(value)

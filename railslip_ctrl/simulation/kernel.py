@@ -1,8 +1,8 @@
-"""The integration loop of a braking run: classical Runge-Kutta between instants at which anything jumps.
+"""Integration loop of a braking run: classical Runge-Kutta steps between the instants at which a quantity jumps.
 
-Jumps are known in advance (samples, the delayed command's changes, new random forces, events in time) or found by
-bisection inside a step (lock and release of the wheel, events in distance, the stop). Between them the command is
-constant, so that the dead time is exact and the order is that of the method.
+Jumps are known in advance (samples, changes of the delayed command, new random forces, events in time) or located by
+bisection inside a step (lock and release of the wheel, events in distance, the stop). The command is constant between
+jumps, so that the dead time is exact and the method keeps its order.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from railslip_ctrl.model.kernels import (
 # --- layout --------------------------------------------------------------------------------------------------------
 
 V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
-WORK = 5  # brake, slip, viscous, resistance, random force, disturbance: J taken from train and wheel
+WORK = 5  # first of six works, J taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
 STATES = 11
 
 STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
@@ -35,17 +35,17 @@ STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
 TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, MEASURED_OMEGA = range(STATES, 21)
 COLUMNS = 21
 
-# places in the plant's parameters `p` (`numeric.plant_parameters`) and in the controller's row `c` (`steps`)
+# indices into the plant's parameters `p` (`numeric.plant_parameters`) and the controller's row `c` (`steps`)
 P_MASS, P_INERTIA, P_VISCOUS, P_RADIUS, P_RESISTANCE, P_LAW = 0, 1, 2, 3, 4, 8
 C_REFERENCE, C_SCENARIO_REFERENCE = 0, -1
-# in `chosen`: which of `tables` and `limits` belong to the plant's law, which to the controller's model
+# indices into `chosen`, which selects from `tables` and `limits`: for the plant's law and for the controller's model
 PLANT, MODEL = 0, 1
 
-# what `measure` keeps of the sample before: its signals, and of an encoder the wheel's angle, rad, teeth passed, the
-# time of the last, s, the wheel's true speed, rad/s, and the speed last read
+# indices into `measured`, which keeps the signals of the previous sample and the state of the encoder: wheel angle,
+# rad; number of teeth passed; time of the last tooth, s; true wheel speed, rad/s; speed last read, rad/s
 MEASURED_SPEED, MEASURED_TURNING, ANGLE, TEETH, TOOTH_TIME, TRUE_TURNING, READ = range(7)
 
-# summary of a run
+# indices into the summary of a run
 (
     END_TIME,
     SLIP_ERROR,
@@ -63,17 +63,17 @@ MEASURED_SPEED, MEASURED_TURNING, ANGLE, TEETH, TOOTH_TIME, TRUE_TURNING, READ =
 ) = range(13)
 SUMMARY = 13
 
-# RK4's stability limit on the negative real axis is 2.78; at 0.5 its error per step is below 1e-4 of the fast mode's
+# Largest step times fastest rate. RK4 is stable up to 2.78; at 0.5 the error per step is below 1e-4 of the fast mode.
 _STIFFNESS_LIMIT = 0.5
-_MOST_SUBSTEPS = 100_000
-_EDGE = 1e-3  # relative: a law counts as left this much before its end, where its rates grow without bound
-_DECAYED = 50.0  # exp(-50) = 2e-22 of the torque is below its rounding
-_BISECTIONS = 52  # to the last bit of the step
-_SAME_INSTANT = 1e-9  # of a sample or of a hold: instants closer than this are one
+_MOST_SUBSTEPS = 100_000  # largest number of steps between two jumps
+_EDGE = 1e-3  # relative distance from the end of a law's domain, where its rates grow without bound, that ends the run
+_DECAYED = 50.0  # exponent beyond which the disturbance is zero: exp(-50) = 2e-22 is below the rounding of the torque
+_BISECTIONS = 52  # number of bisections; resolves a step to its last bit
+_SAME_INSTANT = 1e-9  # share of a sampling period or hold time; instants closer than this are treated as one
 
 
 class Settings(NamedTuple):
-    """Numbers of a run that never change; SI."""
+    """Constant numbers of a run, SI units."""
 
     period: float
     step: float
@@ -102,7 +102,7 @@ class Settings(NamedTuple):
 
 
 class Events(NamedTuple):
-    """Of each event: time (s), distance (m), and rows in which NaN or -1 leaves what is there."""
+    """Time (s), distance (m) and new parameters of each event; NaN or -1 leaves a parameter unchanged."""
 
     time: np.ndarray
     distance: np.ndarray
@@ -116,7 +116,7 @@ class Events(NamedTuple):
 
 @compiled
 def disturbance(t, torque, a):
-    """Td, N*m: the caliper's, a decaying oscillation in proportion to the acting torque."""
+    """Return the caliper's disturbance Td, N*m: a decaying oscillation in proportion to the acting torque."""
     decay = a.disturbance_decay * t
     if decay > _DECAYED:
         return 0.0
@@ -125,7 +125,7 @@ def disturbance(t, torque, a):
 
 @compiled
 def lag(torque, delayed, a):
-    """Tb' of the actuator, N*m/s: its lag, filling or dumping, within its rate limit."""
+    """Return the actuator's torque rate Tb', N*m/s: first-order lag, filling or dumping, within the rate limit."""
     time_constant = a.lag_fill if delayed > torque else a.lag_dump
     rate = lag_rate(torque, delayed, time_constant)
     return min(max(rate, -a.rate_limit), a.rate_limit)
@@ -133,7 +133,7 @@ def lag(torque, delayed, a):
 
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
-    """Rates of the states and powers of the works, into `rate`; a locked wheel keeps sigma = v."""
+    """Write the rates of the states and the powers of the works into `rate`; a locked wheel keeps sigma = v."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
@@ -149,7 +149,7 @@ def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
 
 @compiled
 def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
-    """One classical Runge-Kutta step of h from y to `new`; `k` is room for its stages."""
+    """Make one classical Runge-Kutta step of h from y to `new`; `k` is memory for its stages."""
     derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[0, i]
@@ -165,8 +165,8 @@ def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
 
 
 @compiled
-def turns_again(t, y, p, table, a, random_torque):
-    """Whether a standing wheel is driven on: omega' > 0 at omega = 0."""
+def releases(t, y, p, table, a, random_torque):
+    """Return True if a locked wheel starts to turn again: omega' > 0 at omega = 0."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     td = disturbance(t, y[TORQUE], a)
     v_rate, sigma_rate, _ = rates(y[V], y[V], y[Z], y[TORQUE], td, random_torque, p, table)
@@ -174,23 +174,23 @@ def turns_again(t, y, p, table, a, random_torque):
 
 
 @compiled
-def happened(t, y, p, table, a, locked, random_torque, next_distance):
-    """What the state has passed, as a bit each: stop 1, lock 2, release 4, event in distance 8."""
-    what = 0
+def crossings(t, y, p, table, a, locked, random_torque, next_distance):
+    """Return the sum of the codes that hold for a state: stop 1, lock 2, release 4, event in distance 8."""
+    crossed = 0
     if y[V] <= a.final_speed:
-        what |= 1
+        crossed |= 1
     if not locked and y[SIGMA] >= y[V]:
-        what |= 2
-    if locked and turns_again(t, y, p, table, a, random_torque):
-        what |= 4
+        crossed |= 2
+    if locked and releases(t, y, p, table, a, random_torque):
+        crossed |= 4
     if y[DISTANCE] >= next_distance:
-        what |= 8
-    return what
+        crossed |= 8
+    return crossed
 
 
 @compiled
 def fastest(y, random_torque, p, table, a):
-    """Spectral radius of the adhesion dynamics (sigma, z), or the lag's rate if that is larger, 1/s."""
+    """Return the larger of the spectral radius of the adhesion dynamics (sigma, z) and the rate of the lag, 1/s."""
     a11, a12, a21, a22 = stiffness(y[V], y[SIGMA], y[Z], y[TORQUE], 0.0, random_torque, p, table)
     half_trace, determinant = 0.5 * (a11 + a22), a11 * a22 - a12 * a21
     discriminant = half_trace * half_trace - determinant
@@ -202,24 +202,27 @@ def fastest(y, random_torque, p, table, a):
 
 @compiled
 def energy(y, p):
-    """Kinetic energy of train and wheel, J."""
+    """Return the kinetic energy of train and wheel, J."""
     omega = (y[V] - y[SIGMA]) / p[P_RADIUS]
     return 0.5 * p[P_MASS] * y[V] * y[V] + 0.5 * p[P_INERTIA] * omega * omega
 
 
 @compiled
 def quantized(value, quantum):
-    """The value on the sensor's grid."""
+    """Round a value to multiples of the sensor's quantum; 0 means no rounding."""
     return value if quantum <= 0.0 else quantum * math.floor(value / quantum + 0.5)
 
 
 @compiled
 def domain_limit(v, limits):
-    """Slip velocity that the law must stay below, m/s: linear between speeds 0 and limits[0], limits[1:]."""
+    """Return the slip velocity at which the law's domain ends, m/s.
+
+    `limits[1:]` are its values at equally spaced speeds from 0 to `limits[0]`; linear interpolation between them.
+    """
     intervals = limits.size - 2
-    place = min(max(v / limits[0] * intervals, 0.0), float(intervals))
-    i = min(int(place), intervals - 1)
-    return limits[1 + i] + (place - i) * (limits[2 + i] - limits[1 + i])
+    position = min(max(v / limits[0] * intervals, 0.0), float(intervals))
+    i = min(int(position), intervals - 1)
+    return limits[1 + i] + (position - i) * (limits[2 + i] - limits[1 + i])
 
 
 # --- a run ---------------------------------------------------------------------------------------------------------
@@ -227,7 +230,7 @@ def domain_limit(v, limits):
 
 @compiled
 def fire(i, y, p, c, chosen, events):
-    """Put event i in force: parameters, law, controller row, references; what it adds to the kinetic energy, J."""
+    """Apply event i to parameters, law, controller row and references; return the change of kinetic energy, J."""
     before = energy(y, p)
     for j in range(p.size):
         if not math.isnan(events.p[i, j]):
@@ -261,7 +264,7 @@ def account(y, new, h, k, reference, scenario_reference, a, t, summary):
 
 @compiled
 def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, measured, a):
-    """One row of the log: states and works, then what `TIME` and the following columns name, then the controller."""
+    """Write one row of the log: states and works, the columns from `TIME` on, the controller's state."""
     td = disturbance(t, y[TORQUE], a)
     for i in range(STATES):
         row[i] = y[i]
@@ -274,13 +277,13 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
 
 
 @compiled
-def passed(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
-    """The share of the step h at which something happened in it, by bisection; `new` is the state just after it."""
+def crossing_share(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
+    """Return the share of the step h at which `crossings` becomes nonzero; `new` is the state just after it."""
     low, high = 0.0, 1.0
     for halving in range(_BISECTIONS + 1):
         share = 0.5 * (low + high) if halving < _BISECTIONS else high
         advance(t, y, share * h, p, table, a, locked, delayed, random_torque, k, new)
-        if happened(t + share * h, new, p, table, a, locked, random_torque, next_distance):
+        if crossings(t + share * h, new, p, table, a, locked, random_torque, next_distance):
             high = share
         else:
             low = share
@@ -289,7 +292,7 @@ def passed(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, 
 
 @compiled
 def next_instant(t, sample_end, switch, a, events, fired, tiny):
-    """The first instant after t at which something jumps, at the latest the end of the sample."""
+    """Return the first instant after t at which a quantity jumps, at the latest the end of the sample."""
     until = sample_end
     if t < switch - tiny:
         until = min(until, switch)
@@ -305,7 +308,7 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
 
 @compiled
 def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
-    """Put in force the events up to a time and a distance that have not been, and book what they add."""
+    """Apply the pending events up to a time and a distance, and add their change of energy to the summary."""
     for i in range(fired.size):
         if not fired[i] and (events.time[i] <= latest or events.distance[i] <= distance):
             fired[i] = True
@@ -314,7 +317,7 @@ def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
 
 @compiled
 def whole_periods(a):
-    """The dead time as (sampling periods, rest in s)."""
+    """Return the dead time as a whole number of sampling periods, and the rest in s."""
     delay = math.floor(a.dead_time / a.period + 1e-9)
     rest = a.dead_time - delay * a.period
     return delay, (rest if rest >= 1e-9 * a.period else 0.0)
@@ -322,14 +325,17 @@ def whole_periods(a):
 
 @compiled
 def random_torque_at(t, forces, p, a):
-    """The random force's torque, N*m, held from one draw to the next."""
+    """Return the torque of the random force, N*m, constant between two draws."""
     return p[P_RADIUS] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
 
 
 @compiled
 def encoder(sample, turning, a, measured):
-    """The wheel's speed, rad/s, by the teeth that passed and the times of the last ones; within a sample the speed is
-    taken to change little."""
+    """Return the wheel speed, rad/s, as measured by an encoder.
+
+    It is the angle of the teeth passed over the time between the last ones. The time of a tooth within a sample assumes
+    the speed at the end of the sample.
+    """
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning
         return turning
@@ -349,7 +355,7 @@ def encoder(sample, turning, a, measured):
 
 @compiled
 def measure(sample, y, p, a, noise, measured):
-    """The sensors' (v, omega), with noise, quantised and filtered, into `measured`, which holds the sample before's."""
+    """Update the sensor signals v and omega in `measured`, with noise, quantised and filtered."""
     speed, turning = a.speed_scale * y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
     if a.encoder_teeth > 0.0:
         turning = encoder(sample, turning, a, measured)
@@ -363,9 +369,9 @@ def measure(sample, y, p, a, noise, measured):
 
 @entry
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
-    """Integrate a run; p, c, chosen, y and x are changed in place. Returns (status, rows of the log written).
+    """Integrate a run and return its status and the number of log rows; change p, c, chosen, y and x in place.
 
-    Before the first sample the command was the torque that acts at the start.
+    Before the first sample the command equals the initial torque.
     """
     k, new = np.empty((4, STATES)), np.empty(STATES)
     fired = np.zeros(events.time.size, dtype=np.bool_)
@@ -376,21 +382,21 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
-    # false, but no constant: numba would compile everything below once for that and once for a variable
+    # False, but not as a constant: Numba would compile the rest for the constant and again for a variable
     locked = math.isfinite(summary[FIRST_LOCK])
     rows, t, torque, status = 0, 0.0, y[TORQUE], OUT_OF_TIME
     for sample in range(math.ceil(a.longest_time / a.period - 1e-9)):
         t = sample * a.period
-        # what happens at this instant is known to this sample
+        # this sample sees the events at its own instant
         fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         measure(sample, y, p, a, noise, measured)
-        asked = command(x, t, measured[MEASURED_SPEED], measured[MEASURED_TURNING], torque, c, tables[chosen[MODEL]])
-        torque = min(max(asked, a.torque_min), a.torque_max)
-        if not (math.isfinite(asked) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
+        wanted = command(x, t, measured[MEASURED_SPEED], measured[MEASURED_TURNING], torque, c, tables[chosen[MODEL]])
+        torque = min(max(wanted, a.torque_min), a.torque_max)
+        if not (math.isfinite(wanted) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
             status = NOT_FINITE
             break
         history[sample % history.size] = torque
-        if a.lag_fill <= 0.0:  # without a lag the torque jumps with the command: what is logged acts from now on
+        if a.lag_fill <= 0.0:  # without a lag the torque follows the delayed command at once; log the new value
             first = sample - delay - (1 if rest > 0.0 else 0)
             y[TORQUE] = a.torque_gain * history[first % history.size] if first >= 0 else 0.0
         if every > 0 and sample % every == 0:
@@ -416,7 +422,7 @@ def interval(
     sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
     summary,
 ):  # fmt: skip
-    """From one sample to the next: (status, time, locked); OUT_OF_TIME means that the run goes on."""
+    """Integrate from one sample to the next; return status, time and locked. OUT_OF_TIME: the run continues."""
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
@@ -430,50 +436,50 @@ def interval(
         for i in range(fired.size):
             if not fired[i]:
                 next_distance = min(next_distance, events.distance[i])
-        status, t_new, what, locked = piece(
+        status, t_new, crossed, locked = piece(
             t, until, locked, a, delayed, random_torque_at(t, forces, p, a), next_distance, p, c, tables[chosen[PLANT]],
             limits[chosen[PLANT]], y, k, new, summary,
         )  # fmt: skip
         if status != OUT_OF_TIME:
             return status, t_new, locked
         standing = standing + 1 if t_new - t < tiny else 0
-        if standing > 1000:  # lock and release at one instant, over and over: the numbers leave no step
+        if standing > 1000:  # lock and release repeat at one instant, so that time does not advance
             return TOO_STIFF, t_new, locked
         t = t_new
-        if what & 8:
+        if crossed & 8:
             fire_due(-math.inf, y[DISTANCE], y, p, c, chosen, events, fired, summary)
     return OUT_OF_TIME, sample_end, locked
 
 
 @compiled
 def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
-    """Over a span without jumps, or up to what happens in it: (status, time, what happened, locked)."""
+    """Integrate a span without jumps, or up to the first crossing; return status, time, `crossings`, locked."""
     now = t
     while True:
         needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)
-        if not needed <= _MOST_SUBSTEPS:  # nor is NaN
+        if not needed <= _MOST_SUBSTEPS:  # true for NaN too
             return TOO_STIFF, now, 0, locked
         count = max(math.ceil(needed - 1e-6), 1)
         h = (until - now) / count
         advance(now, y, h, p, table, a, locked, delayed, random_torque, k, new)
-        what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
-        if what:
-            h *= passed(now, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new)
-            what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
+        crossed = crossings(now + h, new, p, table, a, locked, random_torque, next_distance)
+        if crossed:
+            h *= crossing_share(now, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new)
+            crossed = crossings(now + h, new, p, table, a, locked, random_torque, next_distance)
         if not (math.isfinite(new[V]) and math.isfinite(new[SIGMA]) and math.isfinite(new[Z])):
-            return NOT_FINITE, now + h, 0, locked  # y stays what it last was
+            return NOT_FINITE, now + h, 0, locked  # y keeps the last finite state
         account(y, new, h, k, c[C_REFERENCE], c[C_SCENARIO_REFERENCE], a, now, summary)
         for i in range(STATES):
             y[i] = new[i]
         now += h
         if abs(y[SIGMA]) >= (1.0 - _EDGE) * domain_limit(y[V], limits):
             return OUTSIDE_DOMAIN, now, 0, locked
-        if what:
-            if what & 2:
+        if crossed:
+            if crossed & 2:
                 locked = True
                 y[SIGMA] = y[V]
-            elif what & 4:
+            elif crossed & 4:
                 locked = False
-            return STOPPED if what & 1 else OUT_OF_TIME, now, what, locked
+            return STOPPED if crossed & 1 else OUT_OF_TIME, now, crossed, locked
         if count == 1:
             return OUT_OF_TIME, until, 0, locked

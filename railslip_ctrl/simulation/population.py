@@ -1,7 +1,7 @@
-"""A population of vehicles, rails and sensors on which no controller was tuned: one random stop for each seed.
+"""Random vehicles, rails and sensors, not used for tuning any controller; each seed gives one stop.
 
-Development uses seeds below `CHECK`, checks use seeds from there up. One seed gives the same vehicle and rail with and
-without errors of the sensors and the brake.
+Development uses seeds below `CHECK`; checks use seeds from `CHECK` up. One seed gives the same vehicle and rail with
+and without errors of the sensors and the brake.
 """
 
 from __future__ import annotations
@@ -23,25 +23,27 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from .scenario import Beliefs, BrakeLimits, Event, Measurement, Scenario, stop
 
 CHECK = 9000
-"""First seed of the check."""
+"""First seed of the checks."""
 
 SPEED_SCALE, RADIUS, GAIN, BRAKE = 0.02, 0.02, 0.15, 0.3
-"""Largest relative errors: measured train speed, believed radius, torque gain, believed dead time and lag."""
+"""Largest relative errors: measured train speed, assumed radius, torque gain, assumed dead time and lag."""
 
 SPEED_NOISE = 0.05
 """Standard deviation of the measured train speed, m/s, for each sample."""
 
 TEETH = (80, 200)
-"""Fewest and most teeth of the wheel-speed encoder."""
+"""Smallest and largest number of teeth of the wheel-speed encoder."""
 
 PITCH_ERROR = 0.01
-"""Standard deviation of an edge of the encoder, in tooth pitches. The speed is the angle over the time between the
-first and the last edge of a sampling period."""
+"""Standard deviation of the position of an encoder edge, in tooth pitches.
+
+The speed is the angle between the first and the last edge of a sampling period, divided by their time difference.
+"""
 
 
 @dataclass(frozen=True)
 class Peak:
-    """Slip ratio and adhesion coefficient of the peak of a curve."""
+    """Peak of an adhesion curve: slip ratio and adhesion coefficient."""
 
     slip: float
     mu: float
@@ -52,8 +54,11 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def random_vehicle(rng: np.random.Generator) -> Vehicle:
-    """Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, dead time 0.06 to 0.3 s, lag 0.15 to
-    0.8 s."""
+    """Return a random vehicle.
+
+    Wheel load 30 to 120 kN, radius 0.36 to 0.46 m, inertia 40 to 150 kg m^2, dead time 0.06 to 0.3 s, lag 0.15 to
+    0.8 s.
+    """
     load = _log_uniform(rng, 30e3, 120e3)
     wheel = {"radius": rng.uniform(0.36, 0.46), "inertia": rng.uniform(40.0, 150.0)}
     dead_time = _log_uniform(rng, 0.06, 0.3)
@@ -67,10 +72,10 @@ def random_vehicle(rng: np.random.Generator) -> Vehicle:
 
 
 def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """A random adhesion curve with one hump, as a table; the wheel load does not matter.
+    """Return a random adhesion curve with one hump, as a table; it does not depend on the wheel load.
 
-    Up to the peak mu rises as 1 - (1 - x)^a over x, the slip by that of the peak; beyond it falls to a plateau as
-    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of that.
+    With x the slip ratio over that of the peak, mu rises up to the peak as 1 - (1 - x)^a, then falls to a plateau as
+    1/(1 + ((x - 1)/w)^2). Peak at slip 0.008 to 0.15 with mu 0.05 to 0.35, plateau 0.35 to 0.95 of the peak.
     """
     slip = _log_uniform(rng, 0.008, 0.15)
     mu, a, plateau = rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0), rng.uniform(0.35, 0.95)
@@ -80,8 +85,10 @@ def one_hump(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
 
 
 def two_stage(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """As `one_hump`, with a peak at slip 0.008 to 0.03 and a plateau that rises again, to 0.7 to 1.1 of the peak at
-    slip 0.25."""
+    """Return a random curve as `one_hump`, with an early peak and a plateau that rises again.
+
+    Peak at slip 0.008 to 0.03; adhesion at slip 0.25 is 0.7 to 1.1 of the peak.
+    """
     slip, mu, a = _log_uniform(rng, 0.008, 0.03), rng.uniform(0.05, 0.35), rng.uniform(1.5, 4.0)
     plateau, w, again = rng.uniform(0.5, 0.95), _log_uniform(rng, 0.5, 6.0), rng.uniform(0.7, 1.1)
     down = np.geomspace(1e-2, 1.0 / slip - 1.0, 45)
@@ -94,46 +101,51 @@ def _table(slip: float, mu: float, a: float, down: np.ndarray, shares: np.ndarra
     up = np.linspace(0.0, 1.0, 25)
     slips = np.append(slip * np.concatenate([up, 1.0 + down])[:-1], 1.0)
     values = mu * np.concatenate([1.0 - (1.0 - up) ** a, shares])
-    return law_class("table").model_validate({"slip": tuple(slips), "mu": tuple(values), "reference": _held(slip)})
+    return law_class("table").model_validate({"slip": tuple(slips), "mu": tuple(values), "reference": _reference(slip)})
 
 
-def _held(slip: float) -> ReferenceSlip:
+def _reference(slip: float) -> ReferenceSlip:
     return ReferenceSlip(dry=0.8 * slip, wet=0.8 * slip)
 
 
 def polach(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """Polach's law between and about his dry and wet sets, the contact ellipse grown with the wheel load."""
+    """Return Polach's law with random parameters around his dry and wet sets; the contact ellipse grows with load."""
     axis = 6e-3 * (wheel_load / PARK2008.wheel_load) ** (1 / 3)
     k = _log_uniform(rng, 0.2, 1.0)
     return Polach(
         **{"kA": k, "kS": k * rng.uniform(0.3, 0.5), "mu0": rng.uniform(0.1, 0.5), "A": rng.uniform(0.3, 0.6)},
-        **{"Bw": _log_uniform(rng, 0.1, 0.8), "a": axis, "b": axis, "reference": _held(0.03)},
+        **{"Bw": _log_uniform(rng, 0.1, 0.8), "a": axis, "b": axis, "reference": _reference(0.03)},
     )
 
 
 def burckhardt(rng: np.random.Generator, wheel_load: float = 0.0) -> AdhesionLaw:
-    """Burckhardt's curve as high as that of a rail: c1 0.06 to 0.35, 1/c2 0.002 to 0.04, c3 0.2 to 0.7 of c1."""
+    """Return Burckhardt's curve scaled to rail adhesion: c1 0.06 to 0.35, 1/c2 0.002 to 0.04, c3 0.2 to 0.7 of c1."""
     c1, c2, fall = rng.uniform(0.06, 0.35), 1.0 / _log_uniform(rng, 0.002, 0.04), rng.uniform(0.2, 0.7)
-    return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _held(0.05)})
+    return law_class("burckhardt").model_validate({"c1": c1, "c2": c2, "c3": fall * c1, "reference": _reference(0.05)})
 
 
 def bristle(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """The bristle model: mu 0.08 to 0.35 at rest, gone at slip velocities of 30 to 90 m/s, stiffness 0.5 to 2 times the
-    published one of the load."""
+    """Return the bristle model with random parameters.
+
+    mu 0.08 to 0.35 at slip velocity 0, zero at 30 to 90 m/s; stiffness 0.5 to 2 times the published one at this load.
+    """
     mu, gamma = rng.uniform(0.08, 0.35), _log_uniform(rng, 30.0, 90.0)
     alpha = 2.2e4 * wheel_load / PARK2008.wheel_load * _log_uniform(rng, 0.5, 2.0)
-    given = {"alpha": alpha, "beta": gamma / (mu * wheel_load), "gamma": gamma, "reference": _held(0.1)}
+    given = {"alpha": alpha, "beta": gamma / (mu * wheel_load), "gamma": gamma, "reference": _reference(0.1)}
     return law_class("bristle").model_validate(given)
 
 
 def lugre(rng: np.random.Generator, wheel_load: float) -> AdhesionLaw:
-    """The LuGre model: mu 0.08 to 0.35 at rest, 0.4 to 0.9 of it when sliding, Stribeck velocity 1 to 6 m/s, stiffness
-    0.5 to 2 times 22 kN/m of the published load, relative damping 0.3 to 1 of the wheel on it."""
+    """Return the LuGre model with random parameters.
+
+    mu 0.08 to 0.35 at rest and 0.4 to 0.9 of this when sliding, Stribeck velocity 1 to 6 m/s, stiffness 0.5 to 2 times
+    22 kN/m at the published load, damping ratio of the wheel on the bristles 0.3 to 1.
+    """
     mu, vs = rng.uniform(0.08, 0.35), _log_uniform(rng, 1.0, 6.0)
     share = wheel_load / PARK2008.wheel_load
     given = {"alpha": 2.2e4 * share * _log_uniform(rng, 0.5, 2.0), "alpha1": 310.0 * share, "alpha2": 21.0 * share}
     given |= {"Fs": mu * wheel_load, "Fc": rng.uniform(0.4, 0.9) * mu * wheel_load, "vs": vs}
-    return law_class("lugre").model_validate({**given, "reference": _held(0.1)})
+    return law_class("lugre").model_validate({**given, "reference": _reference(0.1)})
 
 
 FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = MappingProxyType(
@@ -147,17 +159,17 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
         "lugre": lugre,
     }
 )
-"""Random adhesion laws by name; "changing": one hump, from dry to wet or back."""
+"""Random adhesion laws by name; "changing" is `one_hump` on a rail that changes between dry and wet."""
 
 
 # --- stops ------------------------------------------------------------------------------------------------------------
 
 
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
-    """The stop of a seed from 100 to 5 km/h, with the brake's full torque as its limit.
+    """Return the stop of a seed, from 100 to 5 km/h, with the brake's full torque as its limit.
 
-    - family: of `FAMILIES`.
-    - errors: whether sensors, brake and beliefs are wrong, by uniform draws within the errors named above.
+    - family: name in `FAMILIES`.
+    - errors: True for errors of sensors, brake and assumed parameters, drawn uniformly within the bounds above.
     """
     rng = np.random.default_rng(seed)
     vehicle = random_vehicle(rng)
@@ -169,13 +181,16 @@ def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) ->
         first, then = (Rail.DRY, Rail.WET) if rng.uniform() < 0.5 else (Rail.WET, Rail.DRY)
         changes |= {"rail": first, "events": (Event(distance=rng.uniform(20.0, 150.0), rail=then),)}
     if errors:
-        changes |= _wrong(np.random.default_rng((seed, 1)), vehicle, high)
+        changes |= _errors(np.random.default_rng((seed, 1)), vehicle, high)
     return scenario.with_changes(**changes)
 
 
-def _wrong(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
-    """A train speed that is wrong by a factor is, but for the metre, a radius believed wrong by its inverse."""
-    scale, radius, gain = (1.0 + rng.uniform(-one, one) for one in (SPEED_SCALE, RADIUS, GAIN))
+def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str, object]:
+    """Draw the errors of sensors, brake and assumed parameters.
+
+    An error factor of the train speed is applied as its inverse to the assumed radius, which gives the same slip.
+    """
+    scale, radius, gain = (1.0 + rng.uniform(-bound, bound) for bound in (SPEED_SCALE, RADIUS, GAIN))
     dead_time, lag = 1.0 + rng.uniform(-BRAKE, BRAKE, size=2)
     teeth = rng.integers(*TEETH, endpoint=True)
     edge = PITCH_ERROR * 2.0 * math.pi / teeth
@@ -192,6 +207,6 @@ def _wrong(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str,
 
 
 def peak_of(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
-    """The peak of a law at a speed, m/s, under a wheel load, N."""
+    """Return the peak of a law at a speed, m/s, and a wheel load, N."""
     top = peak(law, speed, wheel_load)
     return Peak(top.slip, top.coefficient)

@@ -145,7 +145,6 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
     F' has the sign of G - F with the falling G = (gamma - s)/beta: F rises until it meets G, then falls. So the ends of
     a range bound F; if the peak is in the range, G at the lower end is the upper bound.
     """
-
     alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
 
     def level(slip: arb) -> arb:

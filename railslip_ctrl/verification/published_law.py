@@ -157,7 +157,7 @@ def barbalat(made: Derivation) -> Condition:
     """Condition that the hypotheses of Barbalat's lemma hold in the ideal case."""
     phi_squared = sum(one**2 for one in made.phi)
     error = sum(a * b for a, b in zip(TILDE, made.phi, strict=True))
-    # Cauchy-Schwarz with its remainder: (theta_tilde' phi)^2 = 2 k V phi'phi - k s^2 phi'phi - (a square)
+    # Cauchy-Schwarz with its remainder: (theta_tilde' phi)^2 = 2 k V |phi|^2 - k s^2 |phi|^2 - (a square)
     square = (TILDE[0] * made.phi[1] - TILDE[1] * made.phi[0]) ** 2
     bounded = identical(2 * _k * made.V * phi_squared - error**2, _k * _s**2 * phi_squared + square)
     ideal = made.error_dynamics - made.disturbance_perturbed

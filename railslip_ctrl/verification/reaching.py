@@ -317,8 +317,11 @@ def tolerated_error(
 
 
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")
-"""Coordinates of the search, with units: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s,
-Ta_hat/Ta - 1, v'_hat/v' - 1, J of the law over the wheel's less 1, and a number with the sign of s."""
+"""Coordinates of the search, in this order.
+
+Units: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1, J of the
+law over the wheel's less 1, and a number with the sign of s.
+"""
 
 _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which the optimiser starts
 

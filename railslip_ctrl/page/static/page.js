@@ -1,27 +1,27 @@
 "use strict";
-// The page of `railslip design`. It draws and asks; every number of control theory comes from the server.
+// The page of `railslip design`. It draws and sends requests; every number of control theory comes from the server.
 
 const $ = (id) => document.getElementById(id);
 const make = (tag, given) => Object.assign(document.createElement(tag), given);
 const copyOf = structuredClone;
 const CLIENT = Math.random().toString(36).slice(2);
-const SETTLED = 70, RESTED = 350; // ms without a change, until what takes a moment is asked, and what takes a second
-const RETRY = 1000; // ms until a server that is gone, or busy, is asked again
-const STEPS = 1000, REACH = 10; // of a slider: its scale is logarithmic, from a tenth of its start to ten times that
-const SHOWN = 6; // sliders; the rest is folded
+const SHORT_WAIT = 70, LONG_WAIT = 350; // ms without a change before a request that takes a moment, or a second, is sent
+const RETRY = 1000; // ms before a request to a server that is gone or busy is repeated
+const STEPS = 1000, REACH = 10; // of a slider: its scale is logarithmic, from a tenth of the first value to ten times it
+const SHOWN = 6; // number of sliders shown; the others are folded
 const PLOTS = ["nyquist", "bode", "step", "stop", "envelope-map"];
 
-let begin = null; // what the server said at the start
+let begin = null; // the server's answer to "start"
 let design = null; // {kind, values, reference}
-let pinned = null; // {design, loop, stops}, which stay behind in grey
-let loop = null, envelope = null, verdict = null, stops = null, region = null; // the answers
-let fromKmh = 0, chosen = null, hardest = null; // which loop is shown: from this speed up, the chosen, the known hardest
+let pinned = null; // {design, loop, stops}, drawn in grey for comparison
+let loop = null, envelope = null, verdict = null, stops = null, region = null; // the newest answers
+let fromKmh = 0, chosen = null, hardest = null; // operating point shown: lowest speed, the user's choice, the hardest known
 let view = null, mapArea = null, regionAll = false, regionKey = "";
 let before = null, lost = false, written = null, addressTimer = 0;
-const past = [], future = [], turns = {}, cursors = {}, held = {}, inks = {};
-const fields = new Map(); // by the name of a number: {slider, field, low, high, set, now}
+const past = [], future = [], turns = {}, cursors = {}, cursorAt = {}, inks = {};
+const fields = new Map(); // by the name of a parameter: {slider, field, low, high, set, now}
 
-// --- words -----------------------------------------------------------------------------------------------------------
+// --- texts -----------------------------------------------------------------------------------------------------------
 
 function fmt(x, digits = 4) {
   if (x === null || x === undefined || Number.isNaN(x)) return "–";
@@ -35,14 +35,14 @@ const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·")}`)
 const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
 const cut = (text) => `“${text.slice(0, 40)}”`;
 
-// A line above; what the server refuses goes with the next design that it takes.
+// Show a message at the top. A message with `refused` disappears when the server accepts a design.
 function say(text, mild = false, refused = false) {
   Object.assign($("message"), { textContent: text, hidden: !text, className: mild ? "mild" : refused ? "refused" : "" });
 }
 
-// --- asking ----------------------------------------------------------------------------------------------------------
+// --- requests --------------------------------------------------------------------------------------------------------
 
-// The answer; {stale} if a newer question has come, {busy}, or {error}, which is empty if the server is gone.
+// Return the answer; {stale} if a newer request was sent, {busy}, or {error}, which is empty if the server is gone.
 async function ask(what, more = {}) {
   turns[what] = (turns[what] ?? 0) + 1;
   const body = JSON.stringify({ client: CLIENT, turn: turns[what], ...more });
@@ -71,11 +71,11 @@ function unpacked(buffer) {
 }
 
 function serverLost() {
-  say("The server does not answer. Nothing is lost: the whole design is in the address. "
-    + "Start railslip design again on the same --port, and this page goes on.");
+  say("The server does not answer. The address of this page contains the whole design. "
+    + "Start railslip design again with the same --port; the page then continues.");
   if (lost) return;
   lost = true;
-  const later = () => setTimeout(() => lost && fetch("page.css").then((found) => (found.ok ? serverBack() : later()), later), RETRY);
+  const later = () => setTimeout(() => lost && fetch("page.css").then((got) => (got.ok ? serverBack() : later()), later), RETRY);
   later();
 }
 
@@ -87,7 +87,7 @@ function serverBack() {
   else changed();
 }
 
-// One question of a kind is on its way; if the design changes meanwhile it is asked again, of the newest.
+// Requests of one name, sent one at a time; if the design changes meanwhile, the newest is sent afterwards.
 class Question {
   constructor(what, wait, take, more = () => ({})) {
     Object.assign(this, { what, wait, take, more, asked: false, again: false, timer: 0 });
@@ -104,20 +104,20 @@ class Question {
     if (!kindNow().loop && this.what !== "loop" && this.what !== "stops") return;
     this.asked = true;
     this.again = false;
-    const found = await ask(this.what, { design, ...this.more() });
+    const answer = await ask(this.what, { design, ...this.more() });
     this.asked = false;
-    if (found.busy) this.soon(RETRY);
-    else if (!found.stale && found.error !== "" && !(found.error && this.again)) this.take(found, this.again);
+    if (answer.busy) this.soon(RETRY);
+    else if (!answer.stale && answer.error !== "" && !(answer.error && this.again)) this.take(answer, this.again);
     if (this.again && !lost) this.soon();
   }
 }
 
 const questions = {
   loop: new Question("loop", 0, takeLoop, () => ({ from: fromKmh, point: chosen ?? hardest })),
-  envelope: new Question("envelope", SETTLED, takeEnvelope),
-  stops: new Question("stops", SETTLED, takeStops),
-  verdict: new Question("verdict", RESTED, takeVerdict),
-  region: new Question("region", SETTLED, takeRegion, () => ({ axes: axes(), all: regionAll })),
+  envelope: new Question("envelope", SHORT_WAIT, takeEnvelope),
+  stops: new Question("stops", SHORT_WAIT, takeStops),
+  verdict: new Question("verdict", LONG_WAIT, takeVerdict),
+  region: new Question("region", SHORT_WAIT, takeRegion, () => ({ axes: axes(), all: regionAll })),
 };
 
 // --- the design ------------------------------------------------------------------------------------------------------
@@ -126,9 +126,9 @@ const kindNow = () => begin.kinds[design.kind];
 const axes = () => (kindNow().tuned ? ["kp", "ki"] : [$("axis-x").value, $("axis-y").value]);
 const started = (kind) => Object.fromEntries(begin.kinds[kind].sliders.map((one) => [one.name, one.value]));
 
-// The design has changed: everything is asked again. `kept`: so that it may be undone.
-function changed(kept = false) {
-  if (kept) remember();
+// Send all requests again after a change of the design. `undoable`: add the change to the undo list.
+function changed(undoable = false) {
+  if (undoable) remember();
   hardest = verdict = null;
   $("answer").classList.add("stale");
   showNumbers();
@@ -150,11 +150,11 @@ function remember() {
   $("redo").disabled = !future.length;
 }
 
-// Another design, which may be of another kind.
-function shape(given, kept = true) {
+// Replace the design, possibly by one of another kind.
+function shape(given, undoable = true) {
   design = given;
   showKind();
-  changed(kept);
+  changed(undoable);
 }
 
 function goTo(from, to) {
@@ -184,39 +184,39 @@ function writeAddress() {
   history.replaceState(null, "", written);
 }
 
-// Takes the design of the address; what in it is not understood is said, and stays as it was.
+// Read the design from the address. Entries that are not valid are reported and ignored.
 function takeAddress() {
   if (location.hash === written) return null;
-  const words = new URLSearchParams(location.hash.slice(1)), wrong = [];
-  let kind = words.get("kind") ?? design.kind;
+  const entries = new URLSearchParams(location.hash.slice(1)), wrong = [];
+  let kind = entries.get("kind") ?? design.kind;
   if (!Object.hasOwn(begin.kinds, kind)) {
-    wrong.push(`kind ${cut(kind)} is not offered; choose one of ${Object.keys(begin.kinds).join(", ")}`);
+    wrong.push(`kind ${cut(kind)} is not known; choose one of ${Object.keys(begin.kinds).join(", ")}`);
     kind = design.kind;
   }
-  const free = kind === "transfer-function" && [...words.keys()].some((name) => /^[ab]\d+$/.test(name));
-  const found = { kind, values: free ? {} : kind === design.kind ? { ...design.values } : started(kind), reference: { ...design.reference } };
-  for (const [name, text] of words) {
+  const free = kind === "transfer-function" && [...entries.keys()].some((name) => /^[ab]\d+$/.test(name));
+  const given = { kind, values: free ? {} : kind === design.kind ? { ...design.values } : started(kind), reference: { ...design.reference } };
+  for (const [name, text] of entries) {
     const rail = name.startsWith("slip.") ? name.slice(5) : "", value = Number(text);
-    const known = rail ? Object.hasOwn(found.reference, rail) : free ? /^[ab]\d{1,2}$/.test(name) : Object.hasOwn(found.values, name);
+    const known = rail ? Object.hasOwn(given.reference, rail) : free ? /^[ab]\d{1,2}$/.test(name) : Object.hasOwn(given.values, name);
     if (name === "kind") continue;
-    if (!known) wrong.push(`${cut(name)} is no number of ${kind}`);
+    if (!known) wrong.push(`${kind} has no parameter ${cut(name)}`);
     else if (!text.trim() || !Number.isFinite(value)) wrong.push(`${name}: ${cut(text)} is not a number`);
-    else if (rail) found.reference[rail] = value;
-    else found.values[name] = value;
+    else if (rail) given.reference[rail] = value;
+    else given.values[name] = value;
   }
-  shape(found);
-  return wrong.length ? say(`In the address: ${wrong.join("; ")}. The rest is taken.`) : null;
+  shape(given);
+  return wrong.length ? say(`Ignored in the address: ${wrong.join("; ")}.`) : null;
 }
 
 // --- fields ----------------------------------------------------------------------------------------------------------
 
 function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
-  const words = make("label", { htmlFor: name, title: meaning, textContent: (label ?? plainName(name)) + unitOf(unit) });
+  const caption = make("label", { htmlFor: name, title: meaning, textContent: (label ?? plainName(name)) + unitOf(unit) });
   const slider = make("input", { type: "range", min: 0, max: STEPS, id: `${name}-slider`, title: meaning });
   const field = make("input", { type: "text", inputMode: "decimal", id: name, autocomplete: "off", title: meaning });
-  slider.setAttribute("aria-label", `${words.textContent}: ${meaning}`);
+  slider.setAttribute("aria-label", `${caption.textContent}: ${meaning}`);
   const row = make("div", { className: "number" });
-  row.append(words, slider, field);
+  row.append(caption, slider, field);
   parent.append(row);
   const size = Math.abs(value) || 1, one = { slider, field, set, low: size / REACH, high: Math.min(size * REACH, most ?? Infinity) };
   slider.addEventListener("input", () => {
@@ -230,14 +230,14 @@ function addNumber(parent, { name, label, unit, meaning, value, most }, set) {
     const text = field.value.trim().replace("−", "-").replace(",", "."), given = Number(text);
     const good = text !== "" && Number.isFinite(given);
     field.setAttribute("aria-invalid", String(!good));
-    say(good ? "" : `${words.textContent}: ${cut(text)} is not a number; the last one stays`);
+    say(good ? "" : `${caption.textContent}: ${cut(text)} is not a number; the previous value is kept`);
     if (!good || given === one.now) return;
     set(given);
     changed();
   };
   field.addEventListener("input", () => {
     clearTimeout(one.timer);
-    one.timer = setTimeout(typed, RESTED);
+    one.timer = setTimeout(typed, LONG_WAIT);
   });
   for (const act of [typed, remember]) field.addEventListener("change", act);
   fields.set(name, one);
@@ -261,10 +261,10 @@ function showKind() {
     if (free) $(id).value = names.filter((name) => name[0] === letter).map((name) => design.values[name]).join(", ");
   }
   $("more").hidden = names.length <= SHOWN;
-  for (const [id, place] of [["axis-x", 0], ["axis-y", 1]]) {
-    const kept = $(id).value;
+  for (const [id, index] of [["axis-x", 0], ["axis-y", 1]]) {
+    const previous = $(id).value;
     $(id).replaceChildren(...names.map((name) => new Option(plainName(name), name)));
-    $(id).value = names.includes(kept) ? kept : names[Math.min(place, names.length - 1)];
+    $(id).value = names.includes(previous) ? previous : names[Math.min(index, names.length - 1)];
   }
   showNumbers();
 }
@@ -286,7 +286,7 @@ function typedCoefficients() {
   for (const [id, letter] of [["num", "b"], ["den", "a"]]) {
     const parts = $(id).value.split(/[,;\s]+/).filter(Boolean).map(Number), good = parts.length > 0 && parts.length <= 12 && parts.every(Number.isFinite);
     $(id).setAttribute("aria-invalid", String(!good));
-    if (!good) return say(`${$(id).labels[0].textContent}: give one to twelve numbers with commas; the last ones stay`);
+    if (!good) return say(`${$(id).labels[0].textContent}: give one to twelve numbers, separated by commas; the previous ones are kept`);
     parts.forEach((value, i) => (values[`${letter}${parts.length - 1 - i}`] = value));
   }
   say("");
@@ -295,75 +295,75 @@ function typedCoefficients() {
 
 // --- answers ---------------------------------------------------------------------------------------------------------
 
-function takeLoop(found) {
-  if (found.error) return say(found.error, false, true);
+function takeLoop(answer) {
+  if (answer.error) return say(answer.error, false, true);
   if ($("message").className === "refused") say("");
-  loop = found;
+  loop = answer;
   showMargins();
-  $("where").textContent = found.where;
+  $("where").textContent = answer.where;
   for (const id of ["nyquist", "bode", "step"]) draw[id]();
   document.body.dataset.painted = String(Number(document.body.dataset.painted ?? 0) + 1);
   return null;
 }
 
-// The margins of the loop that is shown; its gain range over the envelope, as soon as that is known.
+// Show the margins of the loop, and its gain range over the envelope as soon as it is known.
 function showMargins() {
   const { stable, later, no_loop: none } = loop, ahead = verdict ?? envelope, least = (later ? verdict?.least : ahead?.least) ?? null;
-  const told = (value, unit) => (none || !stable ? "–" : value === undefined ? "…" : fmt(value ?? Infinity, 3) + unit);
+  const margin = (value, unit) => (none || !stable ? "–" : value === undefined ? "…" : fmt(value ?? Infinity, 3) + unit);
   $("ms").textContent = none ? "–" : msText(loop.ms);
-  $("phase-margin").textContent = told(later ? least?.phase_deg : loop.phase_margin_deg, "°");
-  $("delay-margin").textContent = told(later ? least?.delay_s : loop.delay_margin_s, " s");
+  $("phase-margin").textContent = margin(later ? least?.phase_deg : loop.phase_margin_deg, "°");
+  $("delay-margin").textContent = margin(later ? least?.delay_s : loop.delay_margin_s, " s");
   const range = least ?? (stable && !later ? loop : null);
-  let words = none ? "–" : stable ? "…" : "none";
-  if (range) words = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
-  else if (loop.range) words = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
-  $("gain-range").textContent = words;
+  let text = none ? "–" : stable ? "…" : "none";
+  if (range) text = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
+  else if (loop.range) text = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
+  $("gain-range").textContent = text;
   $("bound").textContent = none ? "–" : `≥ ${fmt(loop.least_ms, 3)}`;
 }
 
-function showVerdict(found, outdated = false) {
-  $("verdict").className = found.verdict ?? "";
-  $("verdict").textContent = found.line;
-  $("told").textContent = found.told?.join(" ") ?? "";
+function showVerdict(answer, outdated = false) {
+  $("verdict").className = answer.verdict ?? "";
+  $("verdict").textContent = answer.line;
+  $("told").textContent = answer.told?.join(" ") ?? "";
   $("answer").classList.toggle("stale", outdated);
   if (loop) showMargins();
   draw["envelope-map"]();
 }
 
-function takeEnvelope(found, outdated) {
-  envelope = found.error ? null : found;
-  if (found.error) return showVerdict({ line: found.error });
-  const words = Object.keys(found.points), list = $("point");
-  if ([...list.options].slice(1).map((one) => one.textContent).join() !== words.join()) {
-    list.replaceChildren(new Option("the worst", ""), ...words.map((one) => new Option(one, String(found.points[one]))));
+function takeEnvelope(answer, outdated) {
+  envelope = answer.error ? null : answer;
+  if (answer.error) return showVerdict({ line: answer.error });
+  const points = Object.keys(answer.points), list = $("point");
+  if ([...list.options].slice(1).map((option) => option.textContent).join() !== points.join()) {
+    list.replaceChildren(new Option("worst", ""), ...points.map((point) => new Option(point, String(answer.points[point]))));
     chosen = null;
   }
-  fromKmh = found.usable_from_kmh ?? 0;
-  if (chosen === null && !outdated && loop?.point !== found.hardest) {
-    hardest = found.hardest;
+  fromKmh = answer.usable_from_kmh ?? 0;
+  if (chosen === null && !outdated && loop?.point !== answer.hardest) {
+    hardest = answer.hardest;
     questions.loop.soon();
   }
-  return showVerdict(verdict ?? found, outdated);
+  return showVerdict(verdict ?? answer, outdated);
 }
 
-function takeVerdict(found, outdated) {
-  if (found.error || outdated) return;
-  verdict = found;
-  showVerdict(found);
+function takeVerdict(answer, outdated) {
+  if (answer.error || outdated) return;
+  verdict = answer;
+  showVerdict(answer);
 }
 
-function takeStops(found) {
-  if (found.error) return say(found.error, false, true);
-  stops = found;
+function takeStops(answer) {
+  if (answer.error) return say(answer.error, false, true);
+  stops = answer;
   return draw.stop();
 }
 
-function takeRegion(found, outdated) {
+function takeRegion(answer, outdated) {
   if (outdated) return;
-  region = found.error ? { levels: [] } : found;
-  const none = found.error ?? "no gains of this kind stabilise every operating point; see the map of speed and load";
-  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "at the hardest points; all follow" : region.levels ? "" : "at the hardest points";
-  if (!found.error) fitMap();
+  region = answer.error ? { levels: [] } : answer;
+  const none = answer.error ?? "no gains of this kind stabilise every operating point; see the map of speed and load";
+  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "hardest points first, then all" : region.levels ? "" : "hardest points";
+  if (!answer.error) fitMap();
   drawMap();
   if (!region.few) return;
   regionAll = true;
@@ -380,13 +380,13 @@ function readInks() {
   for (const name of INKS) inks[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
-// A colour of the scale of Ms, from 0, the palest, to 1.
+// Return a colour of the Ms scale; 0 is the palest, 1 the strongest.
 function mixed(share) {
   const part = (text, i) => parseInt(text.slice(1 + 2 * i, 3 + 2 * i), 16);
   return `rgb(${[0, 1, 2].map((i) => Math.round(part(inks.from, i) + (part(inks.to, i) - part(inks.from, i)) * share)).join()})`;
 }
 
-// A canvas in CSS pixels, cleared.
+// Clear a canvas and set its units to CSS pixels.
 function sheet(id) {
   const canvas = $(id), ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
@@ -418,7 +418,7 @@ function ticksOf([low, high], log, count) {
   return found;
 }
 
-// A panel between two heights of a sheet: title above, ticks, and `x` and `y`, which turn numbers into pixels.
+// Draw a panel between two heights of a sheet, with title and ticks; its functions `x` and `y` convert numbers to pixels.
 function panel({ ctx, width }, top, bottom, spec) {
   const left = MARGIN.left, right = width - MARGIN.right;
   const share = ([low, high], log) => (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
@@ -446,7 +446,7 @@ function panel({ ctx, width }, top, bottom, spec) {
   return area;
 }
 
-// The panels of a plot one below the other, of equal height, with a common x.
+// Draw the panels of a plot one below the other, with equal heights and a common x axis.
 function stacked(of, x, logX, labelX, specs) {
   const high = (of.height - MARGIN.bottom) / specs.length;
   return specs.map((spec, i) => panel(of, i * high + MARGIN.title, (i + 1) * high - 4, { ...spec, x, logX, labelX: i === specs.length - 1 ? labelX : "" }));
@@ -462,7 +462,7 @@ function inside({ ctx, left, right, top, bottom }, work) {
 }
 
 function line(area, xs, ys, colour, wide = 2, dash = []) {
-  const { ctx } = area, far = 4000; // pixels; what is farther off is drawn there
+  const { ctx } = area, far = 4000; // pixels; points farther away are drawn at this distance
   Object.assign(ctx, { strokeStyle: colour, lineWidth: wide });
   ctx.setLineDash(dash);
   ctx.beginPath();
@@ -507,12 +507,12 @@ function hatch(ctx, x, y, wide, high) {
   ctx.restore();
 }
 
-// Words in place of a plot.
-function instead(id, told) {
+// Show a message in place of a plot.
+function instead(id, message) {
   const { ctx, width, height } = sheet(id), lines = [""];
   ctx.fillStyle = inks.panel;
   ctx.fillRect(0, 0, width, height);
-  for (const word of told.split(" ")) {
+  for (const word of message.split(" ")) {
     if (ctx.measureText(`${lines.at(-1)} ${word}`).width > width - 40) lines.push("");
     lines.push(`${lines.pop()} ${word}`.trim());
   }
@@ -520,7 +520,7 @@ function instead(id, told) {
   cursors[id] = null;
 }
 
-// The ends of an axis for some lists, within bounds; a pinned list counts too.
+// Return the ends of an axis that shows the lists, pinned ones included, within bounds.
 function extent(lists, low, high, room) {
   let [a, b] = [Infinity, -Infinity];
   for (const v of lists.flatMap((list) => [...(list ?? [])])) {
@@ -532,10 +532,10 @@ function extent(lists, low, high, room) {
   return [a - more, b + more];
 }
 
-// What a plot reads: how many places, the nearest one to the pointer, dots there, and words.
+// Let the user read values from a plot: number of points, the one nearest to the pointer, dots to draw there, its text.
 function readable(id, count, near, marks, text) {
   cursors[id] = { count, near, marks, text };
-  const at = held[id] === null || held[id] === undefined ? null : Math.min(held[id], count - 1);
+  const at = cursorAt[id] === null || cursorAt[id] === undefined ? null : Math.min(cursorAt[id], count - 1);
   for (const [area, x, y] of at === null ? [] : marks(at)) inside(area, () => dot(area, x, y, inks.ink));
   $(`${id}-read`).textContent = at === null ? "" : text(at);
 }
@@ -552,7 +552,7 @@ const draw = {
   nyquist() {
     if (!loop) return;
     if (loop.no_loop) return instead("nyquist", loop.no_loop);
-    const of = sheet("nyquist"), high = of.height - MARGIN.bottom, reach = 2.3; // of the imaginary axis
+    const of = sheet("nyquist"), high = of.height - MARGIN.bottom, reach = 2.3; // length of the imaginary axis shown
     const wide = (reach * (of.width - MARGIN.left - MARGIN.right)) / (high - MARGIN.title);
     const area = panel(of, MARGIN.title, high, { x: [-0.9 - wide / 2, -0.9 + wide / 2], y: [-0.55 * reach, 0.45 * reach], title: "imaginary part of L", labelX: "real part of L" });
     const { re, im, omega } = loop.arrays, old = pinned?.loop.arrays, w = loop.frequencies?.ms, size = area.x(0) - area.x(-1);
@@ -579,7 +579,7 @@ const draw = {
     const y = [Math.max(low, Math.min(high, -120) - 480), high], ticksY = [];
     for (let at = Math.ceil(y[0] / 90) * 90; at <= y[1]; at += y[1] - y[0] > 400 ? 180 : 90) ticksY.push(at);
     const areas = stacked(of, x, true, "rad/s", [{ title: "|L|, dB", y: extent([seen(db)], -60, 60, 3) }, { title: "phase, deg", y, ticksY }]);
-    const value = (list, w) => { // on the line at a frequency, between its points
+    const value = (list, w) => { // interpolated at the frequency w
       const i = Math.min(omega.length - 1, Math.max(1, omega.findIndex((one) => one >= w)));
       return list[i - 1] + ((list[i] - list[i - 1]) * Math.log(w / omega[i - 1])) / Math.log(omega[i] / omega[i - 1]);
     };
@@ -607,10 +607,10 @@ const draw = {
   step() {
     if (!loop) return;
     if (loop.no_loop || loop.no_step) return instead("step", loop.no_loop ?? loop.no_step);
-    const { time, step, load } = loop.arrays, old = pinned?.loop.arrays, most = loop.stable ? 1e6 : 3; // a growing line is cut
+    const { time, step, load } = loop.arrays, old = pinned?.loop.arrays, most = loop.stable ? 1e6 : 3; // limits the y axis of an unstable loop
     const specs = [
-      { title: "slip velocity, m/s, after a step of 1 m/s of its reference", y: extent([step, [0, 1], old?.step], -most, most, 0) },
-      { title: `the same after ${fmt(begin.load_step)} N·m at the wheel`, y: extent([load, [0], old?.load], -most, most, 1e-9) },
+      { title: "slip velocity, m/s: reference step of 1 m/s", y: extent([step, [0, 1], old?.step], -most, most, 0) },
+      { title: `slip velocity, m/s: load step of ${fmt(begin.load_step)} N·m at the wheel`, y: extent([load, [0], old?.load], -most, most, 1e-9) },
     ];
     const areas = stacked(sheet("step"), [0, time.at(-1)], false, "s", specs);
     areas.forEach((area, k) => inside(area, () => {
@@ -641,7 +641,7 @@ const draw = {
     return $("stop").setAttribute("aria-label", `Braking run: ${stops.words[name].split("\n")[0]}`);
   },
 
-  // Worst Ms of every speed and load: at the operating points, and below it with tolerances.
+  // Worst Ms of every speed and load: first number at the operating points, second number with tolerances.
   "envelope-map"() {
     if (!envelope) return instead("envelope-map", "no map without a linear loop");
     const { ctx, width, height } = sheet("envelope-map"), { speeds_kmh: speeds, loads, operating } = envelope.map, worse = verdict?.map.with_tolerances;
@@ -662,11 +662,11 @@ const draw = {
     });
     speeds.forEach((speed, i) => write(ctx, fmt(speed, 3), left + (i + 0.5) * wide, height - 24, "center"));
     write(ctx, "km/h", width - 4, height - 8, "right");
-    $("cells-told").textContent = `${worse ? "; below it with tolerances" : ""}; hatched where no controller has Ms ≤ ${fmt(begin.robust_ms)}`;
+    $("cells-told").textContent = `${worse ? "; second number: with tolerances" : ""}; hatched: no controller has Ms ≤ ${fmt(begin.robust_ms)}`;
     const clamp = (v, most) => Math.max(0, Math.min(most - 1, Math.floor(v))), of = (k) => [k % speeds.length, Math.floor(k / speeds.length)];
     readable("envelope-map", speeds.length * loads.length, (px, py) => clamp((px - left) / wide, speeds.length) + speeds.length * clamp(py / high, loads.length), () => [], (k) => {
       const [i, j] = of(k);
-      return `${fmt(speeds[i], 3)} km/h, ${loads[j]}: Ms ${msText(operating[i][j])}${worse ? `, with tolerances ${msText(worse[i][j])}` : ""}; no controller has less than ${fmt(envelope.bounds[i][j], 3)}`;
+      return `${fmt(speeds[i], 3)} km/h, ${loads[j]}: Ms ${msText(operating[i][j])}${worse ? `, with tolerances ${msText(worse[i][j])}` : ""}; lower bound for any controller ${fmt(envelope.bounds[i][j], 3)}`;
     });
     const all = operating.flat();
     return $("envelope-map").setAttribute("aria-label", `Worst Ms over speed and load: ${all.includes(null) ? "unstable somewhere" : `at most ${fmt(Math.max(...all), 3)}`}`);
@@ -691,8 +691,8 @@ function fitMap() {
 function drawMap() {
   const of = sheet("gain-map");
   if (!view || !kindNow().loop) return $("map-read").replaceChildren();
-  const names = axes(), [x, y] = names.map((name) => design.values[name]), words = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
-  const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: words[0], title: words[1] }));
+  const names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
+  const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: labels[0], title: labels[1] }));
   inside(area, (ctx) => {
     ctx.fillStyle = inks.void;
     ctx.fillRect(area.left, area.top, area.right - area.left, area.bottom - area.top);
@@ -704,10 +704,10 @@ function drawMap() {
     ring(ctx, px, py, 8, inks.worst, inks.paper, 3);
     ring(ctx, px, py, 1.5, inks.worst, inks.worst);
   });
-  return ($("map-read").textContent = `${words[0]}: ${fmt(x, 5)}; ${words[1]}: ${fmt(y, 5)}`);
+  return ($("map-read").textContent = `${labels[0]}: ${fmt(x, 5)}; ${labels[1]}: ${fmt(y, 5)}`);
 }
 
-// Each level as bands between neighbouring rows of ki, then its outline and, on the right, its Ms.
+// Draw each level as bands between neighbouring rows of ki, then its outline and its Ms at the top.
 function drawLevels(area) {
   const { ctx } = area;
   region.levels.forEach(({ ms, rows }, k) => {
@@ -723,7 +723,7 @@ function drawLevels(area) {
       }
     });
     ctx.fillStyle = ctx.strokeStyle = ms === null ? inks.paper : mixed((0.85 * k) / (region.levels.length - 1));
-    ctx.lineWidth = 1; // no seam between bands
+    ctx.lineWidth = 1; // closes the gap between bands
     ctx.fill();
     ctx.stroke();
   });
@@ -739,7 +739,7 @@ function drawLevels(area) {
   }
 }
 
-// Worst Ms in cells; a dot where it is robust.
+// Draw the worst Ms as coloured cells, with a dot in each robust cell.
 function drawCells(area) {
   const middles = (list, along) => list.slice(1).map((v, i) => (along(v) + along(list[i])) / 2);
   const edges = (list, along) => [along(list[0]), ...middles(list, along), along(list.at(-1))];
@@ -775,11 +775,11 @@ function moveBy(event) {
 // --- buttons ---------------------------------------------------------------------------------------------------------
 
 async function save(name) {
-  say(name === "report.html" ? "The report is being made, which takes a minute; the page goes on." : "", true);
-  const found = await ask("file", { design, name });
-  if (found.text === undefined) return found.error ? say(found.error) : null;
+  say(name === "report.html" ? "Making the report, about a minute; you can go on working." : "", true);
+  const answer = await ask("file", { design, name });
+  if (answer.text === undefined) return answer.error ? say(answer.error) : null;
   say("");
-  const link = make("a", { href: URL.createObjectURL(new Blob([found.text], { type: "text/plain" })), download: name });
+  const link = make("a", { href: URL.createObjectURL(new Blob([answer.text], { type: "text/plain" })), download: name });
   link.click();
   return setTimeout(() => URL.revokeObjectURL(link.href), RETRY);
 }
@@ -789,13 +789,13 @@ async function tune(name, field, label, least) {
   $(field).setAttribute("aria-invalid", String(!(value > least)));
   if (!(value > least)) return say(`${label}: ${cut($(field).value)} is not allowed; give a number > ${least}`);
   $("best").disabled = $("most").disabled = true;
-  say("Looking for gains over the whole envelope…", true);
-  const asked = design, found = await ask("tune", { design, [name]: value });
+  say("Tuning over the whole envelope…", true);
+  const sent = design, answer = await ask("tune", { design, [name]: value });
   $("best").disabled = $("most").disabled = false;
-  if (!found.values) return found.error ? say(found.error) : null;
+  if (!answer.values) return answer.error ? say(answer.error) : null;
   say("");
-  if (asked.kind !== design.kind) return null;
-  Object.assign(design.values, found.values);
+  if (sent.kind !== design.kind) return null;
+  Object.assign(design.values, answer.values);
   return changed(true);
 }
 
@@ -808,14 +808,14 @@ function pin() {
 function copyAddress() {
   writeAddress();
   return navigator.clipboard.writeText(location.href).then(
-    () => say("The address is copied; the whole design is in it.", true), () => say(`The address, to be copied: ${location.href}`, true));
+    () => say("Address copied; it contains the whole design.", true), () => say(`Copy this address: ${location.href}`, true));
 }
 
 async function chooseKind() {
   const kind = $("kind").value;
-  if (kind === "transfer-function" && kindNow().loop) { // what the design is, as a ratio of polynomials
-    const found = await ask("start", { design });
-    if (found.kinds) begin.kinds = found.kinds;
+  if (kind === "transfer-function" && kindNow().loop) { // convert the present design to a ratio of polynomials
+    const answer = await ask("start", { design });
+    if (answer.kinds) begin.kinds = answer.kinds;
   }
   const values = started(kind);
   if (kind !== "transfer-function") for (const name of Object.keys(values)) values[name] = design.values[name] ?? values[name];
@@ -840,15 +840,15 @@ function listen() {
   map.addEventListener("keydown", moveBy);
   map.addEventListener("keyup", remember);
   for (const id of PLOTS) {
-    const hold = (i) => cursors[id] && draw[id]((held[id] = i));
-    $(id).addEventListener("pointermove", (event) => cursors[id] && hold(cursors[id].near(event.offsetX, event.offsetY)));
-    for (const end of ["pointerleave", "blur"]) $(id).addEventListener(end, () => hold(null));
+    const moveCursor = (i) => cursors[id] && draw[id]((cursorAt[id] = i));
+    $(id).addEventListener("pointermove", (event) => cursors[id] && moveCursor(cursors[id].near(event.offsetX, event.offsetY)));
+    for (const end of ["pointerleave", "blur"]) $(id).addEventListener(end, () => moveCursor(null));
     $(id).addEventListener("keydown", (event) => {
       const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key], one = cursors[id];
       if (!by || !one) return;
       event.preventDefault();
       const step = one.count < 100 ? 1 : event.shiftKey ? 25 : 4;
-      hold(Math.max(0, Math.min(one.count - 1, (held[id] ?? one.count >> 1) + by * step)));
+      moveCursor(Math.max(0, Math.min(one.count - 1, (cursorAt[id] ?? one.count >> 1) + by * step)));
     });
   }
   const clicks = {
@@ -879,16 +879,16 @@ function listen() {
 
 async function start() {
   readInks();
-  const found = await ask("start");
-  if (!found.kinds || begin) return found.error ? say(found.error) : null;
-  begin = found;
+  const answer = await ask("start");
+  if (!answer.kinds || begin) return answer.error ? say(answer.error) : null;
+  begin = answer;
   design = { kind: begin.kind, values: started(begin.kind), reference: { ...begin.reference } };
   for (const id of ["vehicle", "envelope"]) $(id).textContent = begin[id];
   $("ki-min").value = String(Number(((design.values.ki ?? 1) / 100).toPrecision(1)));
   $("ms-max").value = String(begin.robust_ms);
   for (const [name, one] of Object.entries(begin.kinds)) $("kind").append(new Option(`${name}: ${one.title}`, name));
   for (const [rail, value] of Object.entries(begin.reference)) {
-    const one = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `slip ratio held on ${rail} rail`, value, most: 0.9 };
+    const one = { name: `slip-${rail}`, label: `${rail} rail`, unit: "1", meaning: `reference slip ratio on ${rail} rail`, value, most: 0.9 };
     addNumber($("slips"), one, (slip) => (design.reference[rail] = slip));
     fields.get(one.name).slider.disabled = fields.get(one.name).field.disabled = begin.fixed;
   }

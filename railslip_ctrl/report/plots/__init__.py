@@ -1,4 +1,4 @@
-"""Figures: records in, matplotlib figures out. The only user of matplotlib; computes nothing."""
+"""Make matplotlib figures of records, without computing anything; only this package uses matplotlib."""
 
 from .designs import (
     bode_figure,

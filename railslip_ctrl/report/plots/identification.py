@@ -1,5 +1,6 @@
-"""Pictures of an identification: mu over slip with the models fitted, the peak over speed, parameters over v0; of
-adhesion-torque observers, and of a test on the virtual rig.
+"""Figures of an identification, of adhesion-torque observers, and of a test on the virtual rig.
+
+An identification has figures of mu over slip with the fitted models, of the peak over speed, and of parameters over v0.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MODELS_SHOWN = 4
 
 
 def adhesion_figure(found: Sequence[Identification]) -> Figure:
-    """mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
+    """Plot mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
     columns = min(len(found), 2)
     title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
     figure, axes = style.grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
@@ -73,10 +74,10 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
 
 
 def drift_figure(found: Identification) -> Figure:
-    """Slip and height of the peak over speed with their 95 % intervals, and the reference slip, by rail condition.
+    """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
 
-    What the log does not show is hollow: the model at other initial speeds, and, without intervals, wet rail by rule.
-    Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
+    Hollow marks are not from the log: the model at other initial speeds, and wet rail by rule, without intervals. The
+    height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
     """
     title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
@@ -98,7 +99,7 @@ def drift_figure(found: Identification) -> Figure:
 
 
 def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
-    """The peaks on one rail, all of the log or all by rule."""
+    """Draw the peaks on one rail, all from the log or all by rule."""
     rail = peaks[0].rail
     look, where = style.rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
     speed, values, ends, mu, mu_ends, reference = (
@@ -114,7 +115,7 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
 
 
 def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, look: dict[str, Any]) -> None:
-    """A line through values over speed; marks on it, with bars where the log tells them."""
+    """Draw a line through values over speed with marks, and error bars for values from the log."""
     speed, values, ends = data
     if peaks[0].by_rule:
         ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **look)
@@ -129,7 +130,7 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
 
 
 def braking_figure(found: Identification) -> Figure:
-    """The log's longest braking over time: speeds, brake torque and observed adhesion torque, slip."""
+    """Plot the log's longest braking over time: speeds, brake torque, observed adhesion torque and slip."""
     run = time_history_of(found.curve.record, found.vehicle, found.curve.time_constant)
     figure = style.new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
     speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
@@ -151,9 +152,9 @@ def braking_figure(found: Identification) -> Figure:
 def coefficients_figure(
     found: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
 ) -> Figure:
-    """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
+    """Plot each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
 
-    `beside` is a label and other values of all parameters at a speed in km/h, for a second line.
+    `beside` is a label and a function for other values of all parameters at a speed in km/h, for a second line.
     """
     count, first = len(found.polynomials), found.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
@@ -178,7 +179,7 @@ def coefficients_figure(
 def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
-    """A brake trial: speeds and torques as they were, the estimates at `time` (s), and the error (N*m) of each."""
+    """Plot a brake trial: true speeds and torques, the estimates at `time` (s), and the error (N*m) of each."""
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
         :, 0
@@ -204,7 +205,7 @@ def estimates_figure(
 
 
 def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, title: str) -> Figure:
-    """Magnitudes from true adhesion torque, brake torque and sensor noise to the estimate."""
+    """Plot the magnitudes from true adhesion torque, brake torque and sensor noise to the estimate."""
     fields = {
         "adhesion": "from the adhesion torque (N·m per N·m)",
         "brake": "from the brake torque (N·m per N·m)",
@@ -218,7 +219,7 @@ def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, tit
 
 
 def rig_test_figure(log: Rows, *, radius: float, title: str) -> Figure:
-    """Speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
+    """Plot speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
     figure = style.new_figure(6.0, title)
     speeds, slip, torque = style.panels(figure, 3, sharex=True)[:, 0]
     names = ("time", "train_speed", "wheel_angular_speed", "brake_torque")

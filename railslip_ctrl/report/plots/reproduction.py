@@ -1,4 +1,4 @@
-"""The figures of [Park2008] redrawn: adhesion models (13 to 15, 17) and braking runs (18 to 21)."""
+"""Redraw the figures of [Park2008]: adhesion models (13 to 15, 17) and braking runs (18 to 21)."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
 
 def model_figures(curves: Sequence[ModelCurve]) -> dict[str, Figure]:
-    """Figs. 13, and 14 with 15 (dry, by initial speed), by file name."""
+    """Return Fig. 13, and Figs. 14 with 15 (dry, by initial speed), by file name."""
     return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
 
 
 def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
-    """Figs. 18 to 21 of the four columns' recorded runs, by file name."""
+    """Return Figs. 18 to 21 of the four columns' recorded runs, by file name."""
     return {
         "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
         "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),
@@ -78,7 +78,7 @@ def _speeds_by_model(curves: Sequence[ModelCurve]) -> Figure:
 
 
 def wet_and_dry_figure(curves: Sequence[ModelCurve]) -> Figure:
-    """Fig. 17: adhesion dry and wet, with the published references."""
+    """Draw Fig. 17: adhesion on dry and wet rail, with the published reference slips."""
     speeds = " and ".join(f"{speed:g}" for speed in dict.fromkeys(curve.initial_speed_kmh for curve in curves))
     figure = style.new_figure(4.8, f"[Park2008] Fig. 17: adhesion dry and wet, v0 = {speeds} km/h")
     ax = style.panels(figure)[0, 0]
@@ -153,7 +153,7 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
 def _by_controller(
     figure: Figure, runs: Mapping[str, Run], label: str, draw: Callable[[Any, int, str, Run], None]
 ) -> Figure:
-    """A panel a kind of controller; `draw` is given the number of the run in it."""
+    """Draw a panel for each kind of controller; `draw` gets the index of the run in its panel."""
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
     axes = style.panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
     for ax, kind in zip(axes, kinds, strict=True):
@@ -179,7 +179,7 @@ def _seeded(runs: Mapping[str, Run]) -> str:
 
 
 def deviations_figure(comparison: Table5) -> Figure:
-    """Deviation from Table 5 by column and quantity, with two standard errors."""
+    """Plot the deviation from Table 5 by column and quantity, with two standard errors."""
     groups: dict[str, list[tuple[str, float, float]]] = {}
     for row in comparison.rows:
         _, column, quantity = row.item.split(" / ")

@@ -1,4 +1,4 @@
-"""Pictures of braking runs: over time, controllers compared, V with the margin of (40) along them, and campaigns."""
+"""Figures of braking runs over time, comparisons of controllers, Lyapunov functions along runs, and campaigns."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
 
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
-    """Braking distance and mean slip error of every controller, a row of axes a scenario; the bound as a line."""
+    """Plot braking distance and mean slip error of every controller by scenario, with the bound as a line."""
     seeds = ", ".join(dict.fromkeys(f"{len(one.seeds)}" for one in comparisons))
     title = f"Braking distance and slip error, means over {seeds} seeds"
     figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
@@ -70,9 +70,9 @@ _ENOUGH_SLIP = 1.3  # of the slip that is passed for a thousandth of the time, o
 
 
 def simulation_figure(run: Run) -> Figure:
-    """Speeds, slip with its reference, torque commanded and acting, and adhesion over time; needs `run.signals`.
+    """Plot speeds, slip with its reference, commanded and acting torque, and adhesion over time.
 
-    A vertical line stands at each event that happened.
+    Needs `run.signals`. A vertical line marks each event that occurred.
     """
     signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.label}: {run.outcome.value} at {run.braking_time:.4g} s"
@@ -93,7 +93,7 @@ def simulation_figure(run: Run) -> Figure:
 
 
 def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
-    """Speeds, slip and torque of recorded runs over time, a column each under its name."""
+    """Plot speeds, slip and torque of recorded runs over time, in a column for each run with its name."""
     figure = style.new_figure(5.2, title)
     axes = style.panels(figure, 3, len(runs), sharex="col", sharey="row")
     _draw(axes, list(runs.values()))
@@ -106,12 +106,12 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
 
 
 def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
-    """Certified no-lock regions, a panel each: below the line of its speed a released wheel certainly does not lock.
+    """Plot certified no-lock regions: below the line of its speed a released wheel certainly does not lock.
 
-    The run is a line of samples, and marked, filled where it is certain, at the first sample below each speed.
+    The run is a line of samples, with a mark at the first sample below each speed, filled if no lock is certain.
     """
-    told = "below a line a released wheel certainly does not lock; marks: the run at these speeds"
-    figure = style.new_figure(3.9, f"{title}; {told}")
+    legend = "below a line a released wheel certainly does not lock; marks: the run at these speeds"
+    figure = style.new_figure(3.9, f"{title}; {legend}")
     axes = style.panels(figure, 1, len(found), sharex=True, sharey=True)[0]
     for ax, (name, (region, run)) in zip(axes, found.items(), strict=True):
         ax.plot(run.slip, run.torque / 1e3, color="0.6", linewidth=0.7, label="run, 0.1 s between samples")
@@ -132,7 +132,7 @@ def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: st
 
 
 def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
-    """Speeds, slip and torque, a row each, a run a column; an axis that cuts its lines says so."""
+    """Draw speeds, slip and torque in rows, and runs in columns; labels of axes state if lines are clipped."""
     slips, torques, highest = [], [1.0], [0.0]
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
@@ -156,7 +156,7 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
 
 
 def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
-    """Axes of a row from 0 up to what is enough, if there is more."""
+    """Set the axes of a row from 0 to `top`, with a note in the label if values are higher."""
     row[0].set(
         ylim=(0.0, top if highest > top else None), ylabel=f"{label}\n{what} clipped" if highest > top else label
     )
@@ -164,7 +164,7 @@ def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float
 
 
 def recorded(run: Run) -> Signals:
-    """The signals of a run that was recorded."""
+    """Return the signals of a run that was recorded."""
     assert run.signals is not None, "the run was recorded"
     return run.signals
 
@@ -179,11 +179,11 @@ _BLOCKS = 150  # of a run, at least: a run with noise has its spikes apart
 
 
 _Curve = tuple[str, str, bool, Callable[[Any], Floats]]
-"""Label, scale of the axis, whether the largest of each interval is drawn, values of a run's signals."""
+"""Label, scale of the axis, whether the largest value of each interval is drawn, function of a run's signals."""
 
 
 def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """s, V, s s', and what (40) asks for against what K + D|s| gives; of all but s the largest in each interval."""
+    """Plot s, V, s s', and the bound of (40) against K + D|s|; except for s the largest value in each interval."""
     curves: tuple[_Curve, ...] = (
         ("s (m/s)", "linear", False, lambda x: x.s),
         ("V ((m/s)²)", "log", True, lambda x: np.maximum(x.V, _LEAST)),
@@ -197,7 +197,7 @@ def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -
 
 
 def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
-    """V of (46) and its rate, and the estimates beside the true theta, along runs of the adaptive law."""
+    """Plot V of (46) with its rate, and the estimates with the true theta, along runs of the adaptive law."""
     curves: tuple[_Curve, ...] = (
         ("V ((m/s)²)", "log", False, lambda x: x.V),
         ("V', theta\nconstant (m²/s³)", "symlog", True, lambda x: x.V_rate_constant),
@@ -215,7 +215,7 @@ def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> F
 def _along_runs(
     cases: Sequence[tuple[str, LyapunovRun]], title: str, curves: Sequence[_Curve]
 ) -> tuple[Figure, NDArray[Any]]:
-    """Curves over time, a panel each with a line a case."""
+    """Plot curves over time, with a panel for each curve and a line for each case."""
     longest = max(float(judged.signals.time[-1]) for _, judged in cases)
     interval = max(round(10 * longest / _BLOCKS), 1) / 10  # tenths of a second that can be seen
     figure = style.new_figure(8.0, f"{title}: the largest in each {interval:g} s")
@@ -249,7 +249,7 @@ _LEGIBLE = [withStroke(linewidth=1.2, foreground="white")]  # over marks
 
 
 def distributions_figure(summary: CampaignSummary) -> Figure | None:
-    """Histogram and distribution function of four measures, over the runs that stopped; None where none did."""
+    """Plot histogram and distribution function of four measures over the runs that stopped; None without such runs."""
     if not summary.any_stopped:
         return None
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
@@ -278,9 +278,9 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
-    """The measure by which the worst are chosen, over each varied quantity, with the worst runs numbered.
+    """Plot the measure that ranks the worst runs over each varied quantity, with numbers at the worst runs.
 
-    None where nothing is varied or no run stopped.
+    None if nothing is varied or no run stopped.
     """
     heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     if not heads or not summary.any_stopped:
@@ -310,7 +310,7 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def replay_figure(replayed: Replay) -> Figure:
-    """Speeds, slip and torque of a run, each controller."""
+    """Plot speeds, slip and torque of a repeated run, for each controller."""
     runs = {
         f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s": run
         for name, run in replayed.runs.items()
@@ -323,9 +323,9 @@ def _title(summary: CampaignSummary) -> str:
 
 
 def _dotted(head: str) -> str:
-    """A column's name and unit as on an axis."""
-    words = head.replace("_", " ").replace("*", "·")
-    return words if "(" in head else f"{words} (-)"
+    """Return a column's name and unit for an axis."""
+    label = head.replace("_", " ").replace("*", "·")
+    return label if "(" in head else f"{label} (-)"
 
 
 def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:

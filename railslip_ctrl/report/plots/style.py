@@ -1,4 +1,4 @@
-"""What all figures share: one width and one size of letters, line styles that survive a grey print, saving."""
+"""Common style of all figures: width, size of letters, line styles that can be told apart in grey, saving."""
 
 from __future__ import annotations
 
@@ -21,44 +21,46 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PAGE_WIDTH = 6.7
-"""Inches, 17 cm: the text of an A4 page. Every figure is that wide, so that its letters are printed at their size."""
+"""Width of every figure in inches, the text width of an A4 page (17 cm), so that letters print at their size."""
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 8.5  #: points: ticks and legends, axis labels and panel titles, the figure's title
-GRID = {"color": "0.88", "linewidth": 0.6}  #: of lines that help the eye and mean nothing
+GRID = {"color": "0.88", "linewidth": 0.6}  #: style of grid lines
 
-_LETTER = 0.56  # mean width of a letter over its height: DejaVu Sans, text of figures
-_DPI = 200  # of a PNG
-_PLAIN_SPAN = 2000.0  # of a logarithmic axis whose ticks are plain numbers
-_LEAST_SPAN = 1e-6  # of an axis with plain ticks, over its values: labels of at most eight digits have room
-_FEW = 5.0  # of one with fewer than three of the ticks 1, 2, 5
-_NOTHING = 1e-9  # a magnitude that is nowhere larger is the rounding of one that is zero, and is not drawn
-_HANDLE = 3.6  # letters: a legend's line shows two periods of the longest dash
+_LETTER = 0.56  # mean width of a letter relative to its height, for DejaVu Sans
+_DPI = 200  # resolution of a PNG
+_PLAIN_SPAN = 2000.0  # largest ratio of the ends of a logarithmic axis with plain numbers as ticks
+_LEAST_SPAN = (
+    1e-6  # smallest span of an axis with plain ticks, relative to its values; labels have at most eight digits
+)
+_FEW = 5.0  # ratio of the ends below which a logarithmic axis has fewer than three of the ticks 1, 2, 5
+_NOTHING = 1e-9  # magnitudes up to this are rounding errors of zero and are not drawn
+_HANDLE = 3.6  # length of a legend's line in letters; shows two periods of the longest dash
 _LEGEND: dict[str, Any] = {"fontsize": SMALL, "frameon": False}
 
-# no two equally light in grey, all of them dark enough on white; a dash each besides
+# colours of different lightness in grey, dark enough on white; each line has its own dash too
 _COLORS = ("#08306b", "#d9500a", "#6a3d9a", "#47a747", "#7f1d2d", "#2b7a8c")
 _DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
 _MARKERS = "os^Dv"
 
 
 def line_style(i: int) -> dict[str, Any]:
-    """Colour and dash of line number i: six of each, 36 pairs before one comes again."""
+    """Return colour and dash of line number i; with six of each there are 36 pairs."""
     count = len(_COLORS)
     return {"color": _COLORS[i % count], "linestyle": _DASHES[(i + i // count) % count]}
 
 
 def rail_style(rail: Rail) -> dict[str, Any]:
-    """Colour and dash of a rail condition, where there is one line of each: as dry before wet."""
+    """Return colour and dash of a rail condition, for plots with one line of each."""
     return line_style(list(Rail).index(rail))
 
 
 def mark_style(i: int) -> dict[str, Any]:
-    """Colour and mark, without a line, of point number i."""
+    """Return colour and mark of point number i, without a line."""
     return {"color": line_style(i)["color"], "marker": _MARKERS[i % len(_MARKERS)], "linestyle": "none"}
 
 
 def new_figure(height: float, title: str) -> Figure:
-    """A figure of the page's width, `height` in inches, without a window."""
+    """Return a figure of the page's width, `height` in inches, without a window."""
     figure = Figure(figsize=(PAGE_WIDTH, height), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(folded(title, PAGE_WIDTH - 0.1, TITLE), fontsize=TITLE)
@@ -66,7 +68,7 @@ def new_figure(height: float, title: str) -> Figure:
 
 
 def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> NDArray[Any]:
-    """Axes with letters of the sizes above, shape (rows, columns); `options` are those of `Figure.subplots`."""
+    """Return axes with letters of the sizes above, shape (rows, columns); `options` are those of `Figure.subplots`."""
     axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
     for ax in axes.flat:
         ax.tick_params(which="both", labelsize=SMALL)
@@ -80,7 +82,7 @@ def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> N
 def grid_of(
     count: int, columns: int, title: str, height: tuple[float, float], **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure with so many panels, so many a row; `height` is of what is beside them and of a row, inches."""
+    """Return a figure with `count` panels in `columns`; `height` has the fixed height and that of a row, inches."""
     rows = -(-count // columns)
     figure = new_figure(height[0] + height[1] * rows, title)
     axes = panels(figure, rows, columns, **options).ravel()
@@ -90,7 +92,7 @@ def grid_of(
 
 
 def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], title: str, height: float) -> Figure:
-    """Magnitudes over `omega` (rad/s) of named records; `fields` are their names, in two columns, with titles."""
+    """Plot magnitudes over `omega` (rad/s) of named records; `fields` has their field names with titles."""
     figure, axes = grid_of(len(fields), 2, title, (0.0, height / 2), sharex=True)
     for ax, (field, label) in zip(axes, fields.items(), strict=True):
         absent = []
@@ -112,31 +114,31 @@ def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], tit
 
 
 def folded(text: str, inches: float, size: float = TEXT) -> str:
-    """A text in lines not wider than so many inches at a size in points; its own line ends stay."""
+    """Wrap a text to a width in inches at a size in points; existing line ends are kept."""
     width = max(int(72 * inches / (_LETTER * size)), 8)
     return "\n".join("\n".join(textwrap.wrap(line, width, break_long_words=False)) for line in text.split("\n"))
 
 
 def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
-    """A legend under the axes, where it hides nothing; `drop` is how far, in heights of the axes."""
-    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
-    ax.legend(ncols=columns, handlelength=_HANDLE, **place, **_LEGEND, **options)
+    """Put a legend below the axes; `drop` is the distance in heights of the axes."""
+    anchor = {"loc": "upper center", "bbox_to_anchor": (0.5, -drop)}
+    ax.legend(ncols=columns, handlelength=_HANDLE, **anchor, **_LEGEND, **options)
 
 
 def legend_beside(ax: Any) -> None:
-    """A legend on the right of the axes, where it hides nothing."""
+    """Put a legend on the right of the axes."""
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=2.4, **_LEGEND)
 
 
 def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) -> None:
-    """One legend under all panels, with the lines of `ax`."""
+    """Put one legend below all panels, with the lines of `ax`."""
     handles, labels = ax.get_legend_handles_labels()
     shape: dict[str, Any] = {"ncols": max(min(columns, len(labels)), 1), "handlelength": _HANDLE}
     figure.legend(handles, labels, loc="outside lower center", **shape, **_LEGEND, **options)
 
 
 def plain_ticks(ax: Any, most: int) -> None:
-    """At most so many ticks below, with whole numbers also where values hardly differ: no offset to add in one's head.
+    """Set at most `most` ticks on the x axis, with complete numbers instead of an offset.
 
     The axis spans at least a millionth of the values, so that the numbers stay short.
     """
@@ -149,7 +151,7 @@ def plain_ticks(ax: Any, most: int) -> None:
 
 
 def plain_log_ticks(axis: Any) -> None:
-    """Numbers 0.2, 0.5, 1 in place of powers of ten where what is drawn spans few decades, also between these."""
+    """Set ticks at 0.2, 0.5, 1 and so on instead of powers of ten if the axis spans few decades."""
     low, high = axis.get_view_interval()
     if high > _PLAIN_SPAN * low:
         return
@@ -160,7 +162,7 @@ def plain_log_ticks(axis: Any) -> None:
 
 
 def sparse_log_ticks(axis: Any) -> None:
-    """Small ticks at 2 and 5 of every decade: nine are not told apart in print, and take half of the drawing."""
+    """Set minor ticks only at 2 and 5 of every decade, because nine cannot be told apart in print."""
     axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_minor_formatter(NullFormatter())
 
@@ -172,23 +174,23 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def standard_settings() -> Iterator[None]:
-    """Draw with Matplotlib's defaults: a matplotlibrc of the user may ask for LaTeX or for fonts that are missing."""
+    """Draw with Matplotlib's defaults, because a user's matplotlibrc may need LaTeX or fonts that are missing."""
     with rc_context():
         rcdefaults()
         yield
 
 
 def figure_files(figure: Figure, forms: Sequence[str] = ("png", "svg")) -> dict[str, bytes]:
-    """A figure in each of the `forms`, by suffix; its layout is found once, and all have it."""
+    """Return a figure in each of the `forms`, by suffix, with the same layout."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-    figure.set_layout_engine(None)  # with any, even one that does nothing, each file is drawn twice
+    figure.set_layout_engine(None)  # with any layout engine Matplotlib draws each file twice
     return {form: figure_bytes(figure, form) for form in forms}
 
 
 def figure_bytes(figure: Figure, form: str) -> bytes:
-    """A figure as the content of a file, "png" or "svg"; see `save_figure`."""
+    """Return a figure as the content of a file, "png" or "svg"; see `save_figure`."""
     stream = BytesIO()
     metadata = {"Date": None} if form == "svg" else {"Software": None}
     with rc_context({"svg.hashsalt": "railslip"}):  # the same figure gives the same file
