@@ -23,7 +23,7 @@ from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller
 from .linear import TORQUE_LIMIT, adhesion_share
-from .predictive_sampled import SampledLaw, sampled_laws
+from .predictive_sampled import KEPT, SampledLaw, sampled_laws
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -289,7 +289,6 @@ class Predictive(Controller):
         return SampledLaw(next(sampled_laws(self, [point], [actuator], (first, first)))[1])
 
 
-@lru_cache(64)  # the actuators of an envelope follow each other at a point
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
     """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
     assert law.dead_time is not None, "filled in by `believing`"
@@ -323,6 +322,7 @@ def _sum(*polynomials: Floats) -> Floats:
     return reduce(lambda one, other: np.asarray(np.polyadd(one, other)), polynomials)
 
 
+@lru_cache(KEPT)
 def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
     """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
     plant, moving = linearize(point), linearize(point, speed_state=True)

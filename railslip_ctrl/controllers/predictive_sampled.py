@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
     Rows = NDArray[np.intp]
 
+KEPT = 1024  #: operating points whose linear wheel is kept: an envelope with tolerances has 300 to 400
 _GRID, _LOWEST = 250, 1e-3  # frequencies first looked at, and the least, over 1/(dead time + lag)
 _CLOSER, _CLOSE_GRID = 5, 9  # looks at a peak, and points of each: |S| is flat there, and found to 1e-9
 _TURN, _NARROWEST = 1.0, 1e-9  # rad, of D + N in a step along the circle; rad/s, of a step through a zero on it
@@ -174,6 +175,7 @@ def sampled_laws(
         yield mine, _sampled(law, slips[of], unstable[back], driven, dead_time[mine], matrices.shape[1] - 1)
 
 
+@lru_cache(KEPT)
 def _wheel(point: OperatingPoint) -> Floats:
     """Of the rates of slip velocity, adhesion state and train speed, by rows: what each of them is to these, the
     speed frozen, and to the acting torque, (m + 1, m + 2)."""

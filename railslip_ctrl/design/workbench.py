@@ -86,7 +86,7 @@ class Workbench:
         envelope = envelope_for(self.envelope, control)
         if not control.finds_slip:
             return envelope, self._kept((envelope.reference, nominal), lambda: envelope.points(nominal=nominal))
-        key, held = (control.model_dump_json(), nominal), cast(HeldSlip, control.held_slip)
+        key, held = (control.kind, control.slip_numbers(), nominal), cast(HeldSlip, control.held_slip)
         return envelope, self._kept(key, lambda: envelope.points(nominal=nominal, held=held))
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:

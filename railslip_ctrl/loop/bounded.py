@@ -86,13 +86,13 @@ class BoundedLoop(Loop):
 
     def phase(self, omega: ArrayLike) -> Floats:
         omega = numbers("omega", omega, "rad/s", gt=0)
-        nodes = np.union1d(self._nodes(peaks=False), omega)
+        nodes = np.union1d(self._nodes, omega)
         angles = np.concatenate([self._first_phase(nodes[:1]), np.angle(self.response(nodes))])
         return np.asarray(np.unwrap(angles)[1:][np.searchsorted(nodes, omega)])
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        nodes = self._nodes(peaks=False)
+        nodes = self._nodes
         size = np.log(np.abs(self.response(nodes)))
         certain = np.abs(size) > ROUNDING  # below it the sign is rounding, as at low frequency if L(0) = 1
         return self._roots(nodes[certain], size[certain], lambda value: np.log(np.abs(value)))
@@ -103,7 +103,7 @@ class BoundedLoop(Loop):
 
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
-        nodes = self._nodes(peaks=False)
+        nodes = self._nodes
         factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
         for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
             inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
@@ -119,7 +119,7 @@ class BoundedLoop(Loop):
         """
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
-        nodes = self._nodes()
+        nodes = self._nodes
         response, slope = self.response_and_slope(nodes)
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
         up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
@@ -142,8 +142,9 @@ class BoundedLoop(Loop):
 
     # -- division of the frequency axis ------------------------------------------------------------------------
 
-    def _nodes(self, peaks: bool = True) -> Floats:
-        """Frequencies, ascending, between which no crossover and, with `peaks`, no peak is hidden.
+    @cached_property
+    def _nodes(self) -> Floats:
+        """Frequencies, ascending, between which no crossover and no peak is hidden.
 
         Between two neighbours |L| - 1 and the phase minus 180 deg each cross 0 at most once. |S|, |T| and |S - 1/2| are
         monotone there, or below their value at another node. Intervals are halved until bounds prove this.
@@ -160,13 +161,12 @@ class BoundedLoop(Loop):
             off = np.remainder(logarithm.imag, 2 * np.pi) - np.pi
             sway = np.abs(slope.imag) * half + rest
             sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
-            if peaks:
-                value = np.exp(logarithm)
-                sizes, slopes = responses(value, slope)
-                best = np.maximum(best, np.log(sizes.max(axis=1)))
-                bound = np.log(sizes) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
-                slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
-                sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
+            value = np.exp(logarithm)
+            sizes, slopes = responses(value, slope)
+            best = np.maximum(best, np.log(sizes.max(axis=1)))
+            bound = np.log(sizes) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
+            slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
+            sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
             parted = ~sure & (half > _NARROWEST * omega)
             omega, half = omega[parted], half[parted] / 2
             nodes.append(omega)

@@ -72,7 +72,7 @@ class QuasiPolynomial:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(near, np.polyval(self._alone.series[0, ::-1], s), value / s**self.removed)
 
-    @property
+    @cached_property
     def bare(self) -> QuasiPolynomial:
         """The sum without removed zeros."""
         return QuasiPolynomial(self.terms, self.delays)
@@ -89,10 +89,14 @@ class QuasiPolynomial:
         found = self._alone.slope()
         return QuasiPolynomial([c[0] for c in found.terms], self.delays, found.removed)
 
-    def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
-        """Bound on |F| for |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
-        if self.removed:  # F is bounded by Taylor's remainder of the sum
-            return self._derivative.size(radius, left) / math.factorial(self.removed)
+    def size(self, radius: Floats | float, left: Floats | float = 0.0, least: Floats | float = 0.0) -> Floats:
+        """Bound on |F| for least <= |s| <= radius and Re s >= -left, in 1/s, of one shape."""
+        if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
+            with np.errstate(divide="ignore"):
+                far = self.bare.size(radius, left) / np.asarray(least) ** self.removed
+            if np.all(np.asarray(least) * max(self.delays) > 1):
+                return far
+            return np.minimum(far, self._derivative.size(radius, left) / math.factorial(self.removed))
         return np.asarray(sum(np.polyval(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
 
     @cached_property
@@ -263,31 +267,36 @@ class DelayedLoop(BoundedLoop):
         return self(1j * numbers("omega", omega, "rad/s", gt=0))
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        s, (num, den) = 1j * omega, (self.ratio.numerator, self.ratio.denominator)
-        n, d = num(s), den(s)
+        (n, n_slope), (d, d_slope) = self._values(omega)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(n / d), np.asarray(1j * (num.slope(s) / n - den.slope(s) / d))
+            return np.asarray(n / d), np.asarray(1j * (n_slope / n - d_slope / d))
+
+    def _values(self, omega: Floats) -> list[tuple[Complexes, Complexes]]:
+        """N and D at frequencies, rad/s, with their derivatives to s."""
+        s = 1j * omega
+        return [(one(s), one.slope(s)) for one in (self.ratio.numerator, self.ratio.denominator)]
 
     def feature_band(self) -> tuple[float, float]:
         return self._band
 
     def _expand(self, omega: Floats) -> Expansion:
-        response, slope = self.response_and_slope(omega)
-        parts = [(one, np.abs(one(1j * omega))) for one in (self.ratio.numerator, self.ratio.denominator)]
+        functions = self.ratio.numerator, self.ratio.denominator
+        (n, n_slope), (d, d_slope) = values = self._values(omega)
+        sizes = [(np.abs(value), np.abs(slope)) for value, slope in values]
 
         def bounds(half: Floats) -> tuple[Floats, Floats]:
             rest = np.zeros_like(half)
-            for one, size in parts:
-                reach = omega + half
-                bend = half**2 / 2 * one.slope.slope.size(reach, half) + _ROUNDING * one.size(reach)
-                linear = half * np.abs(one.slope(1j * omega)) / size
+            for one, (size, steep) in zip(functions, sizes, strict=True):
+                reach, least = omega + half, np.maximum(omega - half, 0.0)
+                bend = half**2 / 2 * one.slope.slope.size(reach, half, least) + _ROUNDING * one.size(reach, 0.0, least)
+                linear = half * steep / size
                 # ln(1 + x + r) is within -ln(1 - |x| - |r|) - |x| of x
                 with np.errstate(divide="ignore"):
                     rest += -np.log1p(-np.minimum(linear + bend / size, 1)) - linear
             return rest, rest
 
-        with np.errstate(divide="ignore"):
-            return Expansion(np.log(response), slope, bounds)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return Expansion(np.log(n / d), np.asarray(1j * (n_slope / n - d_slope / d)), bounds)
 
     def _edges(self) -> Floats:
         low, high = self._band
