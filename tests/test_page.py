@@ -199,14 +199,22 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     start, _ = page.ask("start")
     values = {number["name"]: number["value"] for number in start["kinds"][kind]["sliders"]}
     design = {"kind": kind, "values": values, "reference": HELD}
-    head, _ = page.ask("loop", design=design)
+    head, arrays = page.ask("loop", design=design)
     stops, _ = page.ask("stops", design=design)
     assert "stopped after" in stops["words"]["wet"]
     if kind == "slide-protection":
         assert "has no margins" in head["no_loop"]
         return
     verdict, _ = page.ask("envelope", design=design)
-    control = getattr(rs, kind.title()).for_vehicle(CAR)
+    control = getattr(rs, kind.title()).for_vehicle(CAR, **({} if kind == "seeking" else {"reference": HELD}))
+    worst = rs.judge(ENVELOPE, control, nominal=True).points.plants[head["point"]]
+    m = rs.wheel_slip_loop(worst, control).margins()
+    assert [head[name] for name in ("ms", "phase_margin_deg", "delay_margin_s")] == [m.ms, m.phase_deg, m.delay_s]
+    time, step, load = (arrays[name] for name in ("time", "step", "load"))
+    assert time.size == step.size == load.size == POINTS
+    assert 0.14 < time[np.argmax(np.abs(step) > 0)] < 0.18  # s; nothing before the dead time
+    assert step[-1] == pytest.approx(1.0, abs=0.02)
+    assert abs(load[-1]) < 0.02 * np.abs(load).max()
     assert verdict["line"] == rs.judge(ENVELOPE, control, nominal=True).verdict_line
     point = {**design, "values": {**values, "layer": 10 * values["layer"]}}
     assert page.ask("loop", design=point)[0]["ms"] != head["ms"]

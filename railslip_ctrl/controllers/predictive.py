@@ -23,7 +23,7 @@ from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller
 from .linear import TORQUE_LIMIT, adhesion_share
-from .predictive_sampled import KEPT, SampledLaw, sampled_laws
+from .predictive_sampled import KEPT, SampledLaw, linear_wheel, sampled_laws
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -286,7 +286,8 @@ class Predictive(Controller):
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> SampledLaw:
         first = np.zeros(1, dtype=np.intp)
-        return SampledLaw(next(sampled_laws(self, [point], [actuator], (first, first)))[1])
+        loops = next(sampled_laws(self, [point], [actuator], (first, first)))[1]
+        return SampledLaw(loops, linear_wheel(point), actuator)
 
 
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:

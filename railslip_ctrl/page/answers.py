@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -25,7 +24,6 @@ from railslip_ctrl.design.judging import bounds_over, judge_points
 from railslip_ctrl.design.specification import ROBUST_MS, Specification
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.design_files import FILES
@@ -115,24 +113,19 @@ def loop_answer(bench: Workbench, asked: Asked) -> Answer:
     omega = np.geomspace(low, high, POINTS)
     response = loop.response(omega)
     arrays = {"omega": omega, "re": response.real, "im": response.imag, "db": 20 * np.log10(np.abs(response))}
-    if not isinstance(
-        loop, DeadTimeLoop | SampledLoop
-    ):  # delays in the controller: other margins than Ms take a second
-        one = np.zeros(1, dtype=int)
-        stable, ms = control.stable_and_ms([plant.point], [brake], (one, one)) or ((False,), (math.nan,))
-        head |= {"stable": bool(stable[0]), "ms": float(ms[0]), "later": True}
-    else:
-        m = loop.margins() if loop.is_stable() else None
-        head |= {"stable": m is not None, **margin_numbers(m), "frequencies": margin_frequencies(m)}
-        head["range"] = loop.stabilizing_gain_range if m is None else None
-    if not isinstance(loop, DeadTimeLoop):
-        told = "this controller has no step response in closed form; see the braking run"
-        return {**head, "no_step": told}, {**arrays, "phase": np.degrees(np.unwrap(np.angle(response)))}
     arrays["phase"] = np.degrees(loop.phase(omega))
+    m = loop.margins() if loop.is_stable() else None
+    head |= {"stable": m is not None, **margin_numbers(m), "frequencies": margin_frequencies(m)}
+    head["range"] = loop.stabilizing_gain_range if m is None else None
     slowest = brake.dead_time + brake.lag or 1 / float(np.abs(plant.poles).max(initial=1.0))
-    times = np.linspace(0.0, _LONG * slowest, POINTS)
+    own, end, steps = control.loop_as_run(plant.point, brake), _LONG * slowest, {"reference": 1.0, "torque": LOAD_STEP}
+    if own is not None:
+        return head, {**arrays, **dict(zip(("time", "step", "load"), own.responses(end, POINTS, **steps), strict=True))}
+    if not isinstance(loop, DeadTimeLoop):
+        return {**head, "no_step": "of a discrete controller there is none; see the braking run"}, arrays
+    times = np.linspace(0.0, end, POINTS)
     try:
-        step, load = slip_responses(control.linear(None), plant, brake, times, reference=1.0, torque=LOAD_STEP)
+        step, load = slip_responses(control.linear(None), plant, brake, times, **steps)
     except InputError as error:
         return {**head, "no_step": str(error)}, arrays
     return head, {**arrays, "time": times, "step": step.output, "load": load.output}

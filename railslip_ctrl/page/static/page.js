@@ -308,13 +308,13 @@ function takeLoop(found) {
 
 // The margins of the loop that is shown; its gain range over the envelope, as soon as that is known.
 function showMargins() {
-  const { stable, later, no_loop: none } = loop, ahead = verdict ?? envelope, least = (later ? verdict?.least : ahead?.least) ?? null;
-  const told = (value, unit) => (none || !stable ? "–" : value === undefined ? "…" : fmt(value ?? Infinity, 3) + unit);
+  const { stable, no_loop: none } = loop, least = (verdict ?? envelope)?.least ?? null;
+  const told = (value, unit) => (none || !stable ? "–" : fmt(value ?? Infinity, 3) + unit);
   $("ms").textContent = none ? "–" : msText(loop.ms);
-  $("phase-margin").textContent = told(later ? least?.phase_deg : loop.phase_margin_deg, "°");
-  $("delay-margin").textContent = told(later ? least?.delay_s : loop.delay_margin_s, " s");
-  const range = least ?? (stable && !later ? loop : null);
-  let words = none ? "–" : stable ? "…" : "none";
+  $("phase-margin").textContent = told(loop.phase_margin_deg, "°");
+  $("delay-margin").textContent = told(loop.delay_margin_s, " s");
+  const range = least ?? (stable ? loop : null);
+  let words = none ? "–" : "none";
   if (range) words = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
   else if (loop.range) words = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
   $("gain-range").textContent = words;
