@@ -220,6 +220,18 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     assert page.ask("loop", design=point)[0]["ms"] != head["ms"]
 
 
+def test_points_are_made_again_only_if_the_slips_change():
+    bench = Workbench(ENVELOPE)
+    begun = bench.control("seeking", {})
+    for one in begun.design_numbers():
+        changed = bench.control("seeking", {one.name: 0.98 * one.value})
+        new = bench.points(changed)
+        again = Workbench(ENVELOPE).points(changed)
+        assert new[0] == again[0]
+        assert [plant.point for plant in new[1].plants] == [plant.point for plant in again[1].plants], one.name
+        assert (bench.points(begun)[1] is new[1]) == (changed.slip_numbers() == begun.slip_numbers())
+
+
 @pytest.mark.long
 def test_tuning_is_that_of_tune(page):
     found = page.ask("tune", design=DESIGN, ms_max=1.8)[0]["values"]

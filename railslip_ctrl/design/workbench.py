@@ -83,11 +83,15 @@ class Workbench:
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
         """The envelope that a controller is judged over, and its cases."""
-        envelope = envelope_for(self.envelope, control)
-        if not control.finds_slip:
-            return envelope, self._kept((envelope.reference, nominal), lambda: envelope.points(nominal=nominal))
-        key, held = (control.kind, control.slip_numbers(), nominal), cast(HeldSlip, control.held_slip)
-        return envelope, self._kept(key, lambda: envelope.points(nominal=nominal, held=held))
+        held = cast(HeldSlip, control.held_slip) if control.finds_slip else None
+        own = (control.kind, control.slip_numbers()) if held else getattr(control, "reference", None)
+
+        def made() -> tuple[Envelope, EnvelopePoints]:
+            envelope = envelope_for(self.envelope, control)
+            return envelope, envelope.points(nominal=nominal, held=held)
+
+        found: tuple[Envelope, EnvelopePoints] = self._kept((own, nominal), made)
+        return found
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
         """The number of the plant whose loop is looked at, from a speed (km/h) up."""

@@ -34,12 +34,13 @@ class Expansion(NamedTuple):
 
     - value, slope: array (n,); ln L and its derivative, s.
     - bounds: function of the half widths, (n,), rad/s: largest deviations of ln L and of ln|L| from their linear parts,
-      or inf. The first also holds for complex frequencies in the disk of that radius.
+      or inf, then that of ln L over twice the width. Those of ln L also hold for complex frequencies in the disk of
+      that radius.
     """
 
     value: Complexes
     slope: Complexes
-    bounds: Callable[[Floats], tuple[Floats, Floats]]
+    bounds: Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 
 class BoundedLoop(Loop):
@@ -154,7 +155,7 @@ class BoundedLoop(Loop):
         omega, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
         while omega.size:
             logarithm, slope, bounds = self._expand(omega)
-            (rest, level), (twice, _) = bounds(half), bounds(2 * half)
+            rest, level, twice = bounds(half)
             slack = twice / half  # bound on the change of the slope, by Cauchy's estimate
             apart, change = np.abs(logarithm.real), np.abs(slope.real) * half + level
             sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)

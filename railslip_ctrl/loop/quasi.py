@@ -63,7 +63,7 @@ class QuasiPolynomial:
     def __call__(self, s: ArrayLike) -> Complexes:
         """Value of F at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
-        value = np.asarray(sum(np.polyval(c, s) * np.exp(-delay * s) for delay, c in self._present))
+        value = np.asarray(sum(_polynomial(c, s) * np.exp(-delay * s) for delay, c in self._present))
         if not self.removed:
             return value
         near = np.abs(s) * max(self.delays) < NEAR_ORIGIN  # the terms cancel there: use the series
@@ -97,7 +97,7 @@ class QuasiPolynomial:
             if np.all(np.asarray(least) * max(self.delays) > 1):
                 return far
             return np.minimum(far, self._derivative.size(radius, left) / math.factorial(self.removed))
-        return np.asarray(sum(np.polyval(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
+        return np.asarray(sum(_polynomial(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
 
     @cached_property
     def _derivative(self) -> QuasiPolynomial:
@@ -151,6 +151,14 @@ class QuasiPolynomial:
             )
         right = float(count_right(self._alone)[0][0])
         return RootCount(right, math.isnan(right))
+
+
+def _polynomial(coefficients: Floats, x: Any) -> Any:
+    """Value at x of a polynomial in descending powers, in half the time of NumPy's."""
+    value = coefficients[0] * np.ones_like(x)
+    for one in coefficients[1:].tolist():
+        value = value * x + one
+    return value
 
 
 @dataclass(frozen=True)
@@ -284,16 +292,18 @@ class DelayedLoop(BoundedLoop):
         (n, n_slope), (d, d_slope) = values = self._values(omega)
         sizes = [(np.abs(value), np.abs(slope)) for value, slope in values]
 
-        def bounds(half: Floats) -> tuple[Floats, Floats]:
-            rest = np.zeros_like(half)
+        def bounds(half: Floats) -> tuple[Floats, Floats, Floats]:
+            rest, twice = np.zeros_like(half), np.zeros_like(half)
+            reach, left, least = omega + 2 * half, 2 * half, np.maximum(omega - 2 * half, 0.0)
             for one, (size, steep) in zip(functions, sizes, strict=True):
-                reach, least = omega + half, np.maximum(omega - half, 0.0)
-                bend = half**2 / 2 * one.slope.slope.size(reach, half, least) + _ROUNDING * one.size(reach, 0.0, least)
-                linear = half * steep / size
-                # ln(1 + x + r) is within -ln(1 - |x| - |r|) - |x| of x
-                with np.errstate(divide="ignore"):
-                    rest += -np.log1p(-np.minimum(linear + bend / size, 1)) - linear
-            return rest, rest
+                curved = half**2 / 2 * one.slope.slope.size(reach, left, least)
+                rounding = _ROUNDING * one.size(reach, 0.0, least)
+                for found, width in ((rest, 1), (twice, 2)):
+                    linear, bend = width * half * steep / size, width**2 * curved + rounding
+                    # ln(1 + x + r) is within -ln(1 - |x| - |r|) - |x| of x
+                    with np.errstate(divide="ignore"):
+                        found += -np.log1p(-np.minimum(linear + bend / size, 1)) - linear
+            return rest, rest, twice
 
         with np.errstate(divide="ignore", invalid="ignore"):
             return Expansion(np.log(n / d), np.asarray(1j * (n_slope / n - d_slope / d)), bounds)
