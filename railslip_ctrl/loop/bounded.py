@@ -26,6 +26,7 @@ _ONE = 1e-9  # bound on |ln|L|| over an interval below which |L| counts as 1 on 
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
+_PARTS = 4  # of an interval that is divided: more are more frequencies, fewer more passes
 _ENDS = np.array([0.0, np.inf])
 
 
@@ -148,7 +149,7 @@ class BoundedLoop(Loop):
         """Frequencies, ascending, between which no crossover and no peak is hidden.
 
         Between two neighbours |L| - 1 and the phase minus 180 deg each cross 0 at most once. |S|, |T| and |S - 1/2| are
-        monotone there, or below their value at another node. Intervals are halved until bounds prove this.
+        monotone there, or below their value at another node. Intervals are divided until bounds prove this.
         """
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
@@ -169,9 +170,10 @@ class BoundedLoop(Loop):
             slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
             sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
             parted = ~sure & (half > _NARROWEST * omega)
-            omega, half = omega[parted], half[parted] / 2
-            nodes.append(omega)
-            omega, half = np.concatenate([omega - half, omega + half]), np.concatenate([half, half])
+            omega, half = omega[parted], half[parted] / _PARTS
+            places = omega + np.arange(-_PARTS, _PARTS + 1)[:, None] * half
+            nodes.append(places[2:-1:2].ravel())
+            omega, half = places[1::2].ravel(), np.tile(half, _PARTS)
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:

@@ -328,8 +328,10 @@ class DelayedLoop(BoundedLoop):
     def _band(self) -> tuple[float, float]:
         """Frequencies, rad/s, below all features and above which |L| is certainly small."""
         num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
-        lead, order, top = abs(den.terms[0][0]), den.degree, 1e-6
-        # beyond `top` the highest power of D exceeds all other terms
+        lead, order = abs(den.terms[0][0]), den.degree
+        # beyond `top` the highest power of D exceeds all other terms together; each of them from where it begins
+        others = [(order - k, abs(x)) for c in den.terms for k, x in enumerate(c[::-1].tolist()) if k < order]
+        top = max([1e-6, *((size / lead) ** (1 / below) for below, size in others)])
         while _SMALL * (2 * lead * top**order - den.size(top)) <= num.size(top):
             top *= 1.5
         functions = num, den, self.characteristic
