@@ -3,6 +3,7 @@
 import http.client
 import json
 import math
+import os
 import re
 import signal
 import socket
@@ -12,6 +13,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,6 +213,11 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     m = rs.wheel_slip_loop(worst, control).margins()
     assert [head[name] for name in ("ms", "phase_margin_deg", "delay_margin_s")] == [m.ms, m.phase_deg, m.delay_s]
     time, step, load = (arrays[name] for name in ("time", "step", "load"))
+    assert arrays["phase"].max() < 0  # deg; an integrator, and at most an unstable pole, then lag
+    phases = np.radians(arrays["phase"].astype(float))
+    np.testing.assert_allclose(
+        np.hypot(arrays["re"], arrays["im"]) * np.cos(phases), arrays["re"], atol=1e-3, rtol=1e-3
+    )
     assert time.size == step.size == load.size == POINTS
     assert 0.14 < time[np.argmax(np.abs(step) > 0)] < 0.18  # s; nothing before the dead time
     assert step[-1] == pytest.approx(1.0, abs=0.02)
@@ -450,6 +457,28 @@ def test_a_port_of_one_s_own_keeps_its_token(tmp_path):
     process, again = started(*words, folder=tmp_path)
     assert again == address
     ended(process)
+
+
+@pytest.mark.long
+def test_a_script_without_a_guard_serves_the_page_too(tmp_path):
+    """Its processes would import it again, and end; the page answers by itself then."""
+    script = f"""
+import railslip_ctrl as rs
+from test_page import DESIGN, ENVELOPE, Client
+with rs.design_page(ENVELOPE) as page:
+    for what in ("envelope", "region", "envelope"):
+        print(Client(page.address).send(path=what, body={json.dumps({"design": DESIGN})!r}.encode())[0])
+"""
+    (tmp_path / "mine.py").write_text(script, "utf-8")
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    ran = subprocess.run(
+        [sys.executable, "mine.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert ran.stdout.split() == ["200", "200", "200"], ran.stderr
 
 
 def test_a_notebook_shows_the_page_in_a_frame():

@@ -313,7 +313,9 @@ class DelayedLoop(BoundedLoop):
         return np.geomspace(low, high, 2 + int(math.log(high / low) / math.log(_CELL_RATIO)))
 
     def _first_phase(self, omega: Floats) -> Floats:
-        return np.angle(self.response(omega))
+        found = np.angle(self.response(omega))
+        # of an unstable pole -180 deg, of an integrator -90 deg; a lead has not turned L yet
+        return np.where(found > np.pi / 4, found - 2 * np.pi, found) if self.dc_gain else found
 
     def _added_delay(self) -> tuple[float, float]:
         angle = np.mod(np.angle(-self.response(self.gain_crossovers)), 2 * np.pi)

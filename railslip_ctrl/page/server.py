@@ -13,7 +13,7 @@ import secrets
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache, partial
 from http import HTTPStatus
@@ -80,6 +80,8 @@ class Desk:
             mine, submit = self._pools[what not in _SOON]
             with mine:
                 return submit(what, asked).result() if self._newest.get(key, turn) <= turn else None
+        except BrokenExecutor:  # its processes were ended, or import a script that serves the page again: here then
+            return answered(self.bench, what, asked)
         finally:
             self._waiting.release()
 
