@@ -129,7 +129,10 @@ def test_the_verdict_is_that_of_margins_and_its_words(page):
         judged = rs.judge(ENVELOPE, PI_LEAD, nominal=nominal)
         assert (head["verdict"], head["line"]) == (judged.verdict, judged.verdict_line)
         assert head["map"]["operating"] == judged.map.operating.tolist()
-        assert head["least"]["phase_deg"] == judged.least("phase_deg")[0]
+        assert head["least"] == {
+            name: judged.least(name, largest=name == "gain_decrease")[0]
+            for name in ("phase_deg", "delay_s", "gain_increase", "gain_decrease")
+        }
     head, _ = page.ask("envelope", design=DESIGN)
     assert list(head["points"])[head["hardest"]] == judged.worst.case.words
     limits = [rs.fundamental_limits(rs.actuated_plant(one, CAR.actuator), 0.15).ms_bound
@@ -171,6 +174,15 @@ def test_the_map_is_the_stabilising_region_and_its_contours_have_their_ms():
     few = gain_levels(PI_LEAD, hard_plants(plants), CAR.actuator)
     assert few[3].rows[-1][0] == pytest.approx(levels[3].rows[-1][0], rel=0.1)
     assert not gain_levels(PI_LEAD.model_copy(update={"lead": 0.0, "lead_filter": 3.0}), plants, CAR.actuator)
+
+
+def test_the_map_comes_first_at_the_hardest_points_then_at_all(page):
+    plants = operating_plants(ENVELOPE.points(nominal=True))
+    for asked, few, shown in (({}, True, hard_plants(plants)), ({"all": True}, False, plants)):
+        head, _ = page.ask("region", design=DESIGN, **asked)
+        levels = gain_levels(PI_LEAD, shown, CAR.actuator)
+        assert (head["few"], [one["ms"] for one in head["levels"]]) == (few, [one.ms for one in levels])
+        assert head["levels"][1]["rows"][0][0] == levels[1].rows[0][0]
 
 
 @pytest.mark.parametrize(("kp", "ki"), [(330, 129), (100, 20), (1500, 100), (600, 600), (200, 100), (383, 234)])
@@ -307,6 +319,7 @@ def test_the_page_loads_nothing_from_elsewhere(page):
         status, headers, content = page.send("GET", path)
         assert (status, headers["Content-Type"]) == (200, f"text/{kind}; charset=utf-8")
         assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert headers["Cache-Control"] == "no-store"  # the address has the token
         assert (headers["X-Content-Type-Options"], headers["Referrer-Policy"]) == ("nosniff", "no-referrer")
         assert not re.search(rb"https?://|url\(|@import|innerHTML|eval\(", content)
     for path in ("../server.py", "page.html", "%2e%2e/server.py", "loop"):
