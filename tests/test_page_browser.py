@@ -170,7 +170,8 @@ def test_the_keyboard_alone_suffices(tab):
     map_.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
     assert tab.run("return [design.values.kp, design.values.ki]") == pytest.approx([1.02 * kp, ki / 1.02], rel=1e-6)
     map_.send_keys(Keys.SHIFT + Keys.ARROW_RIGHT)
-    assert tab.run("return design.values.kp") == pytest.approx(1.02 * kp * 1.1, rel=1e-6)
+    map_.send_keys(Keys.ALT + Keys.ARROW_RIGHT)
+    assert tab.run("return design.values.kp") == pytest.approx(1.02 * kp * 1.1 * 1.002, rel=1e-6)
     tab.driver.find_element("id", "bode").send_keys(Keys.ARROW_RIGHT)
     assert "rad/s" in tab.text("bode-read")
     unnamed = """return [...document.querySelectorAll("input, select, button, canvas")].filter((one) => one.offsetParent

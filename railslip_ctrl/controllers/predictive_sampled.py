@@ -173,7 +173,7 @@ class SampledLaw:
         for k in range(count):
             found[k] = state[0]
             state = later @ state
-        return np.arange(count) * every * self.period, found[:, 0], found[:, 1]
+        return np.asarray(np.arange(count) * (every * self.period)), found[:, 0], found[:, 1]
 
     def _sample(self) -> Floats:
         """The closed loop from one sample to the next: wheel and brake, torques ahead of the dead time and commands,

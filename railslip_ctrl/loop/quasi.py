@@ -93,10 +93,10 @@ class QuasiPolynomial:
         """Bound on |F| for least <= |s| <= radius and Re s >= -left, in 1/s, of one shape."""
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             with np.errstate(divide="ignore"):
-                far = self.bare.size(radius, left) / np.asarray(least) ** self.removed
+                far = np.asarray(self.bare.size(radius, left) / np.asarray(least) ** self.removed)
             if np.all(np.asarray(least) * max(self.delays) > 1):
                 return far
-            return np.minimum(far, self._derivative.size(radius, left) / math.factorial(self.removed))
+            return np.asarray(np.minimum(far, self._derivative.size(radius, left) / math.factorial(self.removed)))
         return np.asarray(sum(_polynomial(np.abs(c), radius) * np.exp(delay * left) for delay, c in self._present))
 
     @cached_property

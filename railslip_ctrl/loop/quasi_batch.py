@@ -100,7 +100,7 @@ class QuasiPolynomials:
         if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
             near = self._derivative.size(radius, row) / math.factorial(self.removed)
             with np.errstate(divide="ignore"):
-                return np.minimum(near, self._bare.size(radius, row) / np.asarray(least) ** self.removed)
+                return np.asarray(np.minimum(near, self._bare.size(radius, row) / np.asarray(least) ** self.removed))
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def take(self, row: Rows | slice) -> QuasiPolynomials:
