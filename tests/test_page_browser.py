@@ -194,6 +194,8 @@ def test_hovering_reads_values_and_a_pinned_design_stays(tab):
         canvas = tab.driver.find_element("id", name)
         ActionChains(tab.driver).move_to_element_with_offset(canvas, 10, 5).perform()
         assert told in tab.text(f"{name}-read"), name
+    stale = "takeEnvelope(envelope, arguments[0]); return document.getElementById('answer').classList.contains('stale')"
+    assert [tab.run(stale, outdated) for outdated in (True, False)] == [True, False]
     tab.driver.find_element("id", "pin").click()
     tab.type("kp", "250")
     assert tab.run("return [pinned.design.values.kp === design.values.kp, design.values.kp]") == [False, 250]
