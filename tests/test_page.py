@@ -3,6 +3,7 @@
 import http.client
 import json
 import math
+import os
 import re
 import signal
 import socket
@@ -12,6 +13,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,7 +129,10 @@ def test_the_verdict_is_that_of_margins_and_its_words(page):
         judged = rs.judge(ENVELOPE, PI_LEAD, nominal=nominal)
         assert (head["verdict"], head["line"]) == (judged.verdict, judged.verdict_line)
         assert head["map"]["operating"] == judged.map.operating.tolist()
-        assert head["least"]["phase_deg"] == judged.least("phase_deg")[0]
+        assert head["least"] == {
+            name: judged.least(name, largest=name == "gain_decrease")[0]
+            for name in ("phase_deg", "delay_s", "gain_increase", "gain_decrease")
+        }
     head, _ = page.ask("envelope", design=DESIGN)
     assert list(head["points"])[head["hardest"]] == judged.worst.case.words
     limits = [rs.fundamental_limits(rs.actuated_plant(one, CAR.actuator), 0.15).ms_bound
@@ -171,6 +176,15 @@ def test_the_map_is_the_stabilising_region_and_its_contours_have_their_ms():
     assert not gain_levels(PI_LEAD.model_copy(update={"lead": 0.0, "lead_filter": 3.0}), plants, CAR.actuator)
 
 
+def test_the_map_comes_first_at_the_hardest_points_then_at_all(page):
+    plants = operating_plants(ENVELOPE.points(nominal=True))
+    for asked, few, shown in (({}, True, hard_plants(plants)), ({"all": True}, False, plants)):
+        head, _ = page.ask("region", design=DESIGN, **asked)
+        levels = gain_levels(PI_LEAD, shown, CAR.actuator)
+        assert (head["few"], [one["ms"] for one in head["levels"]]) == (few, [one.ms for one in levels])
+        assert head["levels"][1]["rows"][0][0] == levels[1].rows[0][0]
+
+
 @pytest.mark.parametrize(("kp", "ki"), [(330, 129), (100, 20), (1500, 100), (600, 600), (200, 100), (383, 234)])
 def test_the_loop_that_is_looked_at_is_the_worst(kp, ki):
     points = rs.Envelope(reference=HELD).points(nominal=True)
@@ -199,17 +213,40 @@ def test_kinds_by_rule_have_their_numbers_and_stops(page, kind):
     start, _ = page.ask("start")
     values = {number["name"]: number["value"] for number in start["kinds"][kind]["sliders"]}
     design = {"kind": kind, "values": values, "reference": HELD}
-    head, _ = page.ask("loop", design=design)
+    head, arrays = page.ask("loop", design=design)
     stops, _ = page.ask("stops", design=design)
     assert "stopped after" in stops["words"]["wet"]
     if kind == "slide-protection":
         assert "has no margins" in head["no_loop"]
         return
     verdict, _ = page.ask("envelope", design=design)
-    control = getattr(rs, kind.title()).for_vehicle(CAR)
+    control = getattr(rs, kind.title()).for_vehicle(CAR, **({} if kind == "seeking" else {"reference": HELD}))
+    worst = rs.judge(ENVELOPE, control, nominal=True).points.plants[head["point"]]
+    m = rs.wheel_slip_loop(worst, control).margins()
+    assert [head[name] for name in ("ms", "phase_margin_deg", "delay_margin_s")] == [m.ms, m.phase_deg, m.delay_s]
+    time, step, load = (arrays[name] for name in ("time", "step", "load"))
+    assert arrays["phase"].max() < 0  # deg; an integrator, and at most an unstable pole, then lag
+    size = np.hypot(arrays["re"], arrays["im"])
+    np.testing.assert_allclose(np.cos(np.radians(arrays["phase"])), arrays["re"] / size, atol=1e-4)
+    assert time.size == step.size == load.size == POINTS
+    assert 0.14 < time[np.argmax(np.abs(step) > 0)] < 0.18  # s; nothing before the dead time
+    assert step[-1] == pytest.approx(1.0, abs=0.02)
+    assert abs(load[-1]) < 0.02 * np.abs(load).max()
     assert verdict["line"] == rs.judge(ENVELOPE, control, nominal=True).verdict_line
     point = {**design, "values": {**values, "layer": 10 * values["layer"]}}
     assert page.ask("loop", design=point)[0]["ms"] != head["ms"]
+
+
+def test_points_are_made_again_only_if_the_slips_change():
+    bench = Workbench(ENVELOPE)
+    begun = bench.control("seeking", {})
+    for one in begun.design_numbers():
+        changed = bench.control("seeking", {one.name: 0.98 * one.value})
+        new = bench.points(changed)
+        again = Workbench(ENVELOPE).points(changed)
+        assert new[0] == again[0]
+        assert [plant.point for plant in new[1].plants] == [plant.point for plant in again[1].plants], one.name
+        assert (bench.points(begun)[1] is new[1]) == (changed.slip_numbers() == begun.slip_numbers())
 
 
 @pytest.mark.long
@@ -282,6 +319,7 @@ def test_the_page_loads_nothing_from_elsewhere(page):
         status, headers, content = page.send("GET", path)
         assert (status, headers["Content-Type"]) == (200, f"text/{kind}; charset=utf-8")
         assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert headers["Cache-Control"] == "no-store"  # the address has the token
         assert (headers["X-Content-Type-Options"], headers["Referrer-Policy"]) == ("nosniff", "no-referrer")
         assert not re.search(rb"https?://|url\(|@import|innerHTML|eval\(", content)
     for path in ("../server.py", "page.html", "%2e%2e/server.py", "loop"):
@@ -430,6 +468,28 @@ def test_a_port_of_one_s_own_keeps_its_token(tmp_path):
     process, again = started(*words, folder=tmp_path)
     assert again == address
     ended(process)
+
+
+@pytest.mark.long
+def test_a_script_without_a_guard_serves_the_page_too(tmp_path):
+    """Its processes would import it again, and end; the page answers by itself then."""
+    script = f"""
+import railslip_ctrl as rs
+from test_page import DESIGN, ENVELOPE, Client
+with rs.design_page(ENVELOPE) as page:
+    for what in ("envelope", "region", "envelope"):
+        print(Client(page.address).send(path=what, body={json.dumps({"design": DESIGN})!r}.encode())[0])
+"""
+    (tmp_path / "mine.py").write_text(script, "utf-8")
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    ran = subprocess.run(
+        [sys.executable, "mine.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert ran.stdout.split() == ["200", "200", "200"], ran.stderr
 
 
 def test_a_notebook_shows_the_page_in_a_frame():

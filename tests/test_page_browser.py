@@ -3,7 +3,9 @@
 import json
 import shutil
 import socket
+import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from test_page import ENVELOPE, PI_LEAD, served
@@ -43,7 +45,8 @@ class Tab:
 
     def __init__(self, driver, address):
         self.driver = driver
-        driver.get(address)
+        if address is not None:
+            driver.get(address)
         self.until("return document.getElementById('ms').textContent", lambda ms: ms != "…")
 
     def run(self, script, *arguments):
@@ -167,7 +170,8 @@ def test_the_keyboard_alone_suffices(tab):
     map_.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
     assert tab.run("return [design.values.kp, design.values.ki]") == pytest.approx([1.02 * kp, ki / 1.02], rel=1e-6)
     map_.send_keys(Keys.SHIFT + Keys.ARROW_RIGHT)
-    assert tab.run("return design.values.kp") == pytest.approx(1.02 * kp * 1.1, rel=1e-6)
+    map_.send_keys(Keys.ALT + Keys.ARROW_RIGHT)
+    assert tab.run("return design.values.kp") == pytest.approx(1.02 * kp * 1.1 * 1.002, rel=1e-6)
     tab.driver.find_element("id", "bode").send_keys(Keys.ARROW_RIGHT)
     assert "rad/s" in tab.text("bode-read")
     unnamed = """return [...document.querySelectorAll("input, select, button, canvas")].filter((one) => one.offsetParent
@@ -190,6 +194,8 @@ def test_hovering_reads_values_and_a_pinned_design_stays(tab):
         canvas = tab.driver.find_element("id", name)
         ActionChains(tab.driver).move_to_element_with_offset(canvas, 10, 5).perform()
         assert told in tab.text(f"{name}-read"), name
+    stale = "takeEnvelope(envelope, arguments[0]); return document.getElementById('answer').classList.contains('stale')"
+    assert [tab.run(stale, outdated) for outdated in (True, False)] == [True, False]
     tab.driver.find_element("id", "pin").click()
     tab.type("kp", "250")
     assert tab.run("return [pinned.design.values.kp === design.values.kp, design.values.kp]") == [False, 250]
@@ -248,6 +254,7 @@ def test_the_saved_file_is_what_other_commands_take(chromium, tab, railslip):
         end = time.monotonic() + 30
         while not (chromium.folder / name).exists() and time.monotonic() < end:
             time.sleep(0.05)
+        assert ("--envelope default, with the --vehicle" in tab.text("message")) == (name == "controller.toml")
     words = (
         "--adhesion",
         "bristle",
@@ -296,6 +303,7 @@ def test_every_kind_is_shaped(tab, kind):
     )
     tab.run(set_.format("'change'"), "kind", kind)
     tab.until(f"return design.kind === '{kind}' && stops !== null && {IDLE}")
+    assert tab.driver.find_element("id", "best").is_displayed() == (kind in ("pi", "pid"))
     first = tab.run("return Object.keys(design.values)[0]")
     tab.run(set_.format("'input'"), f"{first}-slider", 520)
     tab.until(f"return {IDLE} && !document.getElementById('answer').classList.contains('stale')")
@@ -323,6 +331,13 @@ def test_it_fits_phones_tables_and_desks(chromium, tab, width, dark):
     assert tab.run(wider) == []
     corner = "return [...document.getElementById('nyquist').getContext('2d').getImageData(1, 1, 1, 1).data].slice(0, 3)"
     assert (sum(tab.run(corner)) < 150) == dark
+    tab.run("const one = document.getElementById('kind'); one.value = 'slide-protection'; chooseKind()")
+    tab.until("return kindNow().loop === false && stops !== null")
+    scheme[0]["value"] = "light" if dark else "dark"
+    chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": scheme})
+    tab.until(f"return inks.paper === '{'#ffffff' if dark else '#14171c'}'")
+    for name in ("envelope-map", "gain-map"):
+        assert (sum(tab.run(corner.replace("nyquist", name))) < 150) != dark
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
@@ -363,6 +378,30 @@ def test_the_page_left_open_goes_on_when_the_server_is_there_again(chromium):
         assert tab.text("ms") != before
     chromium.get("about:blank")
     chromium.get_log("browser")
+
+
+@pytest.mark.long
+def test_it_works_in_the_frame_of_a_notebook(chromium, wide):
+    """Of a server of this machine on another port, as that of a notebook is; its own origin is not asked."""
+
+    class Notebook(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(f'<iframe src="http://127.0.0.1:{wide.port}/{wide.token}/" height=900></iframe>'.encode())
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        chromium.get("about:blank")
+        chromium.get(f"http://localhost:{server.server_port}/")
+        chromium.switch_to.frame(0)
+        assert float(Tab(chromium, None).settled().text("ms")) > 1
+        chromium.switch_to.default_content()
+        chromium.get("about:blank")
+        server.shutdown()
 
 
 @pytest.mark.long

@@ -17,15 +17,17 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 PULSE = 1.0  # N*m in one sample: far within the boundary layer, where the step is linear
 
 
-def answers(law, point, brake, count):
-    """What acts on the wheel, samples 0 on, after a pulse of the command: S over frequency is its transform.
+def answers(law, point, brake, count, *, pulse=PULSE, error=0.0, load=0.0):
+    """Commands and slip velocity, samples 0 on, after a pulse of the command, and steps of the slip error that the law
+    sees, m/s, and of torque at the wheel, N*m. S over frequency is the transform of the commands after a pulse.
 
     The speed is frozen: what is predicted from it stays, and only its rate is observed.
     """
     h, r = law.period, law.radius
     plant, rates = linearize(point), linearize(point, speed_state=True).A[0, 1:]
     n = len(plant.states)
-    held = np.zeros((n + 3, n + 3))  # wheel, train speed, acting torque, command
+    held = np.zeros((n + 4, n + 4))  # wheel, train speed, acting torque, command, load
+    held[:n, n + 3] = plant.B[:, 0]
     held[:n, :n], held[:n, n + 1], held[n, :n] = plant.A, plant.B[:, 0], rates
     if brake.lag > 0:
         held[n + 1, n + 1], held[n + 1, n + 2] = -1 / brake.lag, 1 / brake.lag
@@ -33,23 +35,25 @@ def answers(law, point, brake, count):
     whole, rest = int(late + 1e-9), (late - int(late + 1e-9)) * h
     before, after = expm(held * rest), expm(held * (h - rest))
     p = SimpleNamespace(**{name: getattr(law, name) for name in law.parameter_fields()}, period=h)
-    x, wheel, torques, own = law.start(1.0, h), np.zeros(n + 3), [], 0.0
+    x, wheel, torques, slips, own = law.start(1.0, h), np.zeros(n + 4), [], [], 0.0
+    wheel[n + 3] = load
     x = SimpleNamespace(**{name: getattr(x, name) for name in type(x).model_fields})
     x.history = list(x.history)
     for k in range(count):
         speed, sigma = wheel[n], wheel[0]
         step.actuator_model(x, p, own)
         step.observe(x, p, speed, (speed - sigma) / r, point.slip)
-        step.predict(x, p, 0.0, sigma, point.slip)
+        step.predict(x, p, 0.0, sigma - error, point.slip)
         own = step.sliding_torque(x, p, point.slip)
         x.samples += 1.0
-        torques.append(own + (PULSE if k == 0 else 0.0))
+        torques.append(own + (pulse if k == 0 else 0.0))
+        slips.append(sigma)
         for part, age in ((before, whole + 1), (after, whole)):
             wheel[n + 2] = torques[k - age] if k >= age else 0.0
             if brake.lag <= 0:
                 wheel[n + 1] = wheel[n + 2]
             wheel = part @ wheel
-    return np.array(torques) / PULSE
+    return np.array(torques), np.array(slips)
 
 
 CASES = [
@@ -74,7 +78,7 @@ def test_its_loop_is_that_of_the_step(name, kmh, slip, late, slow, stable, lag):
     brake = Actuator(dead_time=0.15 * late, lag=lag * slow)
     loop = law.loop_as_run(point, brake)
     assert loop.is_stable() == stable
-    found = answers(law, point, brake, 6000 if stable else 1500)
+    found, _ = answers(law, point, brake, 6000 if stable else 1500)
     if not stable:
         assert np.abs(found[-100:]).max() > 10 * np.abs(found[100:200]).max()
         assert loop.margins().ms == np.inf
@@ -85,6 +89,26 @@ def test_its_loop_is_that_of_the_step(name, kmh, slip, late, slow, stable, lag):
     np.testing.assert_allclose(1 / (1 + loop.response(omega)), spectrum, atol=1e-7)
     assert np.abs(spectrum).max() <= loop.margins().ms * (1 + 1e-7)
     assert loop.margins().ms == pytest.approx(np.abs(spectrum).max(), rel=2e-3)  # of the transform's frequencies
+
+
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("lag", [0.6, 0.0])
+@pytest.mark.parametrize(("name", "kmh", "slip", "late", "slow", "stable"), CASES)
+def test_its_responses_are_those_of_the_step(name, kmh, slip, late, slow, stable, lag, every):
+    car = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.15, lag=lag)})
+    law = Predictive.for_vehicle(car)
+    point = operating_point(published_law(name, "dry"), car, kmh / 3.6, slip)
+    brake = Actuator(dead_time=0.15 * late, lag=lag * slow)
+    count = 600 if stable else 198
+    # so small that the command of an unstable loop stays within the boundary layer too, where the step is linear
+    time, *found = law.loop_as_run(point, brake).responses(
+        count * law.period, count // every, reference=1e-9, torque=1e-7
+    )
+    np.testing.assert_allclose(time, np.arange(count // every) * every * law.period, atol=1e-12)
+    for response, steps in zip(found, ({"error": 1e-9}, {"load": 1e-7}), strict=True):
+        _, expected = answers(law, point, brake, count, pulse=0.0, **steps)
+        assert np.abs(expected).max() > 3e-11
+        np.testing.assert_allclose(response, expected[::every], atol=1e-8 * np.abs(expected).max())
 
 
 def test_every_case_of_an_envelope_is_judged_as_it_runs():

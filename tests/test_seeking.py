@@ -396,6 +396,12 @@ def test_zeros_removed_at_the_origin():
     slopes = (integral(s + 1e-6) - integral(s - 1e-6)) / 2e-6
     np.testing.assert_allclose(integral.slope(s), slopes, rtol=1e-7)  # of the difference quotient
     assert np.all(np.abs(integral(1j * np.linspace(0, 50, 501))) <= integral.size(50.0))
+    for one in (integral, integral.slope, integral.slope.slope):
+        for radius in (0.1, 3.0, 60.0, 900.0):
+            ring = radius * np.linspace(0.7, 1, 9)[:, None] * np.exp(1j * np.linspace(-np.pi / 2, np.pi / 2, 41))
+            bound = one.size(radius, 0.0, 0.7 * radius)
+            assert np.abs(one(ring)).max() <= bound
+            assert np.abs(one(ring)).max() > 0.1 * bound  # at every frequency, so that few are needed
     # s + k (1 - exp(-theta s))/s has, times s, the roots of s^2 + k (1 - exp(-theta s)) but the one at 0
     for k, expected in ((1.0, 0), (1e4, 2)):
         sum_ = QuasiPolynomial([[1.0, 0.0, k], [-k]], 0.15, removed=1)
@@ -440,6 +446,7 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
     margins = exact.margins()
     dense = np.geomspace(1e-2, 100, 20_000)
     assert margins.ms == pytest.approx(np.abs(1 / (1 + exact(1j * dense))).max(), rel=1e-5)  # of the grid
+    assert exact._nodes.size < 1500  # frequencies up to 900 rad/s: what the time of `margins` goes by
     assert exact.is_stable() == (exact.scaled(1.0).root_count.right == 0)
     assert not exact.scaled(1.02 * margins.gain_increase).is_stable()
     assert exact.scaled(0.98 * margins.gain_increase).is_stable()

@@ -282,6 +282,10 @@ class Controller(Record):
         `wheel_load`, N; None if it holds its reference."""
         return None
 
+    def slip_numbers(self) -> tuple[Any, ...]:
+        """All of its own that `held_slip` and `speeds_to_judge` depend on."""
+        return (self.model_dump_json(),)
+
     def speeds_to_judge(self) -> tuple[float, ...]:
         """Train speeds, m/s, at which its loop changes, to be judged besides those of an envelope."""
         return ()

@@ -22,7 +22,7 @@ from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
 
 from .base import LEAST_PERIOD, PERIOD, Controller
 from .linear import TORQUE_LIMIT, adhesion_share
-from .predictive_sampled import SampledLaw, sampled_laws
+from .predictive_sampled import KEPT, SampledLaw, linear_wheel, sampled_laws
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -264,10 +264,10 @@ class Predictive(Controller):
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> SampledLaw:
         first = np.zeros(1, dtype=np.intp)
-        return SampledLaw(next(sampled_laws(self, [point], [actuator], (first, first)))[1])
+        loops = next(sampled_laws(self, [point], [actuator], (first, first)))[1]
+        return SampledLaw(loops, linear_wheel(point), actuator)
 
 
-@lru_cache(64)  # the actuators of an envelope follow each other at a point
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
     """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
     assert law.dead_time is not None, "filled in by `believing`"
@@ -301,6 +301,7 @@ def _sum(*polynomials: Floats) -> Floats:
     return reduce(lambda one, other: np.asarray(np.polyadd(one, other)), polynomials)
 
 
+@lru_cache(KEPT)
 def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
     """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
     plant, moving = linearize(point), linearize(point, speed_state=True)

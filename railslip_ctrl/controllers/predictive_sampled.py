@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
     Rows = NDArray[np.intp]
 
+KEPT = 1024  #: number of operating points whose linear wheel is cached: an envelope with tolerances has 300 to 400
 _GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; its lowest, relative to 1/(dead time + lag)
 _CLOSER, _CLOSE_GRID = 5, 9  # refinements at a peak, and points of each; |S| is flat there, relative error 1e-9
 _TURN = 1.0  # rad, largest change of the angle of D + N in a step along the circle
@@ -135,9 +136,15 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Single loop of the predictive law: `of` has only one case."""
+    """Single loop of the predictive law: `of` has only one case.
+
+    - wheel: rates of slip velocity, adhesion state and train speed, as of `linear_wheel`, (m + 1, m + 2).
+    - brake: dead time and lag, s.
+    """
 
     of: SampledLaws
+    wheel: Floats
+    brake: Actuator
 
     @property
     def period(self) -> float:
@@ -160,12 +167,67 @@ class SampledLaw:
         empty |= dict.fromkeys(lists, np.zeros(0))
         return Margins(**{**empty, "ms": float(self.of.stable_and_ms[1][0])})
 
+    def responses(self, end: float, points: int, *, reference: float, torque: float) -> tuple[Floats, Floats, Floats]:
+        """Return sample times up to `end`, s, and the slip velocity, m/s, after a step of reference and of torque.
+
+        At most `points` times. reference: step of the reference slip velocity, m/s; torque: step of torque at the
+        wheel, N*m. Exact at the samples, also for an unstable loop.
+        """
+        every = max(math.ceil(end / (points * self.period)), 1)
+        later = np.linalg.matrix_power(self._sample(), every)
+        count = min(int(end / (every * self.period)) + 1, points)
+        state, found = np.zeros((len(later), 2)), np.empty((count, 2))
+        state[-2, 0], state[-1, 1] = reference, torque
+        for k in range(count):
+            found[k] = state[0]
+            state = later @ state
+        return np.asarray(np.arange(count) * (every * self.period)), found[:, 0], found[:, 1]
+
+    def _sample(self) -> Floats:
+        """Return the matrix of the closed loop from one sample to the next.
+
+        Its state: wheel and brake, torques ahead of the dead time and commands, each the latest first, the law's
+        filters, then the constant steps of reference and torque.
+        """
+        law, h, whole, periods = self.of.law, self.period, int(self.of.law.dead_time / self.period), self.of.periods[0]
+        share, inertia = law.dead_time / h - whole, law.wheel_inertia / law.radius
+        driven = _driven(self.wheel[None], np.array([self.brake.lag]) if self.brake.lag > 0 else None)[0]
+        n, speed = len(driven) - 1, len(self.wheel) - 1
+        driven = np.pad(driven, (0, 1))
+        driven[: speed + 1, n + 1] = self.wheel[:, -1]
+        late = max(self.brake.dead_time - periods * h, 0.0)
+        # each quantity is a row: how it follows from the state
+        every = np.eye(n + whole + periods + 9)
+        wheel, ahead, command, (turning, acted, slow), (reference, torque) = np.split(
+            every, np.cumsum([n, whole + 2, periods + 2, 3])
+        )
+        slower, blend, slowing = (
+            -math.expm1(-h / tau) if tau > 0 else 1.0 for tau in (law.lag, law.observer_time, law.deceleration_time)
+        )
+        ahead = np.vstack([ahead[0] + slower * (command[0] - ahead[0]), ahead[:-1]])
+        acting = (1 - share) * ahead[whole] + share * ahead[whole + 1]
+        train = wheel[speed]
+        omega, observed = (train - wheel[0]) / law.radius, acted + blend * (acting - acted)
+        deceleration = slowing / h * (slow - train)
+        holding = law.wheel_inertia * blend / h * (omega - turning) + observed
+        holding = holding + inertia * deceleration * (1 - self.of.slip[0])
+        under_way = h * (ahead[:whole].sum(axis=0) + share * acting)
+        error = reference - wheel[0] - (under_way - law.dead_time * holding) / inertia
+        surface = holding + inertia * law.kappa * error - ahead[0]
+        gain = law.reaching_rate + law.switching_gain / law.layer
+        new = ahead[0] + max(law.lag, h) * (gain * surface - law.kappa * (ahead[0] - holding))
+        command = np.vstack([new, command[:-1]])
+        for length, age in ((late, periods + 1), (h - late, periods)):
+            wheel = (_exponential(driven[None] * length)[0] @ np.vstack([wheel, command[age], torque]))[:n]
+        filters = turning + blend * (omega - turning), observed, slow + slowing * (train - slow)
+        return np.vstack([wheel, ahead, command, *filters, reference, torque])
+
 
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
     """Yield groups of cases of equal order: their indices, and their loops; `case` as in `Controller.stable_and_ms`."""
-    wheels = [_wheel(point) for point in points]
+    wheels = [linear_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
     lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
     order = np.array([wheel.shape[0] for wheel in wheels])[case[0]]
@@ -179,7 +241,8 @@ def sampled_laws(
         yield mine, _sampled(law, slips[of], unstable[back], driven, dead_time[mine], matrices.shape[1] - 1)
 
 
-def _wheel(point: OperatingPoint) -> Floats:
+@lru_cache(KEPT)
+def linear_wheel(point: OperatingPoint) -> Floats:
     """Return the matrix of the rates of slip velocity, adhesion state and train speed, (m + 1, m + 2).
 
     Its columns are these states, with a constant speed in the plant, and the acting torque.

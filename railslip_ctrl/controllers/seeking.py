@@ -161,6 +161,9 @@ class Seeking(Predictive):
         enough = adhesion_coefficient(law, speed, slips, wheel_load) >= (1 - _FLAT) * top.coefficient
         return min(float(slips[np.argmax(enough)]), self.largest_slip) * self._kept(speed)
 
+    def slip_numbers(self) -> tuple[Any, ...]:
+        return self.largest_slip, self.hand_over_speed, self.fade_speed
+
 
 # --- the parts of a sample ----
 

@@ -85,11 +85,15 @@ class Workbench:
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
         """Return the envelope over which a controller is judged, and its cases."""
-        envelope = envelope_for(self.envelope, control)
-        if not control.finds_slip:
-            return envelope, self._cached((envelope.reference, nominal), lambda: envelope.points(nominal=nominal))
-        key, held = (control.model_dump_json(), nominal), cast(HeldSlip, control.held_slip)
-        return envelope, self._cached(key, lambda: envelope.points(nominal=nominal, held=held))
+        held = cast(HeldSlip, control.held_slip) if control.finds_slip else None
+        own = (control.kind, control.slip_numbers()) if held else getattr(control, "reference", None)
+
+        def made() -> tuple[Envelope, EnvelopePoints]:
+            envelope = envelope_for(self.envelope, control)
+            return envelope, envelope.points(nominal=nominal, held=held)
+
+        cases: tuple[Envelope, EnvelopePoints] = self._cached((own, nominal), made)
+        return cases
 
     def hardest(self, control: Controller, points: EnvelopePoints, from_kmh: float) -> int:
         """Return the index of the hardest plant at or above a speed (km/h), whose loop is shown."""

@@ -26,6 +26,7 @@ _ONE = 1e-9  # bound on |ln|L|| over an interval below which |L| counts as 1 on 
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
+_PARTS = 4  # of an interval that is divided: more are more frequencies, fewer more passes
 _ENDS = np.array([0.0, np.inf])
 
 
@@ -34,12 +35,13 @@ class Expansion(NamedTuple):
 
     - value, slope: array (n,); ln L and its derivative, s.
     - bounds: function of the half widths, (n,), rad/s: largest deviations of ln L and of ln|L| from their linear parts,
-      or inf. The first also holds for complex frequencies in the disk of that radius.
+      or inf, then that of ln L over twice the width. Those of ln L also hold for complex frequencies in the disk of
+      that radius.
     """
 
     value: Complexes
     slope: Complexes
-    bounds: Callable[[Floats], tuple[Floats, Floats]]
+    bounds: Callable[[Floats], tuple[Floats, Floats, Floats]]
 
 
 class BoundedLoop(Loop):
@@ -86,13 +88,13 @@ class BoundedLoop(Loop):
 
     def phase(self, omega: ArrayLike) -> Floats:
         omega = numbers("omega", omega, "rad/s", gt=0)
-        nodes = np.union1d(self._nodes(peaks=False), omega)
+        nodes = np.union1d(self._nodes, omega)
         angles = np.concatenate([self._first_phase(nodes[:1]), np.angle(self.response(nodes))])
         return np.asarray(np.unwrap(angles)[1:][np.searchsorted(nodes, omega)])
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        nodes = self._nodes(peaks=False)
+        nodes = self._nodes
         size = np.log(np.abs(self.response(nodes)))
         certain = np.abs(size) > ROUNDING  # below it the sign is rounding, as at low frequency if L(0) = 1
         return self._roots(nodes[certain], size[certain], lambda value: np.log(np.abs(value)))
@@ -103,7 +105,7 @@ class BoundedLoop(Loop):
 
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio.
         """
-        nodes = self._nodes(peaks=False)
+        nodes = self._nodes
         factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
         for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
             inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
@@ -119,7 +121,7 @@ class BoundedLoop(Loop):
         """
         if not self.is_stable():
             raise unstable_error(*self._unstable_description(), self.root_count.right, self.stabilizing_gain_range)
-        nodes = self._nodes()
+        nodes = self._nodes
         response, slope = self.response_and_slope(nodes)
         crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
         up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
@@ -142,35 +144,36 @@ class BoundedLoop(Loop):
 
     # -- division of the frequency axis ------------------------------------------------------------------------
 
-    def _nodes(self, peaks: bool = True) -> Floats:
-        """Frequencies, ascending, between which no crossover and, with `peaks`, no peak is hidden.
+    @cached_property
+    def _nodes(self) -> Floats:
+        """Frequencies, ascending, between which no crossover and no peak is hidden.
 
         Between two neighbours |L| - 1 and the phase minus 180 deg each cross 0 at most once. |S|, |T| and |S - 1/2| are
-        monotone there, or below their value at another node. Intervals are halved until bounds prove this.
+        monotone there, or below their value at another node. Intervals are divided until bounds prove this.
         """
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
         omega, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
         while omega.size:
             logarithm, slope, bounds = self._expand(omega)
-            (rest, level), (twice, _) = bounds(half), bounds(2 * half)
+            rest, level, twice = bounds(half)
             slack = twice / half  # bound on the change of the slope, by Cauchy's estimate
             apart, change = np.abs(logarithm.real), np.abs(slope.real) * half + level
             sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
             off = np.remainder(logarithm.imag, 2 * np.pi) - np.pi
             sway = np.abs(slope.imag) * half + rest
             sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
-            if peaks:
-                value = np.exp(logarithm)
-                sizes, slopes = responses(value, slope)
-                best = np.maximum(best, np.log(sizes.max(axis=1)))
-                bound = np.log(sizes) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
-                slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
-                sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
+            value = np.exp(logarithm)
+            sizes, slopes = responses(value, slope)
+            best = np.maximum(best, np.log(sizes.max(axis=1)))
+            bound = np.log(sizes) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
+            slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
+            sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
             parted = ~sure & (half > _NARROWEST * omega)
-            omega, half = omega[parted], half[parted] / 2
-            nodes.append(omega)
-            omega, half = np.concatenate([omega - half, omega + half]), np.concatenate([half, half])
+            omega, half = omega[parted], half[parted] / _PARTS
+            places = omega + np.arange(-_PARTS, _PARTS + 1)[:, None] * half
+            nodes.append(places[2:-1:2].ravel())
+            omega, half = places[1::2].ravel(), np.tile(half, _PARTS)
         return np.asarray(np.sort(np.concatenate(nodes)))
 
     def _at_ends(self) -> Floats:

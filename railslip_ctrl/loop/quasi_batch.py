@@ -73,8 +73,12 @@ class QuasiPolynomials:
     @cached_property
     def _derivative(self) -> QuasiPolynomials:
         """Derivative of the sum, of order `removed`."""
-        start = QuasiPolynomials(self.terms, self.delays)
-        return reduce(lambda one, _: one.slope(), range(self.removed), start)
+        return reduce(lambda one, _: one.slope(), range(self.removed), self._bare)
+
+    @cached_property
+    def _bare(self) -> QuasiPolynomials:
+        """The sum without removed zeros."""
+        return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
         """Derivatives dF/ds in the same form; if zeros are removed, one more is removed."""
@@ -88,10 +92,12 @@ class QuasiPolynomials:
             parts.append(change)
         return QuasiPolynomials(tuple(parts), self.delays, self.removed + 1 if self.removed else 0)
 
-    def size(self, radius: Floats, row: Rows) -> Floats:
-        """Bound on |F| for |s| <= radius, 1/s, and Re s >= 0."""
-        if self.removed:  # F is bounded by Taylor's remainder of the sum
-            return np.asarray(self._derivative.size(radius, row) / math.factorial(self.removed))
+    def size(self, radius: Floats, row: Rows, least: Floats | float = 0.0) -> Floats:
+        """Bound on |F| for least <= |s| <= radius, 1/s, and Re s >= 0."""
+        if self.removed:  # F is bounded by Taylor's remainder of the sum, and away from 0 by the sum itself
+            near = self._derivative.size(radius, row) / math.factorial(self.removed)
+            with np.errstate(divide="ignore"):
+                return np.asarray(np.minimum(near, self._bare.size(radius, row) / np.asarray(least) ** self.removed))
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
@@ -156,7 +162,7 @@ def _nodes(function: QuasiPolynomials, top: Floats) -> tuple[Rows, Floats, Compl
         half = (high - low) / 2
         middle = low + half
         value = function.at(middle, row)
-        safe = np.abs(value) > 1.01 * half * slope.size(high, row)  # F turns by < 90 deg from the middle to an end
+        safe = np.abs(value) > 1.01 * half * slope.size(high, row, low)  # F turns by < 90 deg from the middle to an end
         done.append((row[safe], middle[safe], value[safe]))
         marginal[row[~safe & ((half <= _NARROWEST * high) | (row.size > _MOST_INTERVALS))]] = True
         left = ~safe & ~marginal[row]

@@ -282,7 +282,7 @@ class SampledLoop(BoundedLoop):
         h, turns = self.period, self.held_plant.periods + 1
         box = self._boxed.expand(omega * h, np.full(omega.size, self.held_plant.fraction))
         value, slope = box.value - 1j * turns * omega * h, h * (box.slope - 1j * turns)
-        return Expansion(value, slope, lambda half: box.bounds(half * h)[1:])
+        return Expansion(value, slope, lambda half: (*box.bounds(half * h)[1:], box.bounds(2 * half * h)[1]))
 
     def _first_phase(self, omega: Floats) -> Floats:
         # at low frequency z - 1 is j omega h

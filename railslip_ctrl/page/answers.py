@@ -6,7 +6,6 @@ A request has a design; an answer has numbers, texts and arrays.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -28,7 +27,6 @@ from railslip_ctrl.design.judging import bounds_over, judge_points
 from railslip_ctrl.design.specification import ROBUST_MS, Specification
 from railslip_ctrl.design.workbench import Workbench
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.design_files import FILES
@@ -122,23 +120,20 @@ def loop_answer(bench: Workbench, request: Request) -> Answer:
     omega = np.geomspace(low, high, POINTS)
     response = loop.response(omega)
     arrays = {"omega": omega, "re": response.real, "im": response.imag, "db": 20 * np.log10(np.abs(response))}
-    if not isinstance(loop, DeadTimeLoop | SampledLoop):
-        # the controller has delays: all margins but Ms take a second and come with `verdict`
-        first = np.zeros(1, dtype=int)
-        stable, ms = control.stable_and_ms([plant.point], [brake], (first, first)) or ((False,), (math.nan,))
-        head |= {"stable": bool(stable[0]), "ms": float(ms[0]), "later": True}
-    else:
-        m = loop.margins() if loop.is_stable() else None
-        head |= {"stable": m is not None, **margin_numbers(m), "frequencies": margin_frequencies(m)}
-        head["range"] = loop.stabilizing_gain_range if m is None else None
-    if not isinstance(loop, DeadTimeLoop):
-        message = "this controller has no step response in closed form; see the braking run"
-        return {**head, "no_step": message}, {**arrays, "phase": np.degrees(np.unwrap(np.angle(response)))}
     arrays["phase"] = np.degrees(loop.phase(omega))
+    m = loop.margins() if loop.is_stable() else None
+    head |= {"stable": m is not None, **margin_numbers(m), "frequencies": margin_frequencies(m)}
+    head["range"] = loop.stabilizing_gain_range if m is None else None
     slowest = brake.dead_time + brake.lag or 1 / float(np.abs(plant.poles).max(initial=1.0))
-    times = np.linspace(0.0, _STEP_TIME * slowest, POINTS)
+    own, end = control.loop_as_run(plant.point, brake), _STEP_TIME * slowest
+    steps = {"reference": 1.0, "torque": LOAD_STEP}
+    if own is not None:
+        return head, {**arrays, **dict(zip(("time", "step", "load"), own.responses(end, POINTS, **steps), strict=True))}
+    if not isinstance(loop, DeadTimeLoop):
+        return {**head, "no_step": "a discrete controller has no step response here; see the braking run"}, arrays
+    times = np.linspace(0.0, end, POINTS)
     try:
-        step, load = slip_responses(control.linear(None), plant, brake, times, reference=1.0, torque=LOAD_STEP)
+        step, load = slip_responses(control.linear(None), plant, brake, times, **steps)
     except InputError as error:
         return {**head, "no_step": str(error)}, arrays
     return head, {**arrays, "time": times, "step": step.output, "load": load.output}

@@ -31,7 +31,7 @@ function fmt(x, digits = 4) {
   return text.replace("-", "−");
 }
 const plainName = (name) => name.replaceAll("_", " ");
-const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·")}`);
+const unitOf = (unit) => (unit === "1" ? "" : `, ${unit.replaceAll("*", "·").replace("^2", "²")}`);
 const msText = (ms) => (ms === null ? "unstable" : fmt(ms));
 const cut = (text) => `“${text.slice(0, 40)}”`;
 
@@ -308,13 +308,13 @@ function takeLoop(answer) {
 
 // Show the margins of the loop, and its gain range over the envelope as soon as it is known.
 function showMargins() {
-  const { stable, later, no_loop: none } = loop, ahead = verdict ?? envelope, least = (later ? verdict?.least : ahead?.least) ?? null;
-  const margin = (value, unit) => (none || !stable ? "–" : value === undefined ? "…" : fmt(value ?? Infinity, 3) + unit);
+  const { stable, no_loop: none } = loop, least = (verdict ?? envelope)?.least ?? null;
+  const margin = (value, unit) => (none || !stable ? "–" : fmt(value ?? Infinity, 3) + unit);
   $("ms").textContent = none ? "–" : msText(loop.ms);
-  $("phase-margin").textContent = margin(later ? least?.phase_deg : loop.phase_margin_deg, "°");
-  $("delay-margin").textContent = margin(later ? least?.delay_s : loop.delay_margin_s, " s");
-  const range = least ?? (stable && !later ? loop : null);
-  let text = none ? "–" : stable ? "…" : "none";
+  $("phase-margin").textContent = margin(loop.phase_margin_deg, "°");
+  $("delay-margin").textContent = margin(loop.delay_margin_s, " s");
+  const range = least ?? (stable ? loop : null);
+  let text = none ? "–" : "none";
   if (range) text = `${fmt(range.gain_decrease ?? 0, 3)} to ${fmt(range.gain_increase ?? Infinity, 3)} times`;
   else if (loop.range) text = `stable ${fmt(loop.range[0] ?? 0, 3)} to ${fmt(loop.range[1] ?? Infinity, 3)} times`;
   $("gain-range").textContent = text;
@@ -324,7 +324,7 @@ function showMargins() {
 function showVerdict(answer, outdated = false) {
   $("verdict").className = answer.verdict ?? "";
   $("verdict").textContent = answer.line;
-  $("told").textContent = answer.told?.join(" ") ?? "";
+  $("told").textContent = answer.told?.join(". ") ?? "";
   $("answer").classList.toggle("stale", outdated);
   if (loop) showMargins();
   draw["envelope-map"]();
@@ -361,8 +361,8 @@ function takeStops(answer) {
 function takeRegion(answer, outdated) {
   if (outdated) return;
   region = answer.error ? { levels: [] } : answer;
-  const none = answer.error ?? "no gains of this kind stabilise every operating point; see the map of speed and load";
-  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "hardest points first, then all" : region.levels ? "" : "hardest points";
+  const none = answer.error ?? "no gains of this kind stabilise every operating point: hold less slip, or choose another kind";
+  $("map-told").textContent = region.levels?.length === 0 ? none : region.few ? "at the hardest points; all follow" : region.levels ? "" : "at the hardest points";
   if (!answer.error) fitMap();
   drawMap();
   if (!region.few) return;
@@ -689,9 +689,9 @@ function fitMap() {
 }
 
 function drawMap() {
-  const of = sheet("gain-map");
-  if (!view || !kindNow().loop) return $("map-read").replaceChildren();
-  const names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
+  $("map-help").hidden = !kindNow().loop;
+  if (!view || !kindNow().loop) return instead("gain-map", kindNow().loop ? "…" : "no map without a linear loop");
+  const of = sheet("gain-map"), names = axes(), [x, y] = names.map((name) => design.values[name]), labels = names.map((name) => plainName(name) + unitOf(kindNow().sliders.find((one) => one.name === name)?.unit ?? "1"));
   const area = (mapArea = panel(of, MARGIN.title, of.height - MARGIN.bottom, { x: view.x, y: view.y, logX: view.log, logY: view.log, labelX: labels[0], title: labels[1] }));
   inside(area, (ctx) => {
     ctx.fillStyle = inks.void;
@@ -732,7 +732,7 @@ function drawLevels(area) {
     for (const side of [0, 1]) line(area, single.map((row) => row[1][0][side]), single.map((row) => row[0]), strong ? inks.ink : inks.dim, strong ? 1.75 : 0.75);
   }
   for (const { ms, rows } of region.levels.filter((one) => one.ms !== null)) {
-    const [ki, gaps] = rows.at(-1), [px, py] = [area.x((gaps[0][0] + gaps.at(-1)[1]) / 2), Math.max(area.y(ki), area.top + 8)];
+    const [ki, gaps] = rows.at(-1), [px, py] = [area.x((gaps[0][0] + gaps.at(-1)[1]) / 2), Math.max(area.top + 8, Math.min(area.bottom - 8, area.y(ki)))];
     ctx.fillStyle = inks.paper;
     ctx.fillRect(px - 10, py - 7, 20, 14);
     write(ctx, fmt(ms, 2), px, py, "center", inks.ink);
@@ -778,7 +778,7 @@ async function save(name) {
   say(name === "report.html" ? "Making the report, about a minute; you can go on working." : "", true);
   const answer = await ask("file", { design, name });
   if (answer.text === undefined) return answer.error ? say(answer.error) : null;
-  say("");
+  say(name === "controller.toml" ? "Saved. To judge it: railslip margins --controller controller.toml --envelope default, with the --vehicle of this page." : "", true);
   const link = make("a", { href: URL.createObjectURL(new Blob([answer.text], { type: "text/plain" })), download: name });
   link.click();
   return setTimeout(() => URL.revokeObjectURL(link.href), RETRY);
@@ -825,7 +825,7 @@ async function chooseKind() {
 
 function drawAll() {
   readInks();
-  for (const id of PLOTS) if (id !== "envelope-map" || envelope) draw[id]();
+  for (const id of PLOTS) if (id !== "envelope-map" || envelope || !kindNow().loop) draw[id]();
   drawMap();
 }
 
