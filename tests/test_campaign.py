@@ -303,7 +303,7 @@ def test_two_do_not_write_into_one_folder_and_a_damaged_part_is_named(finished, 
     with pytest.raises(InputError, match="delete it and resume"):
         summarise(store)
     pq.write_table(finished.read(Part(0, 5)).slice(0, 3), first)
-    with pytest.raises(InputError, match="3 rows .* 24"):
+    with pytest.raises(InputError, match=r"3 rows .* 24"):
         summarise(store)
 
 
