@@ -52,7 +52,7 @@ _PICTURES = ("distributions", "scatter")  # PNG
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
 @switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
-@preset("--points", "N", "With --rare or --confidence-levels: stops in each level of a repeat.", POINTS, type=int)
+@preset("--points", "N", "With --rare or --confidence-levels: number of stops in each level.", POINTS, type=int)
 @switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(

@@ -155,7 +155,7 @@ def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True)
         least = {name: judgement.least(name, largest=name == "gain_decrease")[0] for name in names}
     cases = {points.case(i).words: int(points.plant[i]) for i in np.flatnonzero(points.operating).tolist()}
     head: dict[str, Any] = {"verdict": judgement.verdict, "line": judgement.verdict_line, "least": least}
-    head |= {"told": judgement.slips_told, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
+    head |= {"told": judgement.slip_notes, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
     if nominal:
         head |= {"bounds": bounds_over(points, over), "points": cases, "hardest": cases[judgement.worst.case.words]}
     return head, {}
