@@ -452,7 +452,9 @@ def _designed(
     )
     meanwhile(found)
     known = iter(had())
-    trials = [replace(one, stops=_with_bounds(one.stops, known)) if i in bounded else one for i, one in enumerate(trials)]
+    trials = [
+        replace(one, stops=_with_bounds(one.stops, known)) if i in bounded else one for i, one in enumerate(trials)
+    ]
     return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
@@ -463,7 +465,9 @@ def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tupl
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
     found = _rival_alone(name, controller, envelope, nominal)
-    return replace(found, stops=_with_bounds(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops])))
+    return replace(
+        found, stops=_with_bounds(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops]))
+    )
 
 
 def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
