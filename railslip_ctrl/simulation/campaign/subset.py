@@ -30,6 +30,7 @@ _PAIRS = 40  # pairs of these points between which the event is checked
 _FARTHEST = 1.5  # times a point of the event: the farthest point of the search for the event's boundary
 
 
+@by_content
 class Levels(NamedTuple):
     """Thresholds, and the step of the moves in each level, (n,); a step of 1 draws a new point."""
 
@@ -37,6 +38,7 @@ class Levels(NamedTuple):
     steps: Floats
 
 
+@by_content
 class Repeat(NamedTuple):
     """One independent estimate.
 
