@@ -66,6 +66,7 @@ class Repeat(NamedTuple):
         return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
 
 
+@by_content
 class Sampled(NamedTuple):
     """An estimate by importance sampling."""
 
