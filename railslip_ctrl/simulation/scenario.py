@@ -323,7 +323,7 @@ class _Keys(Scenario):
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """Load a scenario, SI, from a built-in name ("park2008", "park2008-si", "stop") or a TOML file.
+    """Load a scenario, SI; `source` is a built-in name ("park2008", "park2008-si", "stop") or a TOML file.
 
     InputError: one line with the file, the key, the value and what is allowed.
     """

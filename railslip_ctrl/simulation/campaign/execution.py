@@ -167,7 +167,7 @@ def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
 
 @dataclass(frozen=True)
 class Store:
-    """Folder of a campaign; each file holds a part of `part_runs` runs."""
+    """Results of a campaign in a folder, in which each file holds a part of `part_runs` runs."""
 
     campaign: Campaign
     folder: Path

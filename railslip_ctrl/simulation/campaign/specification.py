@@ -75,7 +75,7 @@ class Distribution:
         return self.low, self.high
 
     def at(self, u: float) -> float:
-        """Quantile: the value at probability `u`, 0 <= u < 1."""
+        """Quantile: the value at a share `u` of the distribution, 0 <= u < 1."""
         raise NotImplementedError
 
 
