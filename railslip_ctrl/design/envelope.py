@@ -292,7 +292,7 @@ class Case:
         return linearize(self.point)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the case with its tolerances: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
         point, car = self.point, self.point.vehicle
         changed = (

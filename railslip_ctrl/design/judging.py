@@ -71,19 +71,19 @@ class WorstCase:
         return math.inf if self.sampled is None else self.sampled.ms
 
     @property
-    def loop_words(self) -> str:
+    def loop_description(self) -> str:
         """Ms of the loop with its case as text."""
-        return f"{_kept(self.margins)} at {self.case.words}"
+        return f"{_kept(self.margins)} at {self.case.description}"
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Ms, also of the sampled loop, with the case as text."""
         if self.as_run is None or self.margins is self.sampled is None:
-            return self.loop_words
+            return self.loop_description
         run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
-            return f"{_kept(self.margins)} ({run}) at {self.case.words}"
-        return f"{self.loop_words} ({run} at {self.run_case.words})"
+            return f"{_kept(self.margins)} ({run}) at {self.case.description}"
+        return f"{self.loop_description} ({run} at {self.run_case.description})"
 
     def table(self) -> dict[str, Any]:
         """Ms, phase (deg) and delay margin (s) with the case for JSON; null if unstable or unbounded."""
@@ -274,11 +274,11 @@ class Judgement:
         everywhere = np.ones(len(self.points), dtype=bool)
         line = self._decided(everywhere)
         if self.verdict != "unstable" and not self.nominal and self._stable(everywhere):
-            line += f"; with tolerances {self.worst_with_tolerances.words}"
+            line += f"; with tolerances {self.worst_with_tolerances.description}"
         if self.usable_from_kmh is None and self._in_use.any():
             return f"{line}; unstable at the highest speed too, {max(self.envelope.speeds):g} km/h{self._handed_over}"
         if (self.usable_from_kmh or 0.0) > max(min(self.envelope.speeds), self.hand_over_kmh / _ROUNDING):
-            line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
+            line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.description}"
         left_out = len(self.points.skipped)
         return line + (f"; {left_out} left out" if left_out else "") + self._handed_over
 
@@ -353,7 +353,7 @@ class Judgement:
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
-        case = worst.words.removeprefix("unstable at ") if verdict == "unstable" else worst.words
+        case = worst.description.removeprefix("unstable at ") if verdict == "unstable" else worst.description
         return f"{verdict}{' at the operating points' if self.nominal else ''}: {case}"
 
     def _summary(self, chosen: Flags) -> tuple[float, float]:

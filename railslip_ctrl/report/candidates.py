@@ -157,7 +157,7 @@ def _as_given(trial: Trial) -> tuple[bool, int, float]:
 class Remedy:
     """Smallest change of the brake tried with which a controller qualifies, and the trial of this controller."""
 
-    words: str
+    description: str
     trial: Trial
 
 

@@ -58,7 +58,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "prefer": report.prefer,
         "trials": [_trial_json(trial) for trial in report.trials],
         "remedy": report.remedy
-        and {"brake": report.remedy.words, "mean_stop_m": plain(report.remedy.trial.distance())},
+        and {"brake": report.remedy.description, "mean_stop_m": plain(report.remedy.trial.distance())},
         "limits": [
             {
                 **exported(point, "rail", "speed_kmh", mass_kg="vehicle.mass"),

@@ -165,7 +165,8 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
         yield "Decides", f"{phrase}."
         helps = f"none of the brakes tried, down to {tried}"
         if remedy is not None:
-            helps = f"a brake with {remedy.words}: {_kind(remedy.trial.choice)} then qualifies, {_metres(remedy.trial)}"
+            kind, mean = _kind(remedy.trial.choice), _metres(remedy.trial)
+            helps = f"a brake with {remedy.description}: {kind} then qualifies, {mean}"
         yield "Would help", f"{helps}. Less slip, and hand-over at a higher speed, did not."
     else:
         of, more = f"{len(good)} of {len(report.trials)} candidates qualify", _not_run(report)
@@ -460,8 +461,8 @@ def _envelope(report: DesignReport) -> Section:
         for name, one in worst:
             found = one.margins
             margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
-            rows.append((name, ms_text(one.ms), *margins, one.case.words, *run))
+            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.description)
+            rows.append((name, ms_text(one.ms), *margins, one.case.description, *run))
         axes = [
             (
                 _AXES.get(axis, axis),
@@ -780,7 +781,7 @@ def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),
         Facts([(first.headline, first.subject + file), *first.lines]),
-        Table(first.head, first.rows, words=(2,)),
+        Table(first.head, first.rows, text_columns=(2,)),
         rest,
     ]
     return render(parts)

@@ -490,7 +490,7 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
-    return tuple(ShownLoop(case.loop_words, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
+    return tuple(ShownLoop(case.loop_description, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
 
 
 def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldElsewhere]:
