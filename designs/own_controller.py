@@ -29,7 +29,7 @@ def run(runs: int = 200) -> dict:
 def main() -> None:
     """Print the results; with a folder, draw them."""
     found = run()
-    print(found["check"], found["check"].worst.words, found["stop"], found["many"].table(), sep="\n\n")
+    print(found["check"], found["check"].worst.description, found["stop"], found["many"].table(), sep="\n\n")
     for folder in map(Path, sys.argv[1:]):
         loop, pictures = found["loop"], {"map": found["check"].map.plot(), "stop": found["stop"].plot()}
         for name, figure in {**pictures, "bode": loop.bode_plot(), "nyquist": loop.nyquist_plot()}.items():

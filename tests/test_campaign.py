@@ -143,16 +143,16 @@ def mass(distribution, relative=False, *paths):
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
     (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
-    (lambda: Normal(0.0, 1.0, 9.0, 10.0), "nothing of the distribution"),
+    (lambda: Normal(0.0, 1.0, 9.0, 10.0), "normal: .* low and high"),
     (lambda: LogNormal(-1.0, 0.1), "median: -1"), (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
     (lambda: Choice(()), "choice: .* at least one"), (lambda: Choice((1.0,), (0.0,)), "weights"),
     (lambda: Grid((math.nan,)), "grid: .* finite"),
     (lambda: mass(Uniform(-1.0, 4000.0)), r"vehicle: mass: -1 is not allowed; give a value > 0 \(kg\)"),
     (lambda: mass(Uniform(3000.0, 9000.0)), "mass_loaded: 5276 is not allowed"),
-    (lambda: mass(Uniform(0.9, 1.1), True, "limits.torque_max"), "no number for a factor"),
+    (lambda: mass(Uniform(0.9, 1.1), True, "limits.torque_max"), "limits.torque_max.* factor"),
     (lambda: mass(Uniform(3000.0, 4000.0), False, "vehicle.mass", "vehicle.mass"), "given twice"),
     (lambda: mass(Grid((3000.0, 3300.0, 3500.0))), "multiple of them: 3 or 6"),
-    (lambda: Campaign(SHORT, (), 4), "none given"),
+    (lambda: Campaign(SHORT, (), 4), "controllers: "),
     (lambda: Campaign(SHORT, (SOFT, SOFT), 4), "two have the name 'soft'"),
     (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
     (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2: 16 or 32"),
@@ -191,13 +191,13 @@ def test_a_file_gives_the_campaign(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [
-    ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
+    ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' .* did you mean 'vehicle.mass'"),
     ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
     ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
     ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
-    ("kp = 1500", "", "kp and ki: give both"),
+    ("kp = 1500", "", "kp and ki: "),
     ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is "),
-    ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
+    ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml states it"),
     ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
     ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
 ])  # fmt: skip
@@ -267,7 +267,7 @@ def test_what_cannot_be_executed_or_summed_up_is_refused(finished, tmp_path):
     out = tmp_path / "out"
     for options, words in (
         ({"workers": 0}, "workers: 0"),
-        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave them out with a scheduler"),
+        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "workers: .* scheduler"),
         ({"part_runs": 0}, "part_runs: 0"),
         ({"scheduler": "nonsense://here"}, "cannot be reached"),
     ):
@@ -283,12 +283,12 @@ def test_what_cannot_be_executed_or_summed_up_is_refused(finished, tmp_path):
     out.mkdir()
     manifest, content = out / MANIFEST, (finished.folder / MANIFEST).read_text()
     version = json.loads(content)["version"]
-    for text, words in ((content.replace(version, "0.0.1"), r"begun with version 0\.0\.1"), ("{}", "no campaign's")):
+    for text, words in ((content.replace(version, "0.0.1"), r"begun with version 0\.0\.1"), ("{}", MANIFEST)):
         manifest.write_text(text)
         with pytest.raises(InputError, match=words):
             execute(finished.campaign, out)
     for place in (tmp_path, manifest):
-        with pytest.raises(InputError, match="holds something else"):
+        with pytest.raises(InputError, match="other files"):
             execute(finished.campaign, place)
     assert os.listdir(tmp_path) == ["out"]
 
@@ -303,7 +303,7 @@ def test_two_do_not_write_into_one_folder_and_a_damaged_part_is_named(finished, 
     with pytest.raises(InputError, match="delete it and resume"):
         summarise(store)
     pq.write_table(finished.read(Part(0, 5)).slice(0, 3), first)
-    with pytest.raises(InputError, match="3 rows in place of 24"):
+    with pytest.raises(InputError, match=r"3 rows .* 24"):
         summarise(store)
 
 
@@ -450,7 +450,7 @@ def test_the_command(tmp_path, railslip):
     assert float(log[-1].split(",")[1]) == content["controllers"]["soft"]["braking_distance_m"]
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),
-        (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
+        (("--worst-by", "speed"), "--worst-by: unknown measure 'speed'"),
         (("--controller", "pi-lad"), "--controller: 'pi-lad' is "),
     ):
         assert refused(railslip("campaign", path, "--out", out, *wrong)).startswith(f"railslip: error: {words}")

@@ -71,7 +71,7 @@ FILES = {
     "own.py": "class C:\n  def step(self, *x): ...\n  def linear(self, x): return 'text'\nCONTROLLER = C()\n",
 }
 SAMPLED = "margins --rail dry --speed 100 --controller sampled.py"
-GIVEN = "does not go with a controller from a file"
+GIVEN = "is not allowed with a controller file"
 TWICE = "identify log.csv {0} train_speed=1 {0} train_speed=2"
 SEEDS = "give a whole number from 2 to 100000"
 
@@ -141,7 +141,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("identify log.csv --bound mu_max=0.2", "--bound mu_max: '0.2' is not allowed; give LOW:HIGH"),
     ("identify log.csv --fix q=1", "--fix: 'q' is not a parameter of the model"),
     ("identify log.csv --vehicle nothing.toml", "--vehicle: nothing.toml"),
-    ("simulate --scenario park2009", "--scenario: 'park2009' is not one; choose one of park2008, park2008-si, stop"),
+    ("simulate --scenario park2009", "--scenario: unknown name 'park2009'; choose one of park2008, park2008-si, stop"),
     ("simulate --encoder-teeth 0.5", "encoder_teeth: 0.5 is not allowed; give at least 1, or 0"),
     ("simulate --controller pid", "did you mean 'pi'"),
     ("simulate --gains dahl", "--gains: 'dahl' is not a column of Table 4; choose beam or bristle"),

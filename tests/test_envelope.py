@@ -49,8 +49,8 @@ def test_the_default_is_the_documented_one_and_operating_points_are_there_whatev
     assert (len(points), len(nominal), nominal.operating.sum()) == (1 + 2 * 9, 1, 1)
     assert [(points.case(i).point.slip, i) for i in np.flatnonzero(points.operating)] == [(0.132, 0)]
     assert {points.case(i).point.vehicle.wheel.radius for i in range(1, len(points))} == {0.94 * COACH.wheel.radius}
-    assert nominal.case(0).words == "curve, dry, loaded, 60 km/h"
-    assert points.case(2).words == "curve, dry, loaded, 60 km/h, slip -50 %, lag -30 %, radius -6 %"
+    assert nominal.case(0).description == "curve, dry, loaded, 60 km/h"
+    assert points.case(2).description == "curve, dry, loaded, 60 km/h, slip -50 %, lag -30 %, radius -6 %"
 
 
 def test_every_case_is_its_own_combination():
@@ -251,7 +251,7 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert judged.worst.ms <= nominal.worst.ms
     assert judged.usable_from_kmh == judged.robust_from_kmh == 60.0
     assert judged.worst.point.speed_kmh >= 60.0
-    assert f"stable from 60 km/h up, there {judged.worst_with_tolerances.words}" in str(judged)
+    assert f"stable from 60 km/h up, there {judged.worst_with_tolerances.description}" in str(judged)
     assert judged.worst_with_tolerances.ms == pytest.approx(44.51, abs=0.01)
     slow = judge(both.at(speeds=(10, 100)), PI_LEAD)
     assert (slow.verdict, slow.usable_from_kmh) == ("unstable", 100.0)
@@ -292,7 +292,7 @@ def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_u
     )
     assert (judged.verdict, judged.hand_over_kmh) == ("fragile", 60.0)
     assert judged.verdict_in_use == above.verdict == "robust"
-    assert f"hands over below 60 km/h, in use robust: {above.worst.words}" in judged.verdict_line
+    assert f"hands over below 60 km/h, in use robust: {above.worst.description}" in judged.verdict_line
     assert judge(envelope, changed(control, hand_over_speed=30.0)).verdict_in_use is None
     control.save(tmp_path / "c.toml")
     words = ("--controller", tmp_path / "c.toml", "--rail", "dry", "--speed")
@@ -406,7 +406,7 @@ def test_the_time_to_the_reference_is_that_of_the_integral(selection):
     assert found.reach_s == pytest.approx(max(time for time, _ in times), abs=2e-3)
     assert found.stop_s in [pytest.approx(stop, rel=1e-12) for _, stop in times]
     assert found.reaches == (found.reach_s <= REACH_SHARE * found.stop_s)
-    assert ("its reference takes" in found.words) != found.reaches
+    assert ("its reference takes" in found.description) != found.reaches
 
 
 def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():
@@ -520,7 +520,8 @@ def test_errors_of_sensors_and_brake_are_tolerances():
     found = judge(Envelope(PARK2008, **narrow, **errors), pi)
     cases = [found.points.case(i) for i in range(len(found.points))]
     assert [case.errors for case in cases] == [(1.0, 1.0, 1.0), (0.85, 0.98, 1.02), (1.15, 0.98, 1.02)]
-    assert cases[1].words == "curve, dry, empty, 60 km/h, torque gain -15 %, speed scale -2 %, believed radius +2 %"
+    errors = "torque gain -15 %, speed scale -2 %, believed radius +2 %"
+    assert cases[1].description == f"curve, dry, empty, 60 km/h, {errors}"
     assert cases[1].table()["speed_scale"] == 0.98
     rolled = 0.94 * cases[1].point.speed * 0.98 / 1.02  # r omega of which the measured slip is 0.06
     for case, gain in zip(cases[1:], (0.85, 1.15), strict=True):

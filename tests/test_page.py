@@ -97,7 +97,7 @@ def test_the_loop_shown_is_the_exact_one_of_the_worst_operating_point(page):
     head, arrays = page.ask("loop", design=DESIGN)
     worst = rs.judge(ENVELOPE, PI_LEAD, nominal=True).worst
     m = worst.margins
-    assert (head["where"], head["stable"]) == (worst.case.words, True)
+    assert (head["where"], head["stable"]) == (worst.case.description, True)
     told = ("ms", "phase_margin_deg", "delay_margin_s", "gain_increase", "gain_decrease")
     assert [head[name] for name in told] == [m.ms, m.phase_deg, m.delay_s, m.gain_increase, m.gain_decrease]
     assert head["frequencies"]["ms"] == m.ms_frequency
@@ -134,7 +134,7 @@ def test_the_verdict_is_that_of_margins_and_its_words(page):
             for name in ("phase_deg", "delay_s", "gain_increase", "gain_decrease")
         }
     head, _ = page.ask("envelope", design=DESIGN)
-    assert list(head["points"])[head["hardest"]] == judged.worst.case.words
+    assert list(head["points"])[head["hardest"]] == judged.worst.case.description
     limits = [rs.fundamental_limits(rs.actuated_plant(one, CAR.actuator), 0.15).ms_bound
               for one in operating_plants(ENVELOPE.points(nominal=True))]  # fmt: skip
     assert np.max(head["bounds"]) == pytest.approx(max(limits), rel=1e-12)

@@ -266,8 +266,8 @@ def test_a_lock_is_the_slip_at_which_runs_report_one():
 
 @pytest.mark.parametrize(("changes", "words"), [
     ({"controllers": (CONTROLLER, published_controller("asmc"))}, "controllers: 2 given"),
-    ({"quantities": (Quantity(("vehicle.mass",), Grid((3000.0,))),)}, "is a grid, which has no probability"),
-    ({"scenario": SCENARIO.with_changes(disturbances={}, measurement={}), "quantities": ()}, "nothing is random"),
+    ({"quantities": (Quantity(("vehicle.mass",), Grid((3000.0,))),)}, "vehicle.mass.* is a grid"),
+    ({"scenario": SCENARIO.with_changes(disturbances={}, measurement={}), "quantities": ()}, "random"),
 ])  # fmt: skip
 def test_campaigns_without_a_probability_are_refused(changes, words):
     with pytest.raises(InputError, match=words):

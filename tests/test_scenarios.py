@@ -140,7 +140,7 @@ BOTH_KINDS = 'events = [{time = 20.0, rail = "dry", adhesion_factor = 1.0}, {dis
     ("final_speed = 60.0", "give a value < initial_speed"),
     ("limits = 3", "limits: 3 is not allowed; give a table"),
     ("[limits]\nrat = 1.0", "limits.rat: unknown key; did you mean 'rate'"),
-    ('[[events]]\nrail = "wet"', "give either time or distance"),
+    ('[[events]]\nrail = "wet"', "event: .*time and distance"),
     ("[[events]]\ntime = 1.0", "changes nothing"),
     ('vehicle = "none.toml"', "vehicle: .*no such file"),
     ("[vehicle]\nmas = 1.0", "vehicle: mas: unknown key; did you mean 'mass'"),
@@ -148,7 +148,7 @@ BOTH_KINDS = 'events = [{time = 20.0, rail = "dry", adhesion_factor = 1.0}, {dis
     ("adhesion = 3", "adhesion: 3 is not allowed"),
     ('initial_speed = "200 km/h"', "outside 30 to 140 km/h"),
     ("step = 1e-9", "step: 1e-09 is not allowed; give a value >= 1e-05"),
-    ('extends = "park2009"', "extends: 'park2009' is not one; choose park2008"),
+    ('extends = "park2009"', "extends: .*'park2009'; choose park2008"),
     ('extends = "mine.toml"', "files extend one another"),
     ('extends = "none.toml"\nadhesion = "curve"\ninitial_speed = 20.0', "none.toml: no such file"),
     ('vehicle = "park2008"\nadhesion = "curve"', "needs initial_speed"),
@@ -489,7 +489,8 @@ def test_events_are_told_in_order_of_happening(simulated, file, log_period):
 
 def test_a_log_period_between_samples_is_said_and_a_folder_takes_report_series_and_pictures(simulated):
     arguments = ("--csv", "run.csv", "--log-period")
-    assert "--log-period: rows are 0.014 s apart, not 0.0137 s" in simulated(*arguments, "0.0137")[2]
+    message = simulated(*arguments, "0.0137")[2]
+    assert all(fact in message for fact in ("--log-period", "0.0137 s", "rows are 0.014 s apart"))
     assert np.diff(pd.read_csv("run.csv")["time [s]"])[:-1] == pytest.approx(0.014)  # the last is the stop
     assert "--log-period" not in simulated(*arguments, "0.03")[2]
     assert "--log-period" not in simulated("--log-period", "0.0137")[2]  # nothing is written

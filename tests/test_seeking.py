@@ -559,7 +559,7 @@ def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
     assert found.worst.ms == pytest.approx(dense, rel=1e-5)  # of the grid
     assert wheel_slip_loop(case.point, CONTROL).margins().ms == found.worst.ms
     told = judge(envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)), CONTROL)
-    assert (told.verdict_line, told.slips_told) == (found.verdict_line, found.slips_told)
+    assert (told.verdict_line, told.slip_notes) == (found.verdict_line, found.slip_notes)
     options = ["--controller", "seeking", "--adhesion", "curve", "--rail", "wet", "--speed", "60", "--json"]
     table = json.loads(railslip("margins", *options)[1])["cases"][0]
     point = operating_point(published_law("curve", "wet"), PARK2008, 60 / 3.6, 0.092)

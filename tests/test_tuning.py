@@ -409,8 +409,8 @@ def test_brute_force_finds_nothing_better(seed):
 
 def test_a_specification_takes_whatever_can_be_asked_says_it_and_refuses_what_cannot_be():
     asked = Specification(ms_max=1.01, phase_min_deg=179.0, delay_min_s=0.002, crossover=(0.0, 0.003))
-    assert all(value in asked.words for value in ("1.01", "179", "0.002", "0 to 0.003"))
-    assert (asked.only_ms, Specification(ms_max=2.0).only_ms, Specification().words) == (False, True, "")
+    assert all(value in asked.description for value in ("1.01", "179", "0.002", "0 to 0.003"))
+    assert (asked.only_ms, Specification(ms_max=2.0).only_ms, Specification().description) == (False, True, "")
     assert (is_robust(2.0), is_robust(2.0001)) == (True, False)
     refused = [("ms_max", x) for x in (1.0, np.inf, "2")] + [("phase_min_deg", x) for x in (-1.0, 180.0, np.nan)]
     refused += [("delay_min_s", x) for x in (-1.0, np.inf)]

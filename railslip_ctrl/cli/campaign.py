@@ -1,4 +1,4 @@
-"""`railslip campaign`."""
+"""Command `railslip campaign`: many braking runs with statistics, or the probability of a rare event."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ _PICTURES = ("distributions", "scatter")  # PNG
 )
 @option("--workers", "N", "Processes.", "one for each core", type=int)
 @option("--scheduler", "ADDRESS", "Dask scheduler whose workers run it, tcp://HOST:PORT.", "none")
-@preset("--device", "cpu|gpu", "Run on the processor's cores, or on a CUDA GPU (extra gpu).", "cpu")
+@preset("--device", "cpu|gpu", "Run on the processor's cores, or on an NVIDIA GPU (extra gpu).", "cpu")
 @preset("--worst-by", "MEASURE", "Column that ranks the worst runs.", "braking_distance_m")
 @option("--replay", "I", "Repeat run number I, with its time series (CSV, picture).", "none", to="number", type=int)
 @option("--rare", "lock|BOUND", 'Probability of "distance > 420 m", "time > 20 s", "slip > 0.5" or lock.', "none")
 @switch("--confidence-levels", "Table of Kdry_rst, the deceleration's factor for ETCS confidence levels 0 to 9.")
-@preset("--points", "N", "With either: number of stops in each level of a repeat.", POINTS, type=int)
+@preset("--points", "N", "With --rare or --confidence-levels: number of stops in each level.", POINTS, type=int)
 @switch("--internal", "With --replay: write the controllers' internal state into the time series too.")
 @json_option
 def command(
@@ -70,11 +70,12 @@ def command(
     internal: bool,
     as_json: bool,
 ) -> None:
-    """Run a scenario many times with sampled quantities, on every core, with statistics; an interrupted campaign is
-    continued. Exit status 0, or 2 for bad input.
+    """Run a scenario many times with sampled quantities and report statistics.
 
-    The adhesion law is the scenario's, so there is no --adhesion: name a scenario file in CAMPAIGN.toml, with
-    scenario = "own.toml", and in it the law by the key adhesion = "beam", or adhesion = "law.toml" for your own.
+    The runs use every core. An interrupted campaign is continued. Exit status 0, or 2 for bad input.
+
+    The adhesion law is the scenario's; there is no --adhesion. Name a scenario file in CAMPAIGN.toml (scenario =
+    "own.toml") and the law in that file (adhesion = "beam", or adhesion = "law.toml" for your own).
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
@@ -128,7 +129,7 @@ def _show_rare(found: RareEvent | ConfidenceLevels, out: Path, scenario: str, *,
 
 
 def _scenario_from(campaign_file: Path, out: Path) -> str:
-    """The scenario of a campaign's file as a file in another folder names it."""
+    """Path or name of a campaign file's scenario, as a file in the folder `out` has to write it."""
     named = str(read_toml(campaign_file)["scenario"])
     return os.path.relpath(campaign_file.parent / named, out) if named.lower().endswith(".toml") else named
 
@@ -151,7 +152,7 @@ def _replay(campaign: Campaign, number: int, out: Path, *, internal: bool, as_js
 
 
 def _write_csv(run: Run, path: Path, *, internal: bool) -> None:
-    """Time series, SI, with every digit; what is no number is left empty."""
+    """Write the time series of a run in SI with every digit; a value that is not a number is left empty."""
     assert run.signals is not None, "a replay records them"
     own = run.controller_signals.items() if internal else ()
     columns = {**run.signals._asdict(), **{f"controller_{name}": values for name, values in own}}
@@ -171,7 +172,7 @@ def _drawings(summary: CampaignSummary) -> Drawings:
 
 @contextmanager
 def _bar(runs: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar on standard error."""
+    """Show a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -179,12 +180,12 @@ def _bar(runs: int) -> Iterator[Callable[[int], None]]:
     bar = Progress(*columns, console=Console(stderr=True))
     task = bar.add_task("runs", total=runs)
 
-    def tell(done: int) -> None:
-        bar.start()  # not before there is something to tell: a refusal stands alone
+    def advance(done: int) -> None:
+        bar.start()  # not earlier: a command that is refused prints its message alone
         bar.advance(task, done)
 
     try:
-        yield tell
+        yield advance
     finally:
         if bar.live.is_started:
             bar.stop()

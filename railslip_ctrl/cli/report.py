@@ -1,4 +1,4 @@
-"""`railslip report`, the main job."""
+"""Command `railslip report`: recommend a controller for a vehicle."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ _PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion", "no-lock"
 @preset(
     "--prefer",
     "|".join(PREFERENCES),
-    "What decides between controllers that qualify: the shortest mean stop, or the least worst Ms.",
+    "What decides between candidates that qualify: the shortest mean stop, or the least worst Ms.",
     PREFERENCES[0],
     type=click.Choice(PREFERENCES),
 )
@@ -93,11 +93,12 @@ def command(
     fresh: bool,
     prefer: str,
 ) -> None:
-    """Recommend a slip controller for a vehicle: the best over its envelope of speeds, rails, loads and tolerances.
-    The report says from which speed to use it, how it brakes, and why. Given gains, or a controller of your own, run
-    in the same stops and are judged if they have margins. The first page of report.html takes a minute to read;
-    recommended.toml is the design, as simulate and margins take it. Exit status 0 whatever is found, or 2 for bad
-    input or a folder that cannot be written to.
+    """Recommend a slip controller for a vehicle over its envelope of speeds, rails, loads and tolerances.
+
+    The report states from which speed to use the controller, how it brakes, and why. Gains or a controller of your own
+    run in the same stops, and are judged if they have margins. The first page of report.html takes a minute to read;
+    recommended.toml is the design for simulate and margins. Exit status 0 for every result, or 2 for bad input or a
+    folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -107,13 +108,13 @@ def command(
         refuse_given("fresh", because="with --no-html")
     started = time.perf_counter()
 
-    def told(message: str) -> None:
+    def note(message: str) -> None:
         progress(f"{time.perf_counter() - started:5.1f} s  {message}")
 
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
-    check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
+    check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the long work
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-    plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
+    plant = judged.points(nominal=True).plants[0]  # fails now, not after the long work, if there is no plant
     given: dict[str, Any] = {}
     gains = chosen_gains(kp, ki)
     if controller is not None:
@@ -122,10 +123,10 @@ def command(
         given = {"given PI": PIController(gains)}
     for one in given.values():
         if not no_margins(one):
-            wheel_slip_loop(plant, one)  # refuses what is not linear there
+            wheel_slip_loop(plant, one)  # an InputError if the controller is not linear at this point
     pictures = Pictures()
     with claimed(out):
-        draw = partial(_draw, pictures=pictures, told=told)
+        draw = partial(_draw, pictures=pictures, note=note)
         found = design_report(
             judged,
             nominal=nominal,
@@ -133,10 +134,10 @@ def command(
             sliding=whole,
             fresh=fresh,
             prefer=prefer,
-            progress=told,
+            progress=note,
             meanwhile=draw,
         )
-        _draw(found, pictures, told)
+        _draw(found, pictures, note)
         rest = f"The rest: {out / (_PAGE if whole else 'report.json')}"
         files, content, text = _made(found, pictures, whole, command_line(ctx), rest, _again(cases, found, out))
         drawn = {name: files.pop(name) for name in [*pictures.files(), _PAGE] if name in files}
@@ -144,11 +145,11 @@ def command(
             count = pictures.write(out, write_files(out, files), drawn)
         finally:
             show(as_json, lambda: content, lambda: files["report.txt"].decode() if width() == WIDTH else text())
-    told(f"wrote {count} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
+    note(f"wrote {count} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _draw(found: DesignReport, pictures: Pictures, told: Callable[[str], None]) -> None:
-    """Add the pictures that are not drawn yet, PNG and SVG by name."""
+def _draw(found: DesignReport, pictures: Pictures, note: Callable[[str], None]) -> None:
+    """Draw the pictures that are missing, as PNG and SVG, and add them by name."""
 
     def drawings() -> Drawings:
         from railslip_ctrl.report.plots.designs import report_drawings
@@ -156,14 +157,14 @@ def _draw(found: DesignReport, pictures: Pictures, told: Callable[[str], None]) 
         return report_drawings(found)
 
     if not pictures.drawn:
-        told("pictures")
+        note("pictures")
     pictures.draw(drawings)
 
 
 def _made(
     found: DesignReport, pictures: Pictures, whole: bool, command: str, rest: str, again: str
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
-    """Files by name, the content of report.json, and what writes the text at the width of the moment."""
+    """Files by name, the content of report.json, and a function that writes the text at the current width."""
     first = first_page(found)
     files = pictures.files()
     if found.control is not None:
@@ -179,7 +180,7 @@ def _made(
 
 
 def _again(cases: CaseOptions, found: DesignReport, out: Path) -> str:
-    """How the first stop of the page is repeated, digit for digit; empty without one."""
+    """Command that repeats the first stop of the page digit for digit; empty if there is no stop."""
     if not found.stops:
         return ""
     stop = found.longest_stops[0]

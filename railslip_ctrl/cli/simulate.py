@@ -1,4 +1,4 @@
-"""`railslip simulate`."""
+"""Command `railslip simulate`: one braking run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from . import options
 from .output import progress, show
 from .settings import HELP, option, path_option, preset, switch
 
-LOG_PERIOD = 0.01  #: s, between the rows of the CSV and the points of the pictures, unless given
+LOG_PERIOD = 0.01  #: s, default time between rows of the CSV and between points of the pictures
 
 LARGEST_SEED = 2**63 - 1
 _TABLE_4 = ("pi", "asmc")
@@ -87,8 +87,9 @@ def command(
     as_json: bool,
     **control: Any,
 ) -> None:
-    """Simulate a braking run: outcome, time, distance, energy, slip error; time series and pictures. Exit status 1 if
-    the train did not stop, 2 for bad input.
+    """Simulate a braking run: outcome, time, distance, energy and slip error; time series and pictures.
+
+    Exit status 0, 1 if the train did not stop, or 2 for bad input.
 
     Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
     """
@@ -112,12 +113,12 @@ def command(
     rows = every * simulator.period
     if (csv is not None or out is not None) and not math.isclose(rows, log_period):
         progress(
-            f"note: --log-period: rows are {rows:g} s apart, not {log_period:g} s; a whole number of sampling periods "
-            f"of {simulator.period:g} s is taken"
+            f"note: --log-period: {log_period:g} s is not a multiple of the sampling period {simulator.period:g} s; "
+            f"rows are {rows:g} s apart"
         )
-    run = simulator.run(noise, record_every=every)  # always, as the report says when events in distance happened
+    run = simulator.run(noise, record_every=every)  # always recorded: the report has the times of events in distance
     content = simulation_json(run, column, law_speed)
-    with ExitStack() as parts:  # called from the last to the first, each whatever has failed before
+    with ExitStack() as parts:  # runs the parts from the last to the first, also if one of them fails
         parts.callback(show, as_json, lambda: content, lambda: simulation_text(run, law_speed))
         if out is not None:
             parts.callback(_write, out, run, content, simulation_text(run, law_speed), internal=internal)
@@ -140,16 +141,16 @@ def _chosen(
     kp: float | None,
     ki: float | None,
 ) -> tuple[Controller, str | None]:
-    """The controller, and the column of Table 4 that its gains are from, if any.
+    """Controller of the options, and the column of Table 4 with its gains, or None.
 
-    `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
+    `law_speed`, m/s, is v0 of the controller's own adhesion model.
     """
     vehicle, law = scenario.believed_vehicle, scenario.adhesion
     if options.is_file(controller):
         numbers = {"--gains": gains, "--kp": kp, "--ki": ki, "--slip": slip, "--period": period}
         for flag, given in (numbers | {"--unknown-rail": unknown_rail or None, "--adaptive": adaptive or None}).items():
             if given is not None:
-                raise InputError(f"{flag}: does not go with a controller from a file; put it into {controller}")
+                raise InputError(f"{flag}: is not allowed with a controller file; write it into {controller}")
         return options.controller_from_file(controller, vehicle, law.reference, law_speed), None
     name, own = options.controller_name(controller), options.chosen_gains(kp, ki)
     column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)

@@ -1,7 +1,7 @@
-"""What every controller kind is: a record of its parameters, its state, and its step in named fields.
+"""Base class of all controller kinds: a record of parameters, a state, and a step in named fields.
 
-A kind is one class in one file of this package, or of the user's. Everything else follows from the class: its TOML
-file, its options, the kernel of a braking run, its C99 program, its label in reports, its verdict over an envelope.
+A kind is one class in one file of this package or of the user's. Everything else follows from the class: its TOML file,
+its options, the kernel of a braking run, its C99 program, its label in reports, its verdict over an envelope.
 """
 
 from __future__ import annotations
@@ -38,17 +38,19 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
 PERIOD = 0.01
-"""Sampling period, s, of a controller that states none: that of common brake control units."""
+"""Default sampling period, s: that of common brake control units."""
 
 LEAST_PERIOD = 1e-5
-"""Shortest sampling period, s; a shorter one fills memory before it gains accuracy."""
+"""Shortest sampling period, s; a shorter one fills memory and gains no accuracy."""
 
-_FIRST = 1  # place in a kernel's row of the first parameter; the reference slip ratio is before it
+_FIRST = 1  # index of the first parameter in a kernel's row, which begins with the reference slip ratio
 
 
 class Measurement(NamedTuple):
-    """What a controller measures: time (s), train speed (m/s), wheel speed (rad/s), and `applied_torque` (N*m), the
-    command that the brake took since the sample before."""
+    """Measurements of one sample: time (s), train speed (m/s), wheel speed (rad/s), and `applied_torque` (N*m).
+
+    `applied_torque` is the command that the brake took since the sample before.
+    """
 
     time: float
     train_speed: float
@@ -58,8 +60,10 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class Situation:
-    """For which `rail` and sampling `period` (s) the parameters of a step are made, and the `assumed` adhesion law;
-    None outside a run for a controller without a law of its own."""
+    """Conditions of a step: the `rail`, the sampling `period` (s), and the `assumed` adhesion law.
+
+    The law is None outside a run for a controller without its own law.
+    """
 
     rail: Rail
     period: float
@@ -79,17 +83,17 @@ _BELIEFS: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
         "nominal_viscous_friction": lambda vehicle: vehicle.wheel.viscous_friction,
     }
 )
-"""Fields that a controller believes of its vehicle; a field of such a name that is not given takes the vehicle's."""
+"""Fields that state what a controller believes about its vehicle; a field left out takes the vehicle's value."""
 
 
 _GIVEN = {*_BELIEFS, "period", "tracking_time", "torque_min", "torque_max"} | {
     *("initial_torque", "hand_over_torque", "hand_over_speed")
 }
-"""Numbers that are not shaped."""
+"""Numbers that are not design numbers: beliefs, limits, start and hand-over."""
 
 
 class DesignNumber(NamedTuple):
-    """A number of a controller that is shaped: its name, value, unit, meaning, and the most that it may be."""
+    """A number that a user tunes: its name, value, unit, meaning, and upper bound."""
 
     name: str
     value: float
@@ -101,29 +105,29 @@ class DesignNumber(NamedTuple):
 class Controller(Record):
     """Base of the controller kinds.
 
-    A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`), `State` (a record of its
-    state, with the values at the start, if it remembers anything) and `step`, a static method. Where `step` needs other
-    numbers than the fields, it also defines `Parameters` (a record of them) and `parameters`.
+    A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`), `step`, a static method, and,
+    if it has a memory, `State` (a record of its state with the values at the start). If `step` needs other numbers than
+    the fields, the kind also defines `Parameters` (a record of them) and `parameters`.
     """
 
     kind: ClassVar[str]
     """Name in files, on the command line and in tables."""
     title: ClassVar[str]
-    """What it is, in a line."""
+    """Description in one line."""
     source: ClassVar[str]
-    """Where it is from."""
+    """Source of the control law."""
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
-    """Why it has no linear loop, if it has none."""
+    """Reason why it has no linear loop, if it has none."""
     follows_reference: ClassVar[bool] = True
-    """Whether it holds the reference slip; else its slip is its own."""
+    """Whether it holds the reference slip; otherwise it has its own slip."""
     by_rule: ClassVar[bool] = False
-    """Whether `for_vehicle` makes it of the vehicle alone; it is then a choice by its name."""
+    """Whether `for_vehicle` needs the vehicle alone; its name is then a choice of `--controller`."""
     finds_slip: ClassVar[bool] = False
-    """Whether it finds the slip to hold by itself, see `held_slip`."""
+    """Whether it finds the slip to hold by itself; see `held_slip`."""
 
     class State(Record):
-        """It remembers nothing."""
+        """State of a controller without memory."""
 
     name: str = Field("", description="its name in reports; the kind's if left out")
     period: float | None = quantity(
@@ -142,7 +146,7 @@ class Controller(Record):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> float:
-        """One sample: the torque to command until the next, N*m; changes `state`.
+        """Compute the torque to command until the next sample, N*m, and update `state`.
 
         - state: has the fields of `State`.
         - measurement: has the fields of `Measurement`.
@@ -152,46 +156,46 @@ class Controller(Record):
 
     @classmethod
     def state_fields(cls) -> dict[str, Any]:
-        """Names and types of the fields of a state, numbers before lists of numbers."""
+        """Names and types of the fields of the state, numbers before lists of numbers."""
         return _hints(cls.State)
 
     @classmethod
     def parameter_fields(cls) -> dict[str, Any]:
-        """Names and types of the numbers that `step` takes."""
+        """Names and types of the numbers that `step` reads."""
         return {
             name: hint for name, hint in _hints(cls.Parameters or cls).items() if _is_number(hint) and name != "period"
         }
 
     def start(self, speed: float, period: float) -> Any:
-        """The state when the brake is applied at a train speed, m/s; `period` is that of the sampling, s."""
+        """State when the brake is applied at a train speed, m/s; `period` is the sampling period, s."""
         return self.State()
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """The numbers that `step` takes in a `situation`, by name, SI; without `period` and `reference_slip`."""
+        """Numbers that `step` reads in a `situation`, by name, SI; without `period` and `reference_slip`."""
         return {name: getattr(self, name) for name in self.parameter_fields()}
 
-    # --- what it says of itself ---
+    # --- description ---
 
     @property
     def label(self) -> str:
-        """Its name in reports."""
+        """Name in reports."""
         return self.name or self.kind
 
     def described(self) -> str:
-        """Its label and parameters, in a line."""
-        told = (
+        """Label and parameters in one line."""
+        parameters = (
             f"{name.replace('_', ' ')} {getattr(self, name):.6g}{'' if unit == '1' else f' {unit}'}"
             for name, unit in self.units().items()
             if isinstance(getattr(self, name), float) and name not in ("period", "torque_min", "torque_max")
         )
-        return ", ".join([self.label, *told])
+        return ", ".join([self.label, *parameters])
 
     def limits_described(self) -> str:
-        """Its own torque limits, and what else it starts and works with, in a line."""
+        """Its torque limits, initial torque and anti-windup in one line."""
         return f"torque {torque_range(self.least_torque, self.largest_torque)}"
 
     def gain_values(self) -> dict[str, Any]:
-        """The parameters for JSON: each name with its unit's suffix "_si" where it has a unit."""
+        """Parameters for JSON; a name has the suffix "_si" of its unit, if it has a unit."""
         return {
             name if unit == "1" else f"{name}_si": getattr(self, name)
             for name, unit in self.units().items()
@@ -200,34 +204,36 @@ class Controller(Record):
 
     @property
     def least_torque(self) -> float:
-        """Lower limit of its command, N*m; -inf without one."""
+        """Lower limit of the command, N*m; -inf without a limit."""
         least = getattr(self, "torque_min", None)
         return -math.inf if least is None else float(least)
 
     @property
     def largest_torque(self) -> float:
-        """Upper limit of its command, N*m; inf without one."""
+        """Upper limit of the command, N*m; inf without a limit."""
         most = getattr(self, "torque_max", None)
         return math.inf if most is None else float(most)
 
     @property
     def controlled_from(self) -> float:
-        """Train speed, m/s, below which it does not control slip and holds a torque; 0: it always does."""
+        """Train speed, m/s, below which it holds a torque instead of controlling slip; 0 if it always controls slip."""
         return float(getattr(self, "hand_over_speed", 0.0))
 
     def headline(self) -> str:
-        """What it is, with the numbers that matter most, for the first page of a report."""
+        """Name with the most important numbers, for the first page of a report."""
         return self.title
 
     def handed_over(self) -> str:
-        """What it holds below `controlled_from`."""
+        """Description of the torque that it holds below `controlled_from`."""
         return f"{getattr(self, 'hand_over_torque', 0.0):.4g} N·m"
 
     # --- design ---
 
     def design_numbers(self) -> list[DesignNumber]:
-        """The numbers that are shaped: gains, then what its kind alone has, then what it has of others; not what it
-        believes of the vehicle, its limits, and how it begins and ends."""
+        """Numbers that a user tunes: gains first, then those of its own kind, then inherited ones.
+
+        Beliefs about the vehicle, limits, start and hand-over are left out.
+        """
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
         shaped = [n for n in self.units() if n not in _GIVEN and isinstance(getattr(self, n), float)]
         found = []
@@ -239,12 +245,12 @@ class Controller(Record):
         return found
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """The controller with some of these numbers changed.
+        """Copy of the controller with some design numbers changed.
 
-        - values: by name, in the unit of each number of `design_numbers`; of what is not a number, 1.
+        - values: by name, in the units of `design_numbers`.
         - others: other fields.
 
-        InputError as of its kind.
+        InputError as for a new controller.
         """
         try:
             return type(self)(**{**dict(self), **values, **others})
@@ -253,15 +259,14 @@ class Controller(Record):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """The controller for a vehicle by the rule of its kind; `given` parameters are taken as they are.
+        """Make the controller for a vehicle by the rule of its kind; `given` parameters replace those of the rule.
 
-        InfeasibleDesignError: the rule has no controller for the vehicle, with the reason.
+        InfeasibleDesignError, with the reason, if the rule has no controller for the vehicle.
         """
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """The controller with what it believes of the vehicle filled in where its parameters do not say it, or say what
-        a vehicle `before` is."""
+        """Copy with beliefs about a vehicle filled in, where they are not set or are those of a vehicle `before`."""
         changed = {}
         for name in _BELIEFS.keys() & type(self).model_fields.keys():
             now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)
@@ -270,16 +275,18 @@ class Controller(Record):
         return self.model_copy(update=changed) if changed else self
 
     def linear(self, point: OperatingPoint | None) -> Any:
-        """The linear system from slip error (m/s) to torque (N*m) at an operating point; None where it has none."""
+        """Linear system from slip error (m/s) to torque (N*m) at an operating point, or None."""
         return None
 
     def loop(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """The exact loop that it closes at an operating point with an `actuator`; None for that of a linear system."""
+        """Exact loop at an operating point with an `actuator`; None if `linear` gives the loop."""
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
-        """The slip ratio that it comes to by itself on a rail of an adhesion `law` at a train `speed`, m/s, under a
-        `wheel_load`, N; None if it holds its reference."""
+        """Slip ratio that it finds under an adhesion `law`, at a train `speed`, m/s, and a `wheel_load`, N.
+
+        None if it holds its reference.
+        """
         return None
 
     def slip_numbers(self) -> tuple[Any, ...]:
@@ -287,79 +294,79 @@ class Controller(Record):
         return (self.model_dump_json(),)
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Train speeds, m/s, at which its loop changes, to be judged besides those of an envelope."""
+        """Train speeds, m/s, at which its loop changes; they are judged in addition to those of an envelope."""
         return ()
 
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Whether the loop of each case is stable as it runs, and its Ms, inf where not; None if the loops are of
-        linear systems.
+        """Stability and Ms of each case's sampled loop, Ms inf if unstable; None if `linear` gives the loop.
 
-        - case: numbers of `points` and of `brakes`, (n,) each.
+        - case: indices in `points` and in `brakes`, (n,) each.
         """
         return None
 
     def loop_as_run(self, point: OperatingPoint, actuator: Actuator) -> Any:
-        """The sampled loop that it closes at an operating point with an `actuator`; None for that of a linear
-        system."""
+        """Sampled loop at an operating point with an `actuator`; None if `linear` gives the loop."""
         return None
 
-    # --- what its step has from elsewhere ---
+    # --- functions and numbers outside the step ---
 
     def assuming(self, law: AdhesionLaw) -> Self:
-        """The controller with an adhesion law to assume, if it needs one and has none."""
+        """Copy that assumes an adhesion law, if it needs one and has none."""
         return self
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Functions of numbers, by the names that its step has as `outside`: those of the assumed adhesion law too if
-        there is a `model`; those that are missing are in `outside_text`."""
+        """Functions that the step calls as `outside`, by name.
+
+        With a `model`, functions of this adhesion law are included; `outside_text` has the others.
+        """
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters besides `parameters`, in a `situation`, that only functions of the assumed adhesion law read."""
+        """Parameters in a `situation` that only functions of the assumed adhesion law read."""
         return {}
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        """Its step with every function, as it runs in Python and is written in C."""
+        """Step with all its functions, as Python runs it and as the C program has it."""
         model = None if self.model_law is None else type(self.model_law)
         return with_functions(type(self).step, self.outside_functions(model))
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes whose fields say meaning, unit and bounds of the numbers of its step, the first first."""
+        """Classes whose fields have meaning, unit and bounds of the step's numbers, in order of priority."""
         return tuple(one for one in (getattr(cls, "State", None), cls.Parameters, cls) if one is not None)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Lines for the head of its C program: what it assumes, and conditions that do not hold."""
+        """Lines for the head of its C program: assumptions, and conditions that are not met."""
         return ()
 
     # --- a braking run ---
 
     @property
     def model_law(self) -> AdhesionLaw | None:
-        """The adhesion law that it assumes; None: that of the run, if it needs one."""
+        """Adhesion law that it assumes; None for the law of the run."""
         return None
 
     @property
     def model_follows_rail(self) -> bool:
-        """Whether the law that it assumes follows the rail."""
+        """Whether the assumed law follows the rail."""
         return True
 
     @classmethod
     def outside_text(cls, model: type[AdhesionLaw] | None) -> str:
-        """Kernel text of the functions that its step has from `outside`; `model` is the law that it assumes."""
+        """Kernel text of the functions that the step calls as `outside`; `model` is the assumed law."""
         return ""
 
     def source_text(self) -> str:
-        """The text of its `command` in a kernel."""
+        """Text of its `command` in a kernel."""
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Its numbers in a kernel: reference slip, parameters in a `situation`, arrays; `state` is that of a start."""
+        """Its numbers in a kernel: reference slip, parameters in a `situation`, arrays; `state` is the initial one."""
         held = math.nan if self.reference is None else self.reference.on(situation.rail)
         values = {**self.parameters(situation), "period": situation.period, "reference_slip": held}
         layout = layout_of(type(self))
@@ -368,19 +375,19 @@ class Controller(Record):
 
     @classmethod
     def flat(cls, state: Any) -> list[float]:
-        """A state as the numbers that a kernel has of it."""
+        """State as a list of numbers, in the order of a kernel."""
         layout = layout_of(cls)
         arrays = (number for name in layout.state_arrays for number in getattr(state, name))
         return [*(float(getattr(state, name)) for name in layout.state), *map(float, arrays)]
 
     def logged(self, state: Any) -> dict[str, int]:
-        """Names of the numbers of `flat` that a run records, and their places in it."""
+        """Names of the numbers of `flat` that a run records, and their indices."""
         layout = layout_of(type(self))
         arrays = (f"{name}_{i}" for name in layout.state_arrays for i in range(len(getattr(state, name))))
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
 
     def __reduce__(self) -> Any:
-        """Of a kind of the user's, what a process needs that cannot import its file."""
+        """Rebuild information for another process, which cannot import the file of a user's kind."""
         module = sys.modules.get(type(self).__module__)
         if module is None or getattr(module, "__spec__", None) is not None:
             return super().__reduce__()
@@ -394,29 +401,29 @@ class Controller(Record):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """The controller of the keys of a file, `content`, at a `path`.
+        """Make the controller from the keys of a file, `content`, at a `path`.
 
-        `initial_speed` (m/s) is v0 of an adhesion model over v0.
+        `initial_speed` (m/s) is v0 of an adhesion model that depends on v0.
         """
         return validated(cls, content, file_name(path))
 
     def file_keys(self) -> dict[str, Any]:
-        """The keys of its file."""
+        """Keys of its TOML file."""
         return {name: value for name, value in self if value is not None and name not in ("name", "reference")}
 
     @property
     def toml(self) -> str:
-        """Its file: every number of it, with units; of a kind of the user's, the Python file with its class.
+        """Text of its TOML file: every number with its unit, and the Python file of a user's kind.
 
-        InputError for a field without a value that a file without it has one of.
+        InputError for a field that is None although its default is not.
         """
         return self._file_text(Path())
 
     def _file_text(self, folder: Path) -> str:
-        """As `toml`, in a folder."""
+        """Text of its TOML file with paths relative to a folder."""
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
-                raise InputError(f"{name}: a file without it means {field.default}; give one")
+                raise InputError(f"{name}: has no value, but a file without it means {field.default}; give a value")
         lines, tables = [f"kind = {_toml(self.kind)}", f"name = {_toml(self.label)}"], list[str]()
         if (python := python_file(type(self))) is not None:
             lines.append(f"python = {_toml(os.path.relpath(python, folder))}")
@@ -432,9 +439,9 @@ class Controller(Record):
         return "\n".join([*lines, *tables]) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write its TOML file, which every command and `load_controller` take, to a `path`.
+        """Write its TOML file to a `path`; every command and `load_controller` read it.
 
-        InputError where it cannot be written.
+        InputError if it cannot be written.
         """
         path = given_path(path)
         try:
@@ -444,7 +451,7 @@ class Controller(Record):
 
 
 def python_file(kind: type[Controller]) -> str | None:
-    """The file of the class of a kind of the user's; None of one of the package, or typed at a prompt."""
+    """Python file of a user's kind; None for a kind of the package, or of an interactive session."""
     if kind.__module__.startswith(f"{__package__}."):
         return None
     try:
@@ -454,7 +461,7 @@ def python_file(kind: type[Controller]) -> str | None:
 
 
 def _sent(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
-    """Rebuild the controller of a kind that another process cannot import."""
+    """Rebuild a controller whose kind cannot be imported."""
     from numba import cloudpickle
 
     made: type[Controller] = cloudpickle.loads(kind)
@@ -463,11 +470,11 @@ def _sent(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[
 
 
 _SENT: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
-"""Kernel texts of kinds whose source is in another process."""
+"""Kernel texts of the kinds whose source is in another process."""
 
 
 def torque_range(least: float, most: float) -> str:
-    """A range of torques, N*m, in words; an infinite end is none."""
+    """Range of torques, N*m, as text without infinite ends."""
     low = f"at least {least:g} N·m" if math.isfinite(least) else ""
     high = f"at most {most:g} N·m" if math.isfinite(most) else ""
     return " and ".join(filter(None, (low, high))) or "unlimited"
@@ -485,12 +492,12 @@ def _toml(value: Any) -> str:
     )
 
 
-# --- places of the fields in a kernel ---------------------------------------------------------------------------------
+# --- layout of the fields in a kernel ---------------------------------------------------------------------------------
 
 
 @cache
 def layout_of(kind: type[Controller]) -> Layout:
-    """Places of the fields of a kind in a kernel's arrays."""
+    """Indices of the fields of a kind in a kernel's arrays."""
     parameters, state = kind.parameter_fields(), kind.state_fields()
     arrays = tuple(name for name, hint in parameters.items() if get_origin(hint) is tuple)
     scalars = (*(name for name in parameters if name not in arrays), "period", "reference_slip")

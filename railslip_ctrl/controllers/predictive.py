@@ -1,7 +1,7 @@
-"""The predictive sliding-mode law: it slides behind the actuator, on the slip error a dead time ahead.
+"""Predictive sliding-mode law: it acts on the slip error that is predicted over the dead time.
 
-The parts, in the order in which a sample runs them: model of the actuator, observer of the adhesion torque, predictor
-over the dead time, law, low-speed hand-over. In their formulas x is the state and p the parameters.
+The functions are in the order in which a sample runs them: model of the actuator, observer of the adhesion torque,
+predictor over the dead time, law, low-speed hand-over. In them x is the state and p the parameters.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Rows = NDArray[np.intp]
 
-QUICK_TIME = 0.05  # s
+QUICK_TIME = 0.05  # s, shortest filter time of the seeking law
 
-_SAMPLES_OF_DEAD_TIME = 12  # least, in a dead time: with fewer Ms is above 2 for light and heavy vehicles
-_SPARE = 3  # samples of the torque history beyond the dead time
+_SAMPLES_OF_DEAD_TIME = 12  # fewest samples in a dead time: with fewer, Ms exceeds 2 for light and heavy vehicles
+_SPARE = 3  # samples of the torque history in addition to the dead time
 
 FADED = 0.7
-"""Share of the reference slip that is left at the hand-over."""
+"""Share of the reference slip that remains at the hand-over."""
 
-_LOST = 16.0  # m/s of slip in a dead time, were all adhesion of mu = 1 lost; the published vehicle's: 15.9
-_QUICKEST = 0.44  # of x: with less, a brake 30 % quicker than believed makes the loop unstable
-_HAND_OVER = 4.2  # that, over the speed below which the slip ratio is not held: 14 km/h for the published vehicle
-_FADE = 27 / 13  # the speed below which the reference fades, over that
+_LOST = 16.0  # m/s, slip velocity gained in a dead time without adhesion (mu = 1 lost); published vehicle: 15.9
+_QUICKEST = 0.44  # smallest x: below it, a brake 30 % faster than believed makes the loop unstable
+_HAND_OVER = 4.2  # this slip velocity over the hand-over speed, which is then 14 km/h for the published vehicle
+_FADE = 27 / 13  # speed below which the reference fades, over the hand-over speed
 _LEAST_HAND_OVER_KMH = 5
-MEAN_TIME = 0.5  # s, of the mean of the holding torque
-ASSUMED = 0.1  # adhesion coefficient of a rail of which nothing is known yet, at the hand-over
-_LOCKED = 0.9  # slip of a wheel that turns no more, at the hand-over
-# slip that has run away before; share of the torque to be held meanwhile, and afterwards
-_RUN_AWAY, _LET_GO, _LESS = 0.25, 0.5, 0.8
+MEAN_TIME = 0.5  # s, time constant of the mean of the holding torque
+ASSUMED = 0.1  # adhesion coefficient assumed for the hand-over while the rail is unknown
+_LOCKED = 0.9  # slip ratio above which a wheel counts as locked, below the hand-over speed
+# slip ratio of a runaway before the hand-over; torque shares during the runaway, and afterwards
+_RUN_AWAY, _RUN_AWAY_SHARE, _AFTERWARDS = 0.25, 0.5, 0.8
 
 
 class Predictive(Controller):
-    """The predictive sliding-mode law on a reference slip: what it believes of wheel and brake, and its gains; SI.
+    """Predictive sliding-mode law on a reference slip; its parameters are beliefs of wheel and brake, and gains, SI.
 
-    With the acting torque T+ ahead of the dead time, the torque H that holds the reference slip, and the slip error
-    e_hat predicted for a dead time ahead, the surface is S = H + (J/r) kappa e_hat - T+, and the command u = T+ + T
-    [-kappa (T+ - H) + k S + K sat(S/phi)], within 0 and `torque_max`; `sliding.predictive` derives it. InputError for
-    speeds or shares that are not in order.
+    T+ is the acting torque ahead of the dead time, H the torque that holds the reference slip, e_hat the slip error
+    predicted over the dead time. The surface is S = H + (J/r) kappa e_hat - T+. The command is u = T+ + T [-kappa (T+ -
+    H) + k S + K sat(S/phi)], from 0 to `torque_max`; `sliding.predictive` derives it. InputError for speeds or shares
+    that are not in order.
     """
 
     kind: ClassVar[str] = "predictive"
@@ -152,19 +152,19 @@ class Predictive(Controller):
         return f"{first:g} % of its mean torque, {last:g} % at {self.last_speed / KMH:.3g} km/h"
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Where it hands over, and where the slip that it holds begins to fade: the worst may be one of these."""
+        """Hand-over speed and the speed at which the reference begins to fade: either may be the worst case."""
         return self.hand_over_speed, self.fade_speed
 
     def _kept(self, speed: float) -> float:
-        """The share of the reference slip that is held at a speed, m/s."""
+        """Share of the reference slip that is held at a speed, m/s."""
         return float(np.interp(speed, [self.hand_over_speed, self.fade_speed], [FADED, 1.0]))
 
     @classmethod
     def _orders(cls) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Fields that are in order, and how."""
+        """Fields that must be in order, and the relation between them."""
         return (
             (" <= ", ("last_share", "hand_over_share")),
-            (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # it divides by their differences
+            (" < ", ("last_speed", "hand_over_speed", "fade_speed")),  # the law divides by their differences
         )
 
     @model_validator(mode="after")
@@ -172,33 +172,34 @@ class Predictive(Controller):
         for order, names in self._orders():
             values = [getattr(self, name) for name in names]
             if values != sorted(values if order == " <= " else set(values)):
-                told = ", ".join(f"{value:g}" for value in values)
-                raise InputError(f"{names[0]}: {told} are not in order; give {order.join(names)}")
+                given = ", ".join(f"{value:g}" for value in values)
+                raise InputError(f"{names[0]}: {given} are not in order; give {order.join(names)}")
         return self
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, *, period: float | None = None, **given: Any) -> Self:
-        """The gains for a vehicle, by rules in its dead time theta and lag T: kappa = 0.27 x/theta, k = 0.3/theta, K =
-        0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta, deceleration 0.52 theta; hand-over below
-        N r^2 theta/(4.2 J), in whole km/h and at least 5, and the reference fades from 27/13 of that speed on. The
-        factors are those of stops on many rails: half or twice each changes the distances by less than the random
-        force does; kappa and phi are for Ms <= 2 on light and heavy vehicles, stable with their tolerances.
+        """Gains for a vehicle by rules in its dead time theta and lag T.
 
-        x = 16 m/s J/(N r^2 theta), from 0.44 to 1: under a heavy load for its wheel the slip runs away sooner past the
-        peak, so that the torque must follow sooner; and the noise of J omega' is less of N r, so that less of it need
-        be filtered. N r^2 theta/J is the slip velocity it runs away by in a dead time without adhesion, of mu = 1: at
-        the hand-over 4.2 times the train's speed. The largest torque is what an empty wheel bears until the dead time
-        is over.
+        kappa = 0.27 x/theta, k = 0.3/theta, K = 0.23 N r/(theta + T), phi = 0.75 x theta K, observer 0.34 x theta,
+        deceleration 0.52 theta. The hand-over speed is N r^2 theta/(4.2 J), in whole km/h and at least 5; the reference
+        fades from 27/13 of this speed on. The factors were found from stops on many rails: half or twice a factor
+        changes the distances less than the random force does. kappa and phi give Ms <= 2 for light and heavy vehicles,
+        stable with their tolerances.
 
-        - vehicle: its wheel, wheel load and actuator count; its mass does not.
-        - period: sampling period, s; left out 10 ms, or a twelfth of the dead time if that is less. A longer one is
-          refused.
+        N r^2 theta/J is the slip velocity gained in a dead time without adhesion (mu = 1). x = 16 m/s J/(N r^2 theta),
+        from 0.44 to 1: with a heavy load on its wheel, slip runs away sooner past the peak, so the torque must follow
+        sooner. The noise of J omega' is then smaller relative to N r, and needs less filtering. The largest torque is
+        the one that an empty wheel bears until the dead time is over.
 
-        InputError: a brake without dead time, or a period beyond that.
+        - vehicle: its wheel, wheel load and actuator are used, not its mass.
+        - period: sampling period, s; left out, 10 ms or a twelfth of the dead time if that is less. A period above
+          this twelfth is refused.
+
+        InputError: a brake without dead time, or too long a period.
         """
         dead_time = vehicle.actuator.dead_time
         if dead_time <= 0:
-            raise InputError(f"{cls.kind}: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
+            raise InputError(f"{cls.kind}: dead_time {dead_time:g} s is not allowed; the gains need a value > 0 (s)")
         run_away = vehicle.wheel_load * vehicle.wheel.radius**2 * dead_time / vehicle.effective_inertia
         quick = min(max(_LOST / run_away, _QUICKEST), 1.0)
         hand_over_kmh = max(round(run_away / _HAND_OVER / KMH), _LEAST_HAND_OVER_KMH)
@@ -206,7 +207,7 @@ class Predictive(Controller):
         if period is not None and period > longest:
             raise InputError(
                 f"{cls.kind}: period {period:g} s is not allowed with a dead time of {dead_time:g} s; give a value <= "
-                f"{longest:.4g} (s), a twelfth of that"
+                f"{longest:.4g} (s), a twelfth of the dead time"
             )
         switching = 0.23 * vehicle.wheel_load * vehicle.wheel.radius / (dead_time + vehicle.actuator.lag)
         rules = {
@@ -225,23 +226,21 @@ class Predictive(Controller):
 
     @classmethod
     def _own_rules(cls, dead_time: float) -> dict[str, float]:
-        """What a kind built on it adds, for a dead time, s."""
+        """Further rules of a derived kind, for a dead time, s."""
         return {}
 
     def loop(self, point: OperatingPoint, actuator: Actuator | None = None) -> DelayedLoop:
-        """The exact loop within the boundary layer, at a point, broken at the acting torque; its reference is the
-        point's slip.
+        """Exact loop in the boundary layer, broken at the acting torque; the reference is the point's slip.
 
         The speed is frozen. With g = k + K/phi, E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
         deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio: L = E J/r [(1 + kappa/g +
         kappa theta) (s Q G + ((1 - lambda) Qa - Q) A) + kappa G] / [s/g + 1 + kappa/g + kappa (1 - E)/s - (1 + kappa/g
-        + kappa theta) Q E]. It runs sampled; this is the loop of a short period, and
-        `loop_as_run` that of its own.
+        + kappa theta) Q E]. This is the limit of a short sampling period; `loop_as_run` is the sampled loop.
 
-        - point: of wheel and rail.
-        - actuator: the brake, s; left out, as believed.
+        - point: operating point of wheel and rail.
+        - actuator: the brake, s; left out, the believed one.
 
-        Returns the loop of the believed dead time and the brake's, dimensionless.
+        Returns the dimensionless loop with the dead times of the model and of the brake.
         """
         assert self.dead_time is not None, "filled in by `believing`"
         assert self.lag is not None, "as above"
@@ -256,7 +255,7 @@ class Predictive(Controller):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
     ) -> tuple[NDArray[np.bool_], Floats]:
-        """As `Controller.stable_and_ms`, of the loops as they run: of `loop_as_run`."""
+        """Stability and Ms of the sampled loops; see `Controller.stable_and_ms` and `loop_as_run`."""
         stable, ms = np.zeros(case[0].size, dtype=bool), np.full(case[0].size, np.inf)
         for mine, loops in sampled_laws(self, points, brakes, case):
             stable[mine], ms[mine] = loops.stable_and_ms
@@ -269,7 +268,7 @@ class Predictive(Controller):
 
 
 def _blocks(point: OperatingPoint, law: Predictive) -> tuple[Floats, Floats, Floats]:
-    """Of the loop without the brake: numerator, and the parts of the denominator without and with the delay."""
+    """Loop without the brake: numerator, and the parts of the denominator without and with the delay."""
     assert law.dead_time is not None, "filled in by `believing`"
     assert law.lag is not None, "as above"
     assert law.wheel_inertia is not None, "as above"
@@ -303,7 +302,7 @@ def _sum(*polynomials: Floats) -> Floats:
 
 @lru_cache(KEPT)
 def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
-    """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
+    """Common denominator, and numerators from acting torque to sigma and to v', at frozen speed."""
     plant, moving = linearize(point), linearize(point, speed_state=True)
     den = np.asarray(np.poly(plant.A).real, dtype=float)
     sigma = np.array([[float(name == "sigma") for name in plant.states]])
@@ -311,11 +310,11 @@ def _responses(point: OperatingPoint) -> tuple[Floats, Floats, Floats]:
     return den, found[0], found[1]
 
 
-# --- the parts of a sample ----
+# --- steps of a sample ----
 
 
 def actuator_model(x: Any, p: Any, applied: float) -> None:
-    """Acting torque ahead of the dead time, from the command that the brake took; into its history."""
+    """Update the acting torque ahead of the dead time, from the command that the brake took, and its history."""
     k, ring = int(x.samples), len(x.history)
     if k > 0:
         x.torque_ahead += (1.0 - math.exp(-p.period / p.lag) if p.lag > 0.0 else 1.0) * (applied - x.torque_ahead)
@@ -323,12 +322,12 @@ def actuator_model(x: Any, p: Any, applied: float) -> None:
 
 
 def delay_of(x: Any, p: Any) -> Any:
-    """The dead time in samples; at most what the history, whose length is fixed, can hold."""
+    """Dead time in samples, limited by the fixed length of the history."""
     return min(p.dead_time / p.period, len(x.history) - 2.0)
 
 
 def torque_ago(x: Any, samples: float) -> Any:
-    """The modelled torque a number of samples ago, N*m; 0 before the first, in between linear."""
+    """Modelled torque a number of samples ago, N*m, interpolated linearly; 0 before the first sample."""
     k, ring, whole = int(x.samples), len(x.history), int(samples)
     share = samples - whole
     late = x.history[(k - whole) % ring] if k >= whole else 0.0
@@ -337,7 +336,7 @@ def torque_ago(x: Any, samples: float) -> Any:
 
 
 def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
-    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the reference slip."""
+    """Estimate the adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1) and the torque that holds the slip."""
     sigma = v - p.radius * omega
     if x.samples == 0.0:
         x.filtered_omega, x.filtered_sigma, x.filtered_speed, x.slow_speed = omega, sigma, v, v
@@ -347,7 +346,7 @@ def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
     x.filtered_torque += blend * (acting - x.filtered_torque)
     x.filtered_sigma += blend * (sigma - x.filtered_sigma)
     x.filtered_speed += blend * (v - x.filtered_speed)
-    rate = blend / (1.0 - blend) / p.period  # of a filtered value to its derivative
+    rate = blend / (1.0 - blend) / p.period  # factor from a filter's error to the derivative of its output
     x.slip_rate = rate * (sigma - x.filtered_sigma)
     spin = rate * (omega - x.filtered_omega)
     x.adhesion_torque = p.wheel_inertia * spin + p.viscous_friction * x.filtered_omega + x.filtered_torque
@@ -358,7 +357,7 @@ def observe(x: Any, p: Any, v: float, omega: float, reference: float) -> None:
 
 
 def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
-    """Slip velocity and train speed when a command of now acts, the adhesion torque as it is."""
+    """Predict slip velocity and train speed at the time when the present command acts; adhesion torque constant."""
     count = delay_of(x, p)
     under_way = 0.0
     for i in range(int(count)):
@@ -367,24 +366,23 @@ def predict(x: Any, p: Any, v: float, sigma: float, reference: float) -> None:
     slowing = p.dead_time * x.deceleration
     x.speed_ahead = v - slowing
     added = p.radius / p.wheel_inertia * (under_way - p.dead_time * x.holding_torque)
-    x.sigma_ahead = sigma + added - reference * slowing  # H holds the slip ratio: the slip velocity falls with v
+    x.sigma_ahead = sigma + added - reference * slowing  # H holds the slip ratio, so the slip velocity falls with v
 
 
 def fading(p: Any, v: float) -> Any:
-    """The share of the reference slip to be held at a speed."""
+    """Share of the reference slip that is held at a train speed."""
     if v >= p.fade_speed:
         return 1.0
     return 0.7 + 0.3 * max(v - p.hand_over_speed, 0.0) / (p.fade_speed - p.hand_over_speed)
 
 
 def towards(x: Any, p: Any, rate: float) -> Any:
-    """The command with which the torque ahead of the dead time changes at a rate, N*m/s."""
+    """Command that changes the torque ahead of the dead time at a rate, N*m/s."""
     return x.torque_ahead + max(p.lag, p.period) * rate
 
 
 def sliding_torque(x: Any, p: Any, reference: float) -> Any:
-    """The command of the law: on S the predicted slip error decays with kappa, and S is reached by k S + K sat(S/phi),
-    slower by the gain of the layer within it."""
+    """Command of the law: S is reached by k S + K sat(S/phi), and on S the predicted slip error decays with kappa."""
     error = reference * x.speed_ahead - x.sigma_ahead
     held = x.holding_torque
     surface = held + p.wheel_inertia / p.radius * p.kappa * error - x.torque_ahead
@@ -393,10 +391,12 @@ def sliding_torque(x: Any, p: Any, reference: float) -> Any:
 
 
 def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
-    """Below the hand-over speed at most a share of what held the slip before, which falls with the square of the speed
-    lost; that share itself from where the slip is below its reference: then nothing is fed back, and the brake's lag is
-    left alone. But before that a slip that has run away is let go, and a wheel that has locked at any time; afterwards
-    less is held."""
+    """Limit the torque below the hand-over speed to a share of the mean holding torque.
+
+    The share falls with the square of the speed lost. Once the slip is below its reference the share is commanded
+    without feedback. Before that, a runaway slip halves the torque. A locked wheel is released at any time. The
+    torque is lower afterwards.
+    """
     if v >= p.hand_over_speed:
         x.mean_holding += p.period / MEAN_TIME * (x.holding_torque - x.mean_holding)
         return torque
@@ -404,7 +404,7 @@ def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
     if slip > _LOCKED or (x.handed_over <= 0.0 and slip > _RUN_AWAY):
         x.handed_over = -1.0
     elif x.handed_over <= 0.0 and max(slip, x.sigma_ahead / x.speed_ahead) < reference:
-        x.mean_holding *= _LESS if x.handed_over < 0.0 else 1.0
+        x.mean_holding *= _AFTERWARDS if x.handed_over < 0.0 else 1.0
         x.handed_over = 1.0
     slow = min((p.hand_over_speed - v) / (p.hand_over_speed - p.last_speed), 1.0)
     held = (p.hand_over_share - (p.hand_over_share - p.last_share) * slow**2) * x.mean_holding
@@ -412,4 +412,4 @@ def hand_over(x: Any, p: Any, v: float, torque: float, reference: float) -> Any:
         return 0.0
     if x.handed_over > 0.0:
         return held
-    return min(torque, _LET_GO * held if slip > _RUN_AWAY else held)
+    return min(torque, _RUN_AWAY_SHARE * held if slip > _RUN_AWAY else held)

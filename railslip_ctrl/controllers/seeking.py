@@ -55,7 +55,7 @@ RISEN = 1.08  # ratio of adhesion to what it was before that shows a better rail
 _NOISE, _NOISE_HOLD = RANDOM_FORCE / RIG_WHEEL_LOAD, 0.02  # standard deviation of the adhesion coefficient; its hold, s
 _ROLLING = 0.6  # share of the dead time in which the wheel rolls free even if the brake acts 30 % sooner than believed
 _FLAT, _LOWEST = 0.0056, 0.002  # adhesion given away at the slip where the loop is judged; least reference slip
-_SLIPS = 1001  # points between which that slip is looked for
+_SLIPS = 1001  # points of the search for that slip
 WEAK, MOST_WEAK = 0.3, 1.6  # adhesion coefficient of the hand-over speed; its largest divisor on weaker rails
 
 
@@ -165,7 +165,7 @@ class Seeking(Predictive):
         return self.largest_slip, self.hand_over_speed, self.fade_speed
 
 
-# --- the parts of a sample ----
+# --- steps of a sample ----
 
 
 def calibrate(x: Any, p: Any, v: float, omega: float) -> None:
@@ -258,7 +258,7 @@ def learn(x: Any, p: Any, slip: float) -> None:
     """
     per_load = 1.0 / (p.wheel_load * p.radius)
     mu = x.adhesion_torque * per_load
-    share = p.period / (2.0 * p.observer_time)  # of a variance that passes the filter of the observer
+    share = p.period / (2.0 * p.observer_time)  # share of the variance that passes the filter of the observer
     slip_noise = x.roughness * share / x.filtered_speed**2
     if mu <= 0.0 or slip <= TWICE * math.sqrt(slip_noise):
         return
@@ -289,7 +289,7 @@ def fit(x: Any, scale: float, prior: float) -> None:
     if det > 0.0:
         a, b = (c00 * y0 + c01 * y1 + c02 * y2) / det, (c01 * y0 + c11 * y1 + c12 * y2) / det
         c = (c02 * y0 + c12 * y1 + c22 * y2) / det
-    if not (a > 0.0 and b >= 0.0 and c >= 0.0):  # the best without b, without c, or without both
+    if not (a > 0.0 and b >= 0.0 and c >= 0.0):  # then the best fit without b, without c, or without both
         ab, bb = (s11 * y0 - s1 * y1) / c22, (s0 * y1 - s1 * y0) / c22
         ac, cc = (s22 * y0 - s2 * y2) / c11, (s0 * y2 - s2 * y0) / c11
         a, b, c = y0 / s0, 0.0, 0.0

@@ -247,7 +247,7 @@ def _tuned_gains(vehicle: Vehicle) -> PIGains:
     (lead, lead_filter), plants = lead_of(vehicle), design_points(vehicle)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
     systems = [actuated_plant(plant, vehicle.actuator) for plant in plants]
-    names = [plant.point.words for plant in plants]
+    names = [plant.point.description for plant in plants]
     try:
         design = tune_pi(systems, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator, names=names)
     except InfeasibleDesignError as error:

@@ -49,33 +49,31 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, with_laws_beside
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]
 HeldSlip = Callable[[AdhesionLaw, float, float], float]
-"""The slip ratio held on a rail, from its law, the train's speed, m/s, and the wheel load, N."""
+"""Function that gives the slip ratio held on a rail, from its law, the train's speed, m/s, and the wheel load, N."""
 
 ERRORS = ("torque_gain", "speed_scale", "believed_radius")
 _FACTORS = ("slip", "dead_time", "lag", "radius", *ERRORS)
 
-_SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # of the vehicle's speed limit: the default speeds where that is known
+_SPEED_SHARES = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)  # default speeds over the vehicle's speed limit, if it has one
 
 _LAW_FILES = (".toml", ".py")
-_MOST_CASES = 500_000  # more would fill memory: the default has 2592
-_FASTEST = 1000.0  # km/h; no train, nor the domain of a law, goes there
-_KNIFE_EDGE = 0.05  # of the peak's slip: nearer, the slope of the curve, and with it the pole, changes sign by a hair
+_MOST_CASES = 500_000  # more cases would fill memory; the default envelope has 2592
+_FASTEST = 1000.0  # km/h, above the speed of any train and the domain of any law
+_KNIFE_EDGE = 0.05  # distance from the peak over its slip: nearer, a small change of slip changes the sign of the pole
 
 
 class Envelope(Record):
-    """The operating points that a design must hold, each list of values combined with every other.
+    """Operating points that a design must hold: each list of values is combined with every other.
 
-    Operating points are at the reference slip, with the actuator and the wheel as given; around each, the factors of
-    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined with one another. With such an
-    error a controller that holds a reference holds another slip than it measures, unless it finds its slip; a gradient
-    is a constant force, and changes no loop. "loaded" is the vehicle's loaded mass and
-    wheel load, which published laws follow, and laws of files too (mu stays). A reference slip that is given is held
-    on every law in place of the law's own. What is left out is that of the vehicle's file, if its table [envelope]
-    says it, or the default; speeds that are left out go up to the vehicle's speed limit, if it
-    has one.
+    Operating points are at the reference slip, with the actuator and the wheel as given. Around each, the factors of
+    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. Such an error makes a
+    controller hold another slip than it measures, unless it finds its slip. A gradient is a constant force and changes
+    no loop. "loaded" is the vehicle's loaded mass and wheel load; published laws follow the load, laws of files keep
+    mu. A given reference slip replaces that of every law. A value left out is that of the table [envelope] in the
+    vehicle's file, or the default; default speeds go up to the vehicle's speed limit, if it has one.
 
-    InputError: a list that is empty or too long, a value that is not finite and positive (of dead time and lag:
-    negative), or of another kind; a law that is not known; a factor with which the reference slip would be 1 or more.
+    InputError: a list that is empty or too long, a value that is not finite and positive (dead time and lag may be 0),
+    or of another kind; an unknown law; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -87,9 +85,9 @@ class Envelope(Record):
     dead_time: tuple[float, ...] = quantity("1", "factors on the actuator's dead time", default=(0.7, 1.0, 1.3))
     lag: tuple[float, ...] = quantity("1", "factors on the actuator's lag", default=(0.7, 1.0, 1.3))
     radius: tuple[float, ...] = quantity("1", "factors on the wheel's radius, which is known", default=(0.94, 1.0))
-    torque_gain: tuple[float, ...] = quantity("1", "factors on the torque commanded, which acts", default=(1.0,))
+    torque_gain: tuple[float, ...] = quantity("1", "factors on the commanded torque", default=(1.0,))
     speed_scale: tuple[float, ...] = quantity("1", "factors on the measured train speed", default=(1.0,))
-    believed_radius: tuple[float, ...] = quantity("1", "factors on the radius that is believed", default=(1.0,))
+    believed_radius: tuple[float, ...] = quantity("1", "factors on the believed radius", default=(1.0,))
     reference: ReferenceSlip | None = Field(None, description="slip ratios held, in place of the laws' own")
     initial_speed: float = quantity("km/h", "v0, at which the brake is applied", gt=0, default=INITIAL_SPEED_KMH)
 
@@ -103,7 +101,7 @@ class Envelope(Record):
             own = {"speeds": tuple(round(share * limit, 6) for share in _SPEED_SHARES), "initial_speed": limit} | own
         super().__init__(**{**own, **values})
 
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as of `Record`
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as in `Record`
 
     @field_validator("laws", mode="before")
     @classmethod
@@ -116,7 +114,7 @@ class Envelope(Record):
     @field_validator("rails", "laws", "speeds", "loads", *_FACTORS, mode="before")
     @classmethod
     def _a_list(cls, value: object) -> object:
-        """A tuple of what was given once each; one value stands for itself."""
+        """Tuple of the different values; a single value becomes a tuple of one."""
         if isinstance(value, dict):
             raise InputError(f"{shown(value)} is not allowed; give a list")
         if isinstance(value, np.ndarray):
@@ -146,7 +144,7 @@ class Envelope(Record):
 
     @model_validator(mode="after")
     def _laws_are_had_and_slips_below_1(self) -> Self:
-        """Of laws in files not until they are read."""
+        """Check laws and slips; laws in files are checked when they are read."""
         self._check([law for law in self.laws if not _is_file(law)])
         return self
 
@@ -155,21 +153,20 @@ class Envelope(Record):
         counts = {name: len(getattr(self, name)) for name in ("rails", "laws", "loads", "speeds")}
         counts |= {name: len({1.0, *getattr(self, name)}) for name in _FACTORS}
         if (cases := math.prod(counts.values())) > _MOST_CASES:
-            told = " x ".join(f"{n} {count}" for n, count in counts.items() if count > 1 or n not in ERRORS)
-            raise InputError(f"{told} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
+            counts_text = " x ".join(f"{n} {count}" for n, count in counts.items() if count > 1 or n not in ERRORS)
+            raise InputError(f"{counts_text} values make {cases} cases, more than {_MOST_CASES}; give fewer values")
         return self
 
     @property
     def law_speed(self) -> float:
-        """v0 of the published laws, km/h: the initial speed, or, if that is the vehicle's speed limit, the end of the
-        range that they are published for."""
+        """v0 of the published laws, km/h: the initial speed, but within their range if that is the speed limit."""
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
         follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
         return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
-        """Read the laws in files, to refuse with InputError now what `points` would refuse."""
+        """Read the laws in files, so that their errors come now and not from `points`."""
         self._check([law for law in self.laws if _is_file(law)])
 
     def _check(self, laws: list[Any]) -> None:
@@ -182,11 +179,11 @@ class Envelope(Record):
                 _reference(self, found, rail)
 
     def at(self, **changes: Any) -> Envelope:
-        """The envelope with other values of some of its fields, checked."""
+        """Copy with other values of some fields, checked."""
         return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
 
     def table(self) -> dict[str, Any]:
-        """What a TOML file, or JSON, says of it: everything but the vehicle."""
+        """Envelope for TOML or JSON, without the vehicle."""
         named = [law.file or law.name if isinstance(law, AdhesionLaw) else str(law) for law in self.laws]
         reference = {} if self.reference is None else {"reference": self.reference.model_dump()}
         numeric = {name: list(getattr(self, name)) for name in _FACTORS}
@@ -201,31 +198,31 @@ class Envelope(Record):
         }
 
     def points(self, *, nominal: bool = False, held: HeldSlip | None = None) -> EnvelopePoints:
-        """Its cases, in the order rails, laws, loads, speeds, radii, slips, errors, dead times, lags.
+        """Cases in the order rails, laws, loads, speeds, radii, slips, errors, dead times, lags.
 
-        `nominal` asks for the operating points alone, `held` for another slip than the reference. What has no linear
-        plant (outside the law's domain, or a kink) is left out, with the reason. InputError where nothing is left, a
-        law cannot be had, or it has no reference slip and none is given.
+        `nominal` gives the operating points alone; `held` replaces the reference slip. A case without linear plant
+        (outside the law's domain, or at a kink) is left out, with the reason. InputError if no case is left, a law
+        cannot be read, or no reference slip is known.
         """
         return _points(self, nominal, held)
 
     def knife_edges(self) -> tuple[str, ...]:
-        """A sentence for each law and rail whose reference slip is within 5 % of the adhesion peak, at some speed.
+        """Warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
 
-        There the pole of the slip changes its sign, so that margins at the reference say little of those beside it.
+        There the slip pole changes its sign, so margins at the reference do not show those at nearby slips.
         """
-        told: dict[str, str] = {}
+        warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
             held = _reference(self, law, rail)
             for speed in self.speeds:
                 top = peak(law, speed * KMH, load.wheel_load).slip
                 if abs(held / top - 1) <= _KNIFE_EDGE:
-                    told.setdefault(
+                    warnings.setdefault(
                         f"{law.name}, {rail}",
                         f"{law.name}, {rail} rail: the reference slip {held:.4g} is {_beside(held, top)} the adhesion "
-                        f"peak at {top:.4g}: margins there stand on a knife's edge; hold less slip",
+                        f"peak at {top:.4g}: small changes of slip change the margins; choose a smaller reference slip",
                     )
-        return tuple(told.values())
+        return tuple(warnings.values())
 
 
 def _beside(held: float, top: float) -> str:
@@ -235,18 +232,18 @@ def _beside(held: float, top: float) -> str:
 
 @checked
 def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
-    """Read the table `[envelope]` of a TOML file, speeds in km/h; of a vehicle's file without it, the default envelope.
+    """Read the table `[envelope]` of a TOML file, speeds in km/h; a vehicle's file without it gives the default.
 
-    - path: a vehicle's file, or one that has the envelope alone. Laws in files are relative to it.
-    - vehicle: left out, the file's own.
+    - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to it.
+    - vehicle: left out, the vehicle of the file.
 
-    InputError: the file cannot be read, has no envelope (unless it is a vehicle's), or one line naming file, key and
-    value.
+    InputError, with file, key and value in one line: a file that cannot be read, or has neither an envelope nor a
+    vehicle.
     """
     path = given_path(path)
     where = file_name(path)
     if not path.is_file():
-        raise InputError(f"{where}: is not a file; give the path of one with a table [envelope]")
+        raise InputError(f"{where}: is not a file; give the path of a file with a table [envelope]")
     content = read_toml(path) if path.suffix.lower() == ".toml" else {}
     of_vehicle = path.suffix.lower() != ".toml" or bool(content.keys() & {"mass", "rolling_stock"})
     if not of_vehicle and "envelope" not in content:
@@ -261,21 +258,21 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     if not isinstance(table, dict):
         raise InputError(f"{where}: envelope: {table!r} is not allowed; write a table [envelope]")
     if "vehicle" in table:
-        raise InputError(f"{where}: envelope.vehicle: unknown key; the vehicle's own keys stand above the table")
+        raise InputError(f"{where}: envelope.vehicle: unknown key; write the vehicle's keys above the table")
     table = with_laws_beside(table, path)
     return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
 
 
-# --- its points -----------------------------------------------------------------------------------------------------
+# --- the cases ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case of an envelope.
+    """One case of an envelope: an operating point with its tolerances.
 
-    `point` is the operating point of its vehicle, which has the case's load, wheel radius and actuator; `load` is
-    "empty" or "loaded", `slip_factor` the slip over the reference slip, `errors` are torque gain, scale of the train's
-    speed, and believed over true radius.
+    `point` has a vehicle with the load, wheel radius and actuator of the case. `load` is "empty" or "loaded",
+    `slip_factor` the slip over the reference slip. `errors` are torque gain, scale of the train's speed, and believed
+    over true radius.
     """
 
     point: OperatingPoint
@@ -286,17 +283,17 @@ class Case:
 
     @property
     def actuator(self) -> Actuator:
-        """Dead time and lag of the case, s."""
+        """Actuator of the case, with dead time and lag in s."""
         return self.point.vehicle.actuator
 
     @cached_property
     def plant(self) -> LinearPlant:
-        """The plant linearised there."""
+        """Linearised plant of the case."""
         return linearize(self.point)
 
     @property
-    def words(self) -> str:
-        """What the case is, with the tolerances that it has: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
+    def description(self) -> str:
+        """Description of the case with its tolerances: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
         point, car = self.point, self.point.vehicle
         changed = (
             ("slip", self.slip_factor, 1.0),
@@ -309,7 +306,7 @@ class Case:
         return ", ".join([point.adhesion, point.rail.value, self.load, f"{point.speed_kmh:.4g} km/h", *tolerances])
 
     def table(self) -> dict[str, Any]:
-        """The case for JSON; SI but the speed, in km/h."""
+        """The case for JSON, in SI except for the speed in km/h."""
         point, car = self.point, self.point.vehicle
         return {
             "adhesion": point.adhesion,
@@ -328,15 +325,15 @@ class Case:
 
 @dataclass(frozen=True)
 class EnvelopePoints:
-    """The cases of an envelope: linear plants, each with every actuator that belongs to it.
+    """Cases of an envelope: linear plants, each with all its actuators.
 
     - plants, loads, slip_factors: of each linearised plant; its vehicle has the load and the radius of the case.
-    - errors: of each plant, as of a `Case`.
-    - actuators: the first as given.
-    - plant, actuator: (n,), of each case, the number of its plant and of its actuator.
+    - errors: of each plant, as in `Case`.
+    - actuators: the first one is the vehicle's.
+    - plant, actuator: (n,), index of plant and actuator of each case.
     - operating: (n,), whether the case is an operating point, all factors 1.
-    - skipped: what has no linear plant, and why.
-    - made: of `system`; shared by all that was taken of these cases.
+    - skipped: cases without linear plant, with the reason.
+    - made: results of `system`, shared with subsets of these cases.
     """
 
     vehicle: Vehicle
@@ -355,7 +352,7 @@ class EnvelopePoints:
         return int(self.plant.size)
 
     def system(self, plant: int) -> Rational:
-        """A plant by its number, from torque at the wheel (N*m) to slip velocity (m/s)."""
+        """Transfer function of a plant by its index, from torque at the wheel (N*m) to slip velocity (m/s)."""
         if plant not in self.made:
             of = self.plants[plant]
             self.made[plant] = Rational(of.zeros, of.poles, of.gain)
@@ -372,12 +369,12 @@ class EnvelopePoints:
         return np.array(self.loads)[self.plant]
 
     def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
-        """Some of the cases, by number or by flag."""
+        """Subset of the cases, by index or by flag."""
         some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
         return replace(self, **some)
 
     def case(self, index: int) -> Case:
-        """One of the cases."""
+        """Case with an index."""
         i = int(self.plant[index])
         point = self.plants[i].point
         car = point.vehicle.model_copy(update={"actuator": self.actuators[int(self.actuator[index])]})
@@ -392,7 +389,7 @@ class EnvelopePoints:
 
 def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> EnvelopePoints:
     car = envelope.vehicle
-    # a factor of 1 that is not among those given belongs to the operating points alone
+    # a factor of 1 that is not in the given list is for the operating points alone
     lags, dead_times, radii, slips = (
         (1.0,) if nominal else tuple(dict.fromkeys((1.0, *getattr(envelope, name))))
         for name in ("lag", "dead_time", "radius", "slip")
@@ -443,14 +440,14 @@ def _plant(
 
 
 def _worn(car: Vehicle, factor: float) -> Vehicle:
-    """The vehicle with `factor` times its wheel radius."""
+    """Vehicle with `factor` times its wheel radius."""
     if factor == 1.0:
         return car
     return car.model_copy(update={"wheel": car.wheel.model_copy(update={"radius": factor * car.wheel.radius})})
 
 
 def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]]:
-    """(rail, law at the load's wheel load, load's name, vehicle with that load)."""
+    """Tuples of rail, law at the wheel load, name of the load, and vehicle with the load."""
     car = envelope.vehicle
     loads = {name: car if name == "empty" else car.loaded() for name in envelope.loads}
     distinct = {
@@ -461,8 +458,11 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 
 
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
-    """The law on a rail under a load: mu of one that is not named is that at the load it was found at, which is the
-    empty vehicle's unless its file, or the law, says another."""
+    """Law on a rail under a load.
+
+    A law that is not published keeps the mu of the load at which it was found: that of the empty vehicle, unless its
+    file or the law states another.
+    """
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):
         given, found_at = law, law.of_wheel_load
@@ -474,7 +474,7 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
 
 
 def _law_of_file(path: Path, envelope: Envelope) -> tuple[AdhesionLaw, float | None]:
-    """The law in a file, and the wheel load, N, at which it was found, if that says it."""
+    """Law in a file, and the wheel load, N, at which it was found, if the file states it."""
     try:
         return load_law(path, initial_speed_kmh=envelope.initial_speed), wheel_load_in(path)
     except InputError as error:
@@ -486,7 +486,7 @@ def _is_file(law: str | Path | AdhesionLaw) -> bool:
 
 
 def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
-    """The slip held; InputError for none, or where a factor of the envelope makes it that of a locked wheel."""
+    """Reference slip on a rail; InputError if there is none, or if a factor of the envelope makes it 1 or more."""
     given = envelope.reference
     slip = law.reference_slip(rail) if given is None else float(getattr(given, rail.value))
     if slip is not None and slip * max(envelope.slip) >= 1:
@@ -497,7 +497,7 @@ def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
         )
     if slip is None:
         raise InputError(
-            f"envelope: adhesion {law.name!r} has no reference slip; give the envelope's, reference = {{ dry = 0.13, "
-            "wet = 0.09 }"
+            f"envelope: adhesion {law.name!r} has no reference slip; give one in the envelope, reference = {{ dry = "
+            "0.13, wet = 0.09 }"
         )
     return slip

@@ -428,7 +428,7 @@ class StructureChoice:
         return self.tier, not self.reaches, -self.reference_factor, self.structure
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the candidate with its verdict."""
         if self.design is not None and not isinstance(self.design.controller, PI):
             return f"{self.structure}: {self.design.judgement.verdict_line}"
@@ -453,7 +453,7 @@ class Selection:
         return self.choices[0] if self.choices[0].design is not None else None
 
     def __str__(self) -> str:
-        return "\n".join(choice.words for choice in self.choices)
+        return "\n".join(choice.description for choice in self.choices)
 
 
 @checked

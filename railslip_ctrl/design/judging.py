@@ -1,4 +1,4 @@
-"""One verdict on a controller over a whole envelope, every loop with its dead time exact."""
+"""Verdict on a controller over a whole envelope, every loop with its exact dead time."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from .envelope import ERRORS, Case, Envelope, EnvelopePoints
 from .limits import least_peak
 from .specification import is_robust
 
-_LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
+_LOOKED_AT = 3  # cases of each speed whose sampled loop is computed too: sampling may reorder nearly equal Ms
 _ROUGH, _ROUGH_GRID = ("phase_deg", "delay_s", "gain_decrease", "gain_increase"), 400
-_ROUGHLY_LEAST = 2  # of them are had exactly
-_ROUNDING = 1 - 1e-9  # of a speed, km/h, from m/s
-_ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: both find peaks to 1e-9
+_ROUGHLY_LEAST = 2  # cases of least margin on the grid whose margin is then computed exactly
+_ROUNDING = 1 - 1e-9  # factor on a speed in km/h that was converted from m/s
+_ENGINES_AGREE = 1e-6  # relative difference of Ms by the batch and by the scalar engine; both find peaks to 1e-9
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None where it is unstable.
+    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None if it is unstable.
 
-    `as_run` and `sampled` are the same of the worst sampled loop, that of `run_case`, where a continuous controller
-    says how it is run, else None.
+    `run_case`, `as_run` and `sampled` are the same for the worst sampled loop, if a continuous controller states its
+    sampling; otherwise `as_run` and `sampled` are None.
     """
 
     case: Case
@@ -55,38 +55,38 @@ class WorstCase:
 
     @property
     def point(self) -> Any:
-        """The operating point; its vehicle has the load, the wheel and the actuator of the case."""
+        """Operating point of the case; its vehicle has the load, wheel and actuator of the case."""
         return self.case.point
 
     @property
     def ms(self) -> float:
-        """Ms, inf where the loop is unstable."""
+        """Ms, inf if the loop is unstable."""
         return math.inf if self.margins is None else self.margins.ms
 
     @property
     def run_ms(self) -> float:
-        """Ms of the worst sampled loop, inf where it is unstable; NaN without one."""
+        """Ms of the worst sampled loop, inf if it is unstable; NaN without a sampled loop."""
         if self.as_run is None:
             return math.nan
         return math.inf if self.sampled is None else self.sampled.ms
 
     @property
-    def loop_words(self) -> str:
-        """Ms of its loop, and where that is."""
-        return f"{_kept(self.margins)} at {self.case.words}"
+    def loop_description(self) -> str:
+        """Ms of the loop with its case as text."""
+        return f"{_kept(self.margins)} at {self.case.description}"
 
     @property
-    def words(self) -> str:
-        """Its Ms, also as run, and where it is."""
+    def description(self) -> str:
+        """Ms, also of the sampled loop, with the case as text."""
         if self.as_run is None or self.margins is self.sampled is None:
-            return self.loop_words
+            return self.loop_description
         run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
-            return f"{_kept(self.margins)} ({run}) at {self.case.words}"
-        return f"{self.loop_words} ({run} at {self.run_case.words})"
+            return f"{_kept(self.margins)} ({run}) at {self.case.description}"
+        return f"{self.loop_description} ({run} at {self.run_case.description})"
 
     def table(self) -> dict[str, Any]:
-        """For JSON: Ms, phase (deg) and delay margin (s), null where it is unstable or without bound, and the case."""
+        """Ms, phase (deg) and delay margin (s) with the case for JSON; null if unstable or unbounded."""
         m = self.margins
         found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
@@ -104,8 +104,9 @@ def _kept(margins: Margins | None) -> str:
 
 @dataclass(frozen=True)
 class MsMap:
-    """Worst Ms over speed and load, of the operating points and with tolerances; that of the sampled loop where it is
-    larger.
+    """Worst Ms over speed and load, at the operating points and with tolerances.
+
+    Ms is that of the sampled loop if it is larger.
 
     `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
     and NaN where there is none.
@@ -118,7 +119,7 @@ class MsMap:
 
     def plot(self) -> Any:
         """The map as a matplotlib figure, its numbers in cells."""
-        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, imported at the user's request
         return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
 
 
@@ -126,11 +127,11 @@ class MsMap:
 class Judgement:
     """A controller over an envelope; see `judge`.
 
-    - controller: linear system
-    - envelope: with the reference slip that was judged at.
-    - nominal: whether the operating points alone were judged.
-    - points: the cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a
-      discrete controller all but Ms, are those of the operating points alone, NaN elsewhere; of a seeking one Ms alone.
+    - controller: the linear system.
+    - envelope: with the reference slip of the verdict.
+    - nominal: whether only the operating points were judged.
+    - points: the cases; `margins` has one entry for each, NaN if the loop is unstable. Gain margins, and for a discrete
+      controller all margins but Ms, are known at the operating points alone, NaN elsewhere; a seeking one has only Ms.
     """
 
     controller: Any
@@ -147,15 +148,15 @@ class Judgement:
 
     @cached_property
     def ms(self) -> Floats:
-        """Ms of each case, inf where the loop is unstable, (n,); if `as_it_runs` that of the sampled loop."""
+        """Ms of each case, inf if the loop is unstable, (n,); that of the sampled loop if `as_it_runs`."""
         return np.where(self.stable, self.margins.ms, np.inf)
 
     @cached_property
     def sampled_ms(self) -> Floats:
-        """Ms of the sampled loop where a continuous controller says how it is run, inf where that is unstable, (n,).
+        """Ms of the sampled loop, inf if it is unstable, (n,), for a continuous controller that states its sampling.
 
-        Of a kind with a loop of its own all cases. Of another every operating point, and at every speed the cases of
-        largest Ms and least delay margin, which a hold spoils first; NaN elsewhere.
+        A kind with its own loop has all cases. Other kinds have every operating point, and at every speed the cases of
+        largest Ms and of least delay margin, which sampling affects most; NaN elsewhere.
         """
         found = np.full(len(self.points), np.nan)
         if self.as_it_runs:
@@ -175,46 +176,48 @@ class Judgement:
 
     @cached_property
     def run_ms(self) -> Floats:
-        """The larger of `ms` and `sampled_ms`, where that is known, (n,)."""
+        """Larger of `ms` and `sampled_ms`, if that is known, (n,)."""
         return np.fmax(self.ms, self.sampled_ms)
 
     @property
     def verdict(self) -> str:
-        """ "robust": Ms <= 2 at every operating point, and stable with every tolerance. "fragile": stable at every
-        operating point. Else "unstable". Of a continuous controller that says how it is run, all of it sampled too."""
+        """Verdict: "robust", "fragile" or "unstable", also for the sampled loop if the controller states its sampling.
+
+        Robust is Ms <= 2 at every operating point and stable with every tolerance; fragile is stable at every operating
+        point.
+        """
         return self._verdict(np.ones(len(self.points), dtype=bool))
 
     @cached_property
     def usable_from_kmh(self) -> float | None:
-        """The lowest speed of the envelope from which on up every loop is stable and slip is controlled; None if that
-        is not so at the highest."""
+        """Lowest speed above which every loop is stable and slip is controlled; None if no speed qualifies."""
         return self._lowest(self._stable)
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
-        """As `usable_from_kmh`, from which on up it is "robust"."""
+        """Lowest speed above which the verdict is "robust" and slip is controlled; None if no speed qualifies."""
         return self._lowest(lambda cases: self._verdict(cases) == "robust")
 
     @cached_property
     def worst(self) -> WorstCase:
-        """The operating point of largest Ms among those from `usable_from_kmh` up (if None: among all)."""
+        """Operating point of largest Ms from `usable_from_kmh` up; of all speeds if that is None."""
         return self._worst(self._usable & self.points.operating)
 
     @cached_property
     def worst_with_tolerances(self) -> WorstCase:
-        """As `worst`, of all cases."""
+        """Case of largest Ms from `usable_from_kmh` up, tolerances included."""
         return self._worst(self._usable)
 
     def least(self, margin: str, *, largest: bool = False) -> tuple[float, Case]:
-        """The least of a margin among the operating points from `usable_from_kmh` up, all of them stable, and its case.
+        """Least value of a margin at the operating points from `usable_from_kmh` up, and its case.
 
-        - margin: name, one of `Margins`.
-        - largest: whether the largest is asked for instead.
+        - margin: name of a margin of `Margins`.
+        - largest: whether to return the largest value instead.
         """
         sign = -1.0 if largest else 1.0
         cases = np.flatnonzero(self._usable & self.points.operating)
         values = getattr(self.margins, margin)[cases]
-        if np.isnan(values).any():  # of a seeking controller: the batch has Ms alone
+        if np.isnan(values).any():  # a seeking controller: the batch has only Ms
             cases = cases[np.argsort(sign * self._rough[margin][cases])[:_ROUGHLY_LEAST]]
             values = np.array([getattr(self._loop(i, wheel_slip_loop)[1], margin) for i in cases.tolist()])
         index = int(np.argmin(sign * values))
@@ -222,7 +225,7 @@ class Judgement:
 
     @cached_property
     def _rough(self) -> dict[str, Floats]:
-        """Margins of the operating points by a grid of frequencies, to tell which are to be had exactly, (n,)."""
+        """Margins of the operating points on a grid of frequencies, to select those to compute exactly, (n,)."""
         found = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
         for i in np.flatnonzero(self.points.operating).tolist():
             plant, actuator = _of(self.points, i)
@@ -246,7 +249,7 @@ class Judgement:
         return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
 
     def by_axis(self) -> dict[str, dict[Any, tuple[float, float]]]:
-        """For each axis of the envelope and each of its values: share of stable loops, worst Ms of the stable ones."""
+        """For each axis of the envelope and each value: share of stable loops, and worst Ms of these."""
         plants, actuators = self.points.plants, self.points.actuators
         of_plants = {
             "law": [plant.point.adhesion for plant in plants],
@@ -267,49 +270,49 @@ class Judgement:
 
     @property
     def verdict_line(self) -> str:
-        """The verdict with the case that decides it, and from which speed on the controller may be used."""
+        """Verdict with the case that decides it, and the speed from which the controller may be used."""
         everywhere = np.ones(len(self.points), dtype=bool)
         line = self._decided(everywhere)
         if self.verdict != "unstable" and not self.nominal and self._stable(everywhere):
-            line += f"; with tolerances {self.worst_with_tolerances.words}"
+            line += f"; with tolerances {self.worst_with_tolerances.description}"
         if self.usable_from_kmh is None and self._in_use.any():
             return f"{line}; unstable at the highest speed too, {max(self.envelope.speeds):g} km/h{self._handed_over}"
         if (self.usable_from_kmh or 0.0) > max(min(self.envelope.speeds), self.hand_over_kmh / _ROUNDING):
-            line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
+            line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.description}"
         left_out = len(self.points.skipped)
         return line + (f"; {left_out} left out" if left_out else "") + self._handed_over
 
     @property
     def hand_over_kmh(self) -> float:
-        """Below this speed, km/h, the controller does not control slip, as it says itself; 0: never."""
+        """Speed, km/h, below which the controller states that it does not control slip; 0 if there is none."""
         return self.controller.controlled_from / KMH if isinstance(self.controller, Controller) else 0.0
 
     @property
     def verdict_in_use(self) -> str | None:
-        """The verdict from `hand_over_kmh` up; None where all speeds of the envelope are below."""
+        """Verdict from `hand_over_kmh` up; None if all speeds of the envelope are below."""
         return self._verdict(self._in_use) if self._in_use.any() else None
 
     def __str__(self) -> str:
         robust = int(np.count_nonzero([is_robust(ms) for ms in self.run_ms.tolist()]))
         lines = [self.verdict_line, f"Ms <= 2 at {robust} of {len(self.points)} points"]
-        lines += [f"left out: {told}" for told in self.points.skipped]
-        return "\n".join([*lines, *self.slips_told])
+        lines += [f"left out: {case}" for case in self.points.skipped]
+        return "\n".join([*lines, *self.slip_notes])
 
     @property
-    def slips_told(self) -> tuple[str, ...]:
-        """What the slips stand for that were judged at: reference slips on a knife's edge, or those that it finds."""
+    def slip_notes(self) -> tuple[str, ...]:
+        """Notes on the slips at which the controller was judged."""
         if not finds_slip(self.controller):
             return self.envelope.knife_edges()
         points = [plant.point for plant in self.points.plants]
         found = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
         past = sum(one.slip > peak(one.law, one.speed, one.vehicle.wheel_load).slip for one in points)
         return (
-            f"judged at the slip that it comes to, {min(found):.3g} to {max(found):.3g} by rail and speed, and at the "
-            f"envelope's factors of it; {100 * past / len(points):.0f} % of these slips are past the peak of adhesion",
+            f"judged at the slip that the controller finds, {min(found):.3g} to {max(found):.3g} by rail and speed, "
+            f"and at the envelope's factors on it; {100 * past / len(points):.0f} % of these slips are past the peak",
         )
 
     def table(self) -> dict[str, Any]:
-        """The judgement for JSON, in SI but the speeds, in km/h."""
+        """Judgement for JSON, in SI except for speeds in km/h."""
         return {
             "verdict": self.verdict,
             "nominal": self.nominal,
@@ -322,7 +325,7 @@ class Judgement:
             "envelope": self.envelope.table(),
             "points": len(self.points),
             "skipped": list(self.points.skipped),
-            "knife_edges": list(self.slips_told),
+            "knife_edges": list(self.slip_notes),
         }
 
     @property
@@ -335,24 +338,23 @@ class Judgement:
 
     @property
     def _handed_over(self) -> str:
-        """What the verdict says of a controller that hands over at speeds of the envelope."""
+        """Part of the verdict for a controller that hands over at speeds of the envelope."""
         if self._in_use.all():
             return ""
-        told = f"; hands over below {self.hand_over_kmh:.4g} km/h"
+        hand_over = f"; hands over below {self.hand_over_kmh:.4g} km/h"
         return (
-            f"{told}, in use {self._decided(self._in_use)}"
+            f"{hand_over}, in use {self._decided(self._in_use)}"
             if self._in_use.any()
-            else f"{told}, above every speed judged"
+            else f"{hand_over}, above every speed judged"
         )
 
     def _decided(self, cases: Flags) -> str:
-        """The verdict over some cases, with the case that decides it: an operating point, or a tolerance that makes a
-        loop unstable."""
+        """Verdict over some cases with the deciding case: an operating point, or a tolerance with an unstable loop."""
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
-        told = worst.words.removeprefix("unstable at ") if verdict == "unstable" else worst.words
-        return f"{verdict}{' at the operating points' if self.nominal else ''}: {told}"
+        case = worst.description.removeprefix("unstable at ") if verdict == "unstable" else worst.description
+        return f"{verdict}{' at the operating points' if self.nominal else ''}: {case}"
 
     def _summary(self, chosen: Flags) -> tuple[float, float]:
         stable = self.stable & chosen
@@ -376,7 +378,7 @@ class Judgement:
         return found
 
     def _worst(self, chosen: Flags) -> WorstCase:
-        """The chosen case of largest Ms, and that of largest sampled Ms, by the scalar engine, which must agree."""
+        """Chosen cases of largest Ms and of largest sampled Ms, by the scalar engine, which must agree."""
         index = self._largest(self.ms, chosen)
         known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
         run_index = self._largest(self.sampled_ms, chosen) if known else index
@@ -390,11 +392,11 @@ class Judgement:
 
     @cached_property
     def as_it_runs(self) -> bool:
-        """Whether `ms` is of the sampled loops already, as of kinds with a loop of their own."""
+        """Whether `ms` is that of the sampled loops, as for kinds with their own loop."""
         return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
-        """The loop of a case, made once, and its margins; None where it is unstable or there is none."""
+        """Loop of a case, made once, and its margins; None if it is unstable or there is no loop."""
         key = made, int(self.points.plant[index]), int(self.points.actuator[index])
         if key not in self._loops:
             plant, actuator = _of(self.points, index)
@@ -403,7 +405,7 @@ class Judgement:
         return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
-        """The chosen case of largest Ms; of unstable ones that whose plant is fastest against its actuator."""
+        """Chosen case of largest Ms; among unstable ones that with the largest product of pole and brake time."""
         unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
             return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
@@ -418,16 +420,16 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
     """Judge a linear controller over an envelope, the dead times exact.
 
     - envelope: what the controller must hold.
-    - controller: linear system; from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop`
-      takes it; a continuous one that does not say how it is run is, every 10 ms by Tustin's rule. One that has a
-      `reference` (slip ratios) is judged there, unless the envelope has its own; one that finds its own slip, such as a
-      seeking controller, at that of each law.
-    - nominal: the operating points alone, without the tolerances around them.
+    - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes
+      it. A continuous one that does not state its sampling is sampled every 10 ms by Tustin's rule. The `reference`
+      (slip ratios) of a controller is used unless the envelope has one; a controller that finds its slip, such as a
+      seeking one, is judged at that of each law.
+    - nominal: whether to judge the operating points alone, without tolerances.
 
     Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
-    every case; printed, the verdict in words. InputError: a controller without margins, or an envelope without points.
+    every case; printing it shows the verdict. InputError: a controller without margins, or an envelope without points.
     """
-    controller = getattr(controller, "controller", controller)  # of a design
+    controller = getattr(controller, "controller", controller)  # the controller of a design
     if is_kind(controller):
         controller = controller.for_vehicle(envelope.vehicle)
     if isinstance(controller, Controller):
@@ -443,9 +445,9 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 
 
 def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
-    """The envelope that a controller is judged over: at the slips that it holds, unless the envelope has its own.
+    """Envelope for judging a controller: at the slips that the controller holds, unless the envelope has its own.
 
-    Of one that finds its slip, whatever the envelope's reference, with the speeds at which its loop changes.
+    If the controller finds its slip, the reference is not used; the speeds at which its loop changes are added.
     """
     held = getattr(controller, "reference", None)
     if finds_slip(controller):
@@ -456,7 +458,7 @@ def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
 
 
 def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
-    """The least Ms that any controller has at a speed and load of a map, (m, n): theorem, see `limits`."""
+    """Smallest Ms that any controller can have at a speed and load of a map, (m, n): a theorem, see `limits`."""
     found = np.ones((over.speeds_kmh.size, len(over.loads)))
     for plant, load in zip(points.plants, points.loads, strict=True):
         poles, zeros = (roots[roots.real > 0] for roots in (plant.poles, plant.zeros))
@@ -466,22 +468,22 @@ def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
 
 
 def finds_slip(controller: Any) -> bool:
-    """Whether a controller finds the slip that it holds by itself."""
+    """Whether a controller finds by itself the slip that it holds."""
     return isinstance(controller, Controller) and controller.finds_slip
 
 
 def judge_points(envelope: Envelope, controller: Any, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
-    """As `judge`, at points made before by `Envelope.points`."""
+    """Judge a controller at points made before by `Envelope.points`; see `judge`."""
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
 def margins_at(
     controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
 ) -> BatchMargins:
-    """Margins of every case; the loop of a plant is made once, and each actuator put into it in arrays.
+    """Margins of every case; the loop of a plant is made once and combined with each actuator in arrays.
 
-    With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
-    margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
+    With `factors` on the loop gain the entries are (factors, cases), flattened. Gain margins are computed at the
+    operating points, or everywhere if `gain_margins`; Ms is then left out.
     """
     if isinstance(controller, Controller):
         own = controller.stable_and_ms(
@@ -513,7 +515,7 @@ def margins_at(
         mine = np.flatnonzero(alike[loop_of] & braked & kind)
         if not mine.size:
             continue
-        row = (np.cumsum(alike) - 1)[loop_of[mine]]  # of each case among the loops of this shape
+        row = (np.cumsum(alike) - 1)[loop_of[mine]]  # index of each case's loop among those of this shape
         some = list(compress(loops, alike.tolist()))
         z = np.array([np.concatenate([c.zeros, g.zeros]) for c, g in some], dtype=complex)[row]
         p = np.array([np.concatenate([c.poles, g.poles]) for c, g in some], dtype=complex)[row]
@@ -536,11 +538,11 @@ def margins_at(
 
 
 def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
-    """Of `_ROUGH`, those of a stable loop, by a grid."""
+    """Margins `_ROUGH` of a stable loop on a grid of frequencies."""
     low, high = loop.feature_band()
     omega = np.geomspace(low, high, _ROUGH_GRID)
     response = loop.response(omega)
-    size, left = np.log(np.abs(response)), np.unwrap(np.angle(-response))  # the phase from -180 deg
+    size, left = np.log(np.abs(response)), np.unwrap(np.angle(-response))  # phase from -180 deg
     crosses = np.flatnonzero(np.diff(size > 0))
     omegas, phases = (_at_zero(size, other, crosses) for other in (omega, left))
     turns = np.flatnonzero(np.diff(response.imag > 0) & (response.real[1:] < 0))
@@ -554,7 +556,7 @@ def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
 
 
 def _at_zero(values: Floats, others: Floats, at: Any) -> Floats:
-    """What goes with `values` where they pass 0 between the samples `at` and the next."""
+    """Values of `others` at the zeros of `values`, which are between the samples `at` and the next ones."""
     share = values[at] / (values[at] - values[at + 1])
     return np.asarray(others[at] + share * (others[at + 1] - others[at]))
 
@@ -565,7 +567,7 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
 
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Stability and Ms of sampled loops, which no batch has, and all their margins at the operating points."""
+    """Stability and Ms of sampled loops, which have no batch, and all margins at the operating points."""
     found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)

@@ -58,7 +58,7 @@ class Specification:
         return self.phase_min_deg is None and self.delay_min_s is None and self.crossover is None
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Requirements as text; empty without requirements."""
         parts = []
         if self.ms_max is not None:

@@ -180,7 +180,7 @@ class TunedCases:
     def asked(self) -> str:
         """Goal and specification as text."""
         goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
-        return ", ".join(filter(None, [goal, self.specification.words]))
+        return ", ".join(filter(None, [goal, self.specification.description]))
 
     def controller(self, design: PIDesign) -> PIController:
         """Return the controller with the design's gains."""
@@ -256,7 +256,7 @@ def _tune(
         [shape * actuated_plant(plant, actuator) for plant in plants],
         [actuator.dead_time] * len(points),
         compensated=True,
-        names=tuple(point.words for point in points),
+        names=tuple(point.description for point in points),
     )
     design, reason = None, ""
     try:

@@ -495,7 +495,7 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
             alone &= best <= sign * bound
     together = "; each requirement alone can be met, but not all together" if alone and len(texts) > 1 else ""
     return InfeasibleDesignError(
-        f"specification cannot be met: {specification.words} is required, and with ki near 0 the best is "
+        f"specification cannot be met: {specification.description} is required, and with ki near 0 the best is "
         f"{', '.join(texts)}{together}; {remedy}"
     )
 
@@ -572,7 +572,7 @@ def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> 
     largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
     if math.isnan(largest):
         return _infeasible(family, specification)
-    if largest > ki_min and specification.words:
+    if largest > ki_min and specification.description:
         return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
     return InfeasibleDesignError(
         f"no PI with ki >= {ki_min:g} stabilises all plants; give a ki of at most about {largest:.4g}, the largest "

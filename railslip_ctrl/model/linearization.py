@@ -79,7 +79,7 @@ class OperatingPoint:
         return self.speed / KMH
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the point: law, rail, speed, slip and mass."""
         return f"{self.adhesion}, {self.place}"
 

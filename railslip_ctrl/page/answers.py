@@ -1,7 +1,4 @@
-"""Answer the requests of the page with the functions that the commands use.
-
-A request has a design; an answer has numbers, texts and arrays.
-"""
+"""Answer the requests of the page with the functions that the commands use: numbers, texts and arrays of a design."""
 
 from __future__ import annotations
 
@@ -109,7 +106,7 @@ def loop_answer(bench: Workbench, request: Request) -> Answer:
         index = bench.hardest(control, points, sized("from", request.get("from") or 0.0))
     plant, brake = points.plants[index], points.vehicle.actuator
     case = points.case(int(np.flatnonzero((points.plant == index) & points.operating)[0]))
-    head: dict[str, Any] = {"point": index, "where": case.words}
+    head: dict[str, Any] = {"point": index, "where": case.description}
     try:
         loop = wheel_slip_loop(plant, control, brake)
     except InputError as error:
@@ -148,11 +145,12 @@ def envelope_answer(bench: Workbench, request: Request, *, nominal: bool = True)
     if judgement.usable_from_kmh is not None and (not nominal or isinstance(control, LinearControl)):
         names = ("phase_deg", "delay_s", "gain_increase", "gain_decrease")
         least = {name: judgement.least(name, largest=name == "gain_decrease")[0] for name in names}
-    cases = {points.case(i).words: int(points.plant[i]) for i in np.flatnonzero(points.operating).tolist()}
+    cases = {points.case(i).description: int(points.plant[i]) for i in np.flatnonzero(points.operating).tolist()}
     head: dict[str, Any] = {"verdict": judgement.verdict, "line": judgement.verdict_line, "least": least}
-    head |= {"told": judgement.slips_told, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
+    head |= {"told": judgement.slip_notes, "usable_from_kmh": judgement.usable_from_kmh, "map": vars(over)}
     if nominal:
-        head |= {"bounds": bounds_over(points, over), "points": cases, "hardest": cases[judgement.worst.case.words]}
+        hardest = cases[judgement.worst.case.description]
+        head |= {"bounds": bounds_over(points, over), "points": cases, "hardest": hardest}
     return head, {}
 
 

@@ -40,12 +40,10 @@ def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None,
     """Serve the page of `railslip design`: a notebook shows it in a frame, a browser at its `address`.
 
     - envelope: the envelope to shape the loop for, or a vehicle, whose default envelope is used.
-    - controller: the first design: a controller, its class, a linear system, or a design of `tune`; by default a
-      PI-lead by rule.
+    - controller: first design: a controller, its class, a linear system or a `tune` design; default PI-lead by rule.
     - port: port number on 127.0.0.1; 0: any free port.
 
-    Returns the page, served until its `close()` or the end of Python. InputError: a controller without named
-    parameters, an envelope without operating points, or a port in use.
+    Served until its `close()` or the end of Python. InputError: no named parameters, no operating points, port in use.
     """
     number("port", port, ge=0, le=65_535)
     return DesignPage(Workbench(Envelope(envelope) if isinstance(envelope, Vehicle) else envelope, controller), port)

@@ -59,10 +59,7 @@ class Desk:
 
     @contextmanager
     def opened(self) -> Iterator[Desk]:
-        """Start the processes for slow requests; a thread of this process instead if a class is the user's own.
-
-        Other processes cannot import such a class of an adhesion law or controller.
-        """
+        """Start the processes for slow requests; a thread instead if they cannot import a class that is the user's."""
         with processes(1) as medium, processes(2) as slow, ThreadPoolExecutor(1) as thread:
             answer = partial(_answered_in_process, self._sent) if self._sent else partial(answered, self.bench)
             pools = ((1, medium), (2, slow)) if self._sent else ((1, thread.submit), (1, thread.submit))

@@ -1,6 +1,6 @@
-"""The candidates of a design report, and their order.
+"""Candidates of a design report, and their order.
 
-A candidate is judged by its margins, then by the stops as given, and, if it can still win, by the harder stops.
+A candidate is judged by its margins, then by the stops as given and, if it can still win, by the harder stops.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .stops import Stop, as_reference, as_run, harder_stops, locks_at_once, oper
 SEEKING = Seeking.kind
 
 TIE = 0.02
-"""Relative difference of two mean stops, or of two worst Ms, that counts as a tie."""
+"""Relative difference of two mean stops, or of two worst Ms, that counts as equal."""
 
 PREFERENCES = ("distance", "robustness")
 
@@ -40,35 +40,39 @@ NOT_RUN = "not run further"
 """Reason of a candidate without harder stops: others are better in the stops as given."""
 
 NEARLY_UNSTABLE = 50.0
-"""Largest worst Ms with tolerances, a ratio. |1 + L| is then at least 1/50: an error of 2 % in the loop gain, which a
-wheel radius wrong by that much gives, makes no loop unstable."""
+"""Largest worst Ms with tolerances of a candidate that qualifies, a ratio.
+
+|1 + L| is then at least 1/50, so that an error of 2 % in the loop gain, as from a worn wheel, makes no loop unstable.
+"""
 
 FASTER = (0.75, 0.5, 0.25)
-"""Dead time and lag of the brakes that are tried if no candidate qualifies, over the vehicle's own."""
+"""Factors on dead time and lag of the brakes that are tried if no candidate qualifies."""
 
 HELD_SHARE = 0.75
-"""Slip that a kind with a rule holds, over the reference slip: below the peak, as most tuned designs."""
+"""Reference slip of a kind with a rule, over the envelope's: below the peak, as in most tuned designs."""
 
-MOST_LINEAR = 3  # linear designs in the stops, the most robust ones: the first of them need not stop soonest
+MOST_LINEAR = 3  # most robust linear designs that run in stops: the most robust one need not have the shortest stop
 
-_LATEST = 0.5  # highest hand-over speed, over the highest speed: slip is controlled in 3/4 of the distance or more
+_LATEST = 0.5  # largest hand-over speed over the highest speed: slip is then controlled over at least 3/4 of the stop
 
-_COMPLETE = 2  # qualified candidates after which no more run the harder stops: the best and the runner-up
+_COMPLETE = 2  # number of qualified candidates with harder stops: the best and the runner-up
 
 _NEAR = 0.1  # relative difference of mean stops as given, or of worst Ms, that the harder stops may reverse
 
 Beside = Callable[..., Callable[[], Any]]
-"""Takes a function and its arguments, returns a function that gives the result; computed in another process, or on that
-call."""
+"""Function that starts a function with its arguments in another process and returns a function for the result.
+
+Without another process the result is computed on that call.
+"""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate in the report's stops.
+    """A candidate in the stops of the report.
 
-    - above_kmh: speed, km/h, from which up it qualifies; None if it does not, with the `reason`.
+    - above_kmh: speed, km/h, above which it qualifies; None, with the `reason`, if it does not qualify.
     - lowest_kmh: lowest speed, km/h, that counts for its worst Ms.
-    - stops: as given; harder: with errors, and on a changing rail. A candidate that cannot win has no harder stops.
+    - stops: stops as given; harder: stops with errors, and on a changing rail, empty if it cannot win.
     """
 
     choice: StructureChoice
@@ -78,35 +82,37 @@ class Trial:
     stops: tuple[Stop, ...]
     harder: tuple[Stop, ...] = ()
     reason: str = ""
-    robust_kmh: float | None = None  # from which up its margins are robust; 0 of a controller without any
+    robust_kmh: float | None = None  # speed above which its margins are robust; 0 for a controller without margins
 
     @property
     def judgement(self) -> Judgement | None:
-        """Its design's; None of a controller without margins."""
+        """Judgement of its design; None for a controller without margins."""
         return None if self.choice.design is None else self.choice.design.judgement
 
     def distance(self) -> float:
-        """Mean braking distance of all its stops over all seeds, m; inf where one does not stop."""
+        """Mean braking distance over all stops and seeds, m; inf if a run does not stop."""
         return _mean(stopping_distance(run) for stop in (*self.stops, *self.harder) for run in stop.runs)
 
     def distance_as_given(self) -> float:
-        """The same without the stops that are harder."""
+        """Mean braking distance of the stops as given, m; inf if a run does not stop."""
         return _mean(stopping_distance(run) for stop in self.stops for run in stop.runs)
 
     @property
     def air(self) -> float:
-        """Mean of the torque filled in over a stop, over the vehicle's full brake torque."""
+        """Mean torque filled in over a stop, over the vehicle's full brake torque."""
         return _mean(stop.air for stop in (*self.stops, *self.harder))
 
     @property
     def locked(self) -> int:
-        """Stops in which the wheel locks at a speed at which slip is controlled."""
+        """Number of stops in which the wheel locks at a speed at which slip is controlled."""
         return sum(stop.locked_from > self.control.controlled_from for stop in (*self.stops, *self.harder))
 
     @cached_property
     def worst_ms(self) -> float:
-        """Worst Ms with tolerances, or of operating points if these alone are judged, over the speeds in use; inf
-        where a loop is unstable, and of a controller without margins."""
+        """Worst Ms over the speeds in use, with tolerances unless only operating points are judged.
+
+        It is inf if a loop is unstable, and for a controller without margins.
+        """
         if self.judgement is None:
             return math.inf
         speeds = self.judgement.points.speed_kmh
@@ -120,12 +126,11 @@ def _mean(values: Iterable[float]) -> float:
 
 
 def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
-    """The trials, the best first.
+    """Sort the trials, the best first.
 
-    Those that qualify, by the mean stop: of all within `TIE` of the shortest the one with the least worst Ms, of equal
-    Ms the one that fills less. If robustness is preferred, by the worst Ms: of all within `TIE` of the least the one
-    with the shortest mean stop. Then those that do not qualify, by the stops as given in which a wheel locks, and their
-    mean.
+    Candidates that qualify come first, by mean stop: of all within `TIE` of the shortest, the one with the least worst
+    Ms, then with the least air. If robustness is preferred, by worst Ms: of all within `TIE` of the least, the one with
+    the shortest mean stop. The others follow by the number of stops as given with a locked wheel, then by their mean.
     """
     first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
     good = sorted((one for one in trials if one.above_kmh is not None), key=first)
@@ -150,16 +155,18 @@ def _as_given(trial: Trial) -> tuple[bool, int, float]:
 
 @dataclass(frozen=True)
 class Remedy:
-    """The smallest change of the brake tried with which a controller qualifies, and that controller in its stops."""
+    """Smallest change of the brake tried with which a controller qualifies, and the trial of this controller."""
 
-    words: str
+    description: str
     trial: Trial
 
 
 def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: str, submit: Beside) -> list[Trial]:
-    """The trials, the best first, of which those that can win have run the harder stops: from the best as given on
-    until `_COMPLETE` qualify, and all within `_NEAR` of the first. If none qualifies, the least bad and slide
-    protection have run them too."""
+    """Run the harder stops for trials that can win, and sort the trials, the best first.
+
+    They run from the best as given on until `_COMPLETE` qualify, and for all within `_NEAR` of the first. If none
+    qualifies, the least bad trial and slide protection run them too.
+    """
     if nominal and any(one.above_kmh is not None for one in trials):
         return ordered(trials, prefer)
     key = Trial.distance_as_given if prefer == "distance" else _worst
@@ -171,7 +178,7 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
         if len(good) >= _COMPLETE and not near:
             break
         now, waiting = waiting[:2], waiting[2:]
-        # a kind by rule where it ran before: its compiled step is loaded there
+        # a kind by rule runs in its earlier process, which has its compiled step
         here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
         apart = {i: submit(_completed, one, envelope) for i, one in enumerate(now) if one is not here}
         mine = _completed(here, envelope)
@@ -191,7 +198,7 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
 
 
 def _completed(trial: Trial, envelope: Envelope) -> Trial:
-    """A trial with the harder stops too; if it does not qualify then, that of a later hand-over."""
+    """Trial with the harder stops; if it then does not qualify, that of a later hand-over."""
     found = _with_harder(trial, envelope)
     if found.above_kmh is not None:
         return found
@@ -201,7 +208,7 @@ def _completed(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
-    """A trial with the stops as given, and what it lacks by them."""
+    """Trial with the stops as given, and the reasons why it does not qualify."""
     if trial.stops:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -209,7 +216,7 @@ def _with_stops(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
-    """A trial with the harder stops, and what it lacks by them."""
+    """Trial with the harder stops, and the reasons why it does not qualify."""
     if trial.harder:
         return trial
     judgement = trial.judgement or unjudged(envelope)
@@ -217,15 +224,17 @@ def _with_harder(trial: Trial, envelope: Envelope) -> Trial:
 
 
 def named(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the controllers of the package that are there for a vehicle without being tuned."""
+    """Names of the package's controllers for a vehicle that need no tuning."""
     own = ("asmc", "scheduled") if is_published(vehicle) and not is_tuned_when_asked("scheduled", vehicle) else ()
     return (*BY_RULE, *own)
 
 
 def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Trial | None:
-    """A controller of the package by name in its stops, if `hard` the harder ones too; judged, if it has a loop, at
-    the envelope's slips, or those that it comes to. One that fades is handed over at a higher speed if it does not
-    qualify at its own. None of a brake for which there is no rule."""
+    """Trial of a controller of the package by name; None if it has no rule for the brake.
+
+    It is judged, if it has a loop, at the envelope's slips or at those that it finds. If `hard`, it runs the harder
+    stops too. If it does not qualify and its reference fades, later hand-overs are tried.
+    """
     try:
         control = controller_named(name, envelope.vehicle)
     except RailslipError:
@@ -253,8 +262,10 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
 
 
 def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
-    """A controller that fades and hands over, at each higher speed of an envelope at which it was judged robust, up to
-    `_LATEST` of the highest."""
+    """Copies of a controller that hand over at higher speeds of the envelope, up to `_LATEST` of the highest.
+
+    Only a controller whose reference fades has them, at speeds at which it was judged robust.
+    """
     robust = None if judged is None else judged.robust_from_kmh
     for speed in sorted(envelope.speeds):
         ratio = speed * KMH / control.controlled_from
@@ -273,8 +284,10 @@ def _judged(name: str, control: Controller, envelope: Envelope, nominal: bool, h
 def _trial(
     choice: StructureChoice, control: Controller, judgement: Judgement, robust: float | None, hard: bool
 ) -> Trial:
-    """A controller that is robust from a speed up, km/h, or from none; if its margins do, in its stops, and if `hard`
-    and no wheel locks there, in the harder ones too."""
+    """Trial of a controller that is robust above a speed, km/h, or at no speed.
+
+    If its margins qualify it runs the stops; if `hard` and no wheel locks there, the harder ones too.
+    """
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
     found = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
     if not found.reason:
@@ -290,7 +303,7 @@ def _concluded(trial: Trial, judgement: Judgement) -> Trial:
 
 
 def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
-    """Why a trial does not qualify."""
+    """Reasons why a trial does not qualify."""
     over, robust = trial.control.controlled_from / KMH, trial.robust_kmh
     if robust is None:
         yield "robust at no speed"
@@ -309,8 +322,10 @@ def _lacks(trial: Trial, judgement: Judgement) -> Iterator[str]:
 
 
 def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
-    """A choice, judged at the operating points alone if `nominal`, in its stops, if `hard` the harder ones too: handed
-    over above speeds at which it is not robust, or a wheel locks, up to `_LATEST` of the highest."""
+    """Trial of a linear choice, judged at the operating points alone if `nominal`; if `hard`, with the harder stops.
+
+    It is handed over above the speeds at which it is not robust or a wheel locks, up to `_LATEST` of the highest.
+    """
     assert choice.design is not None, "a choice of the best tier is a design"
     design, judgement = choice.design, choice.design.judgement
     if nominal:
@@ -336,9 +351,9 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
 
 
 def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Remedy | None:
-    """The first of the `FASTER` brakes with which a kind by rule qualifies, the least bad kind first.
+    """First of the `FASTER` brakes with which a kind by rule qualifies; the least bad kind is tried first.
 
-    Less slip and a higher hand-over speed were tried before, by the tuning and by the trials.
+    Less slip and a later hand-over were tried before, by the tuning and by the trials.
     """
     names = [trial.choice.structure for trial in trials if trial.choice.structure in BY_RULE]
     old = envelope.vehicle.actuator
@@ -353,12 +368,12 @@ def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Rem
 
 
 def unjudged(envelope: Envelope) -> Judgement:
-    """The operating points of an envelope, and no controller."""
+    """Operating points of an envelope as a judgement without a controller."""
     return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
 
 
 def no_margins(controller: Any) -> str:
-    """Why a controller that runs has no margins; empty of one that has some."""
+    """Reason why a controller that runs has no margins; empty if it has margins."""
     thing = controller.thing.thing if isinstance(controller, StepControl) else controller
     if isinstance(thing, Controller):
         own = type(thing)

@@ -19,13 +19,13 @@ from .export import exported, plain
 
 
 def _gains_json(choice: StructureChoice) -> dict[str, float | None]:
-    """kp and ki of a candidate; null where it has none."""
+    """Gains kp and ki of a candidate; null if it has none."""
     own = None if choice.design is None else choice.design.controller
     return {"kp_si": own.kp, "ki_si": own.ki} if isinstance(own, PI) else {"kp_si": None, "ki_si": None}
 
 
 def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
-    """The recommendation, the envelope, the candidates, stops and limits; SI but speeds in km/h."""
+    """Recommendation, envelope, candidates, stops and limits for JSON; SI except for speeds in km/h."""
     judgement = report.judgement
     return {
         "version": __version__,
@@ -34,7 +34,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "recommended": _recommended(report),
         "envelope": report.judged_envelope.table(),
         "skipped": [] if judgement is None else list(judgement.points.skipped),
-        "knife_edges": list(report.envelope.knife_edges() if judgement is None else judgement.slips_told),
+        "knife_edges": list(report.envelope.knife_edges() if judgement is None else judgement.slip_notes),
         "candidates": [
             {
                 **exported(choice, "structure", "reference_factor", "reason"),
@@ -58,7 +58,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "prefer": report.prefer,
         "trials": [_trial_json(trial) for trial in report.trials],
         "remedy": report.remedy
-        and {"brake": report.remedy.words, "mean_stop_m": plain(report.remedy.trial.distance())},
+        and {"brake": report.remedy.description, "mean_stop_m": plain(report.remedy.trial.distance())},
         "limits": [
             {
                 **exported(point, "rail", "speed_kmh", mass_kg="vehicle.mass"),
@@ -87,7 +87,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
 
 
 def _trial_json(trial: Trial) -> dict[str, Any]:
-    """A candidate in its stops: what decides."""
+    """Trial of a candidate: the numbers that decide."""
     return {
         **exported(trial.choice, "structure", "reference_factor"),
         "usable_from_kmh": used_from(trial),
@@ -108,27 +108,29 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
             "verdict": None,
             "usable_from_kmh": used_from(report),
         }
-    said = (report.in_use or judgement).table()
+    table = (report.in_use or judgement).table()
     return {
         "controller": tomllib.loads(report.control.toml),
         "nominal": judgement.nominal,
         **_from_speeds(judgement, report),
-        "worst": said["worst"],
-        "worst_with_tolerances": said["worst_with_tolerances"],
+        "worst": table["worst"],
+        "worst_with_tolerances": table["worst_with_tolerances"],
         "reference_factor": report.best.reference_factor if report.best is not None else None,
         "map": exported(judgement.map, "speeds_kmh", "loads", "operating", "with_tolerances"),
     }
 
 
 def _from_speeds(judgement: Judgement | None, ran: DesignReport | Trial | Rival | None) -> dict[str, Any]:
-    """The verdict, and the speeds, km/h, from which up a controller is stable, robust, and to be used: robust, slip
-    controlled, and no wheel slides in its stops."""
+    """Verdict, and the speeds, km/h, above which a controller is stable, robust, and usable.
+
+    Usable is robust, with controlled slip, and without a sliding wheel in its stops.
+    """
     named = {"stable_from_kmh": "usable_from_kmh"}
     return {**exported(judgement, "verdict", "robust_from_kmh", **named), "usable_from_kmh": used_from(ran)}
 
 
 def _stop_json(stop: Stop) -> dict[str, Any]:
-    """A stop: numbers of the seed with the longest, and the distances and highest slips of all seeds."""
+    """Stop: numbers of the longest seed, and the distances and highest slips of all seeds."""
     of_stop = {"adhesion": "law", "held_slip": "held", "errors": "errors"}
     of_reference = {"reference_slip": "reference", "reference_reached": "reached"}
     of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}

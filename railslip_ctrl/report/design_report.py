@@ -1,4 +1,4 @@
-"""The design report of a vehicle: its first page, the sections behind it, its text and its JSON."""
+"""Design report of a vehicle: its first page, the further sections, its text and its JSON."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from .page import typeset
 from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
-"""The file with the recommended design."""
+"""Name of the file with the recommended design."""
 
 _AXES = {
     "speed_kmh": "speed, km/h",
@@ -54,27 +54,27 @@ _AXES = {
     "dead_time_s": "dead time, s",
     "lag_s": "lag, s",
 }
-TOLD = 10.0
-"""Ms with tolerances, above which the first page says so: a tenth of the loop's gain may make it unstable."""
+MS_TO_WARN = 10.0
+"""Ms with tolerances above which the first page warns: a tenth of the loop's gain may make the loop unstable."""
 
 _RANKED = {
     "distance": f"shortest mean stop (within {100 * TIE:g} % least worst Ms, then least air)",
     "robustness": f"least worst Ms (within {100 * TIE:g} % shortest mean stop, then least air)",
 }
 _PAPER = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
-_MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
-_MOST_TOLD = 8  # of points left out and knife edges
+_MOST_WORDS = 60  # words of headline, why and what to do: read in a minute together with the numbers
+_MOST_NOTES = 8  # lines about points left out and reference slips at the peak
 
 
 # --- first page -----------------------------------------------------------------------------------------------------
 
 
 def first_page(report: DesignReport) -> FirstPage:
-    """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
+    """First page: what to do, why, and at most ten numbers, to be read in a minute."""
     headline, subject = _headline(report), _design_words(report)
     after = tuple(_not_judged(report))
-    told = " ".join([headline, subject, *(text for _, text in after)])
-    texts = _within(_MOST_WORDS - len(told.split()), _why(report), _risks(report), _steps(report))
+    phrase = " ".join([headline, subject, *(text for _, text in after)])
+    texts = _within(_MOST_WORDS - len(phrase.split()), _why(report), _risks(report), _steps(report))
     why, risk, to_do = map(" ".join, texts)
     return FirstPage(
         title=f"Wheel-slip control design: {report.vehicle.name}",
@@ -96,7 +96,7 @@ def first_page(report: DesignReport) -> FirstPage:
 
 
 def _headline(report: DesignReport) -> str:
-    """Use it, use it above a speed, or do not."""
+    """Headline: use the design, use it above a speed, or do not use it."""
     if report.above_kmh is None:
         return "NONE QUALIFIES; the least bad"
     at = " at the operating points" if report.nominal else ""
@@ -109,7 +109,7 @@ def _headline(report: DesignReport) -> str:
 
 
 def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
-    """The speed, km/h, from which up a controller may be used and controls slip; None of one that did not run too."""
+    """Speed, km/h, above which a controller may be used and controls slip; None if it did not run."""
     if ran is None or ran.above_kmh is None:
         return None
     if ran.judgement is None:
@@ -118,7 +118,7 @@ def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
 
 
 def _design_words(report: DesignReport) -> str:
-    """The recommended design with its numbers."""
+    """Recommended design with its numbers."""
     if report.control is None:
         return "any PI or PI-lead"
     held = report.control.reference if report.control.follows_reference else None
@@ -130,7 +130,7 @@ def _design_words(report: DesignReport) -> str:
 
 
 def _why(report: DesignReport) -> Iterator[str]:
-    """What its margins and its stops say, first."""
+    """Sentences about its margins and stops, the most important first."""
     if not report.trials:
         return
     best, judged = report.trials[0], report.in_use
@@ -141,31 +141,32 @@ def _why(report: DesignReport) -> Iterator[str]:
     if judged is None:
         yield f"No wheel locks in {every} stops; it is not linear, and has no margins."
         return
-    told = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
+    phrase = f"Ms ≤ 2 at all {int(judged.points.operating.sum())} operating points"
     if not report.nominal:
-        told += f", stable at all {len(judged.points)} with tolerances"
-    yield f"{told}."
+        phrase += f", stable at all {len(judged.points)} with tolerances"
+    yield f"{phrase}."
     factor = best.choice.reference_factor
     if factor < 1.0:
         yield f"It holds {100 * factor:g} % of the reference slip."
 
 
 def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """What decides, the runner-up with what it would cost, and in which stops."""
+    """Lines about the decision, the runner-up with its cost in distance, and the stops."""
     if not report.trials:
         return
     best, good = report.trials[0], report.qualified
     if not good:
         peer = report.peer
         locks = f"{best.locked} of {len(best.stops) + len(best.harder)}, mean {_metres(best)}"
-        told = f"the fewest stops with a locked wheel, {locks}"
+        phrase = f"the fewest stops with a locked wheel, {locks}"
         if peer is not None and peer is not best:
-            told += f"; slide protection {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
+            phrase += f"; slide protection {peer.locked} of {len(peer.stops) + len(peer.harder)}, mean {_metres(peer)}"
         remedy, tried = report.remedy, f"{100 * FASTER[-1]:g} % of its dead time and lag"
-        yield "Decides", f"{told}."
+        yield "Decides", f"{phrase}."
         helps = f"none of the brakes tried, down to {tried}"
         if remedy is not None:
-            helps = f"a brake with {remedy.words}: {_kind(remedy.trial.choice)} then qualifies, {_metres(remedy.trial)}"
+            kind, mean = _kind(remedy.trial.choice), _metres(remedy.trial)
+            helps = f"a brake with {remedy.description}: {kind} then qualifies, {mean}"
         yield "Would help", f"{helps}. Less slip, and hand-over at a higher speed, did not."
     else:
         of, more = f"{len(good)} of {len(report.trials)} candidates qualify", _not_run(report)
@@ -186,7 +187,7 @@ def _not_run(report: DesignReport) -> int:
 
 
 def _short(trial: Trial) -> str:
-    """Its numbers that decide."""
+    """Numbers of a trial that decide."""
     ms = "no margins" if trial.judgement is None else f"worst Ms {ms_text(trial.worst_ms)}"
     start = used_from(trial)
     from_speed = f", from {short(start)} km/h" if start else ""
@@ -206,23 +207,23 @@ def _share(trial: Trial) -> str:
 
 
 def _which(report: DesignReport, sizes: str | None = None) -> str:
-    """Which stops are meant, with the sizes of the errors unless others are given."""
+    """Stops of the comparison, with the sizes of the errors unless `sizes` is given."""
     given, harder = report.stops, report.harder_stops
     laws = listed(dict.fromkeys(stop.law for stop in given))
-    told = f"{len(given)} as given, {len(given[0].runs)} noise seeds each"
+    phrase = f"{len(given)} as given, {len(given[0].runs)} noise seeds each"
     wrong = [stop for stop in harder if stop.errors != CHANGES]
     if wrong:
         ends = (("dead time", report.envelope.dead_time), ("lag", report.envelope.lag), *ERRORS.items())
         spans = (f"{name} {100 * (min(axis) - 1):+.3g} to {100 * (max(axis) - 1):+.3g} %" for name, axis in ends)
         own = f" ({', '.join(spans)}, noise {SPEED_NOISE:g} m/s, {TEETH:g} teeth)" if sizes is None else sizes
-        told += f"; {len(wrong)} with errors of sensors and brake{own}"
+        phrase += f"; {len(wrong)} with errors of sensors and brake{own}"
     changing = len(harder) - len(wrong)
-    told += f"; {changing} on a rail that {CHANGES}" if changing else ""
-    return minus(f"{told}; on {laws}.")
+    phrase += f"; {changing} on a rail that {CHANGES}" if changing else ""
+    return minus(f"{phrase}; on {laws}.")
 
 
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
-    """The first sentence of each text, and more as far as so many words go."""
+    """The first sentence of each text, and further sentences while they fit into a number of words."""
     sentences = [list(text) for text in texts]
     found = [text[:1] for text in sentences]
     most -= sum(len(one.split()) for text in found for one in text)
@@ -235,7 +236,7 @@ def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
 
 
 def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """What the file does at speeds that were not judged, and below that at which it hands over."""
+    """What the design does at speeds that were not judged, and below the hand-over speed."""
     top, begins = max(report.envelope.speeds), report.envelope.initial_speed
     if report.stops and begins > top:
         yield f"{top:g} to {begins:g} km/h", "its stops begin there, but it was not judged."
@@ -247,24 +248,24 @@ def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
 
 
 def _between(report: DesignReport, over: float, used: float) -> str:
-    """What a judgement says of speeds, km/h, at which a design controls slip and is not to be used."""
+    """Verdict at speeds, km/h, at which the design controls slip but is not to be used."""
     assert report.judgement is not None, "as it is in use"
     speeds, ms = report.judgement.points.speed_kmh, report.judgement.run_ms
-    below_use = speeds < used * (1 - 1e-9)  # from m/s
+    below_use = speeds < used * (1 - 1e-9)  # rounding of the conversion from m/s
     judged = (speeds > over * (1 - 1e-9)) & below_use
     if not judged.any():
         return "not judged"
     unstable = np.unique(speeds[judged & np.isinf(ms)]).tolist()
-    told = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
-    return told if unstable else "not robust"
+    where = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
+    return where if unstable else "not robust"
 
 
 def _risks(report: DesignReport) -> Iterator[str]:
-    """What may happen all the same."""
+    """Sentences about the remaining risks."""
     least = 0.0 if report.control is None else report.control.controlled_from
     every = (*report.stops, *report.harder_stops)
     worst = report.trials[0].worst_ms if report.trials else math.inf
-    if report.usable and not report.nominal and TOLD < worst < math.inf:
+    if report.usable and not report.nominal and MS_TO_WARN < worst < math.inf:
         yield f"With tolerances it is nearly unstable: Ms {ms_text(worst)}."
     below_use = [stop for stop in every if stop.locks and stop.locked_from <= least]
     if swinging := dict.fromkeys(stop.law for stop in report.stops if stop.swings):
@@ -279,39 +280,39 @@ def _risks(report: DesignReport) -> Iterator[str]:
 
 
 def _steps(report: DesignReport) -> Iterator[str]:
-    """What the numbers ask for."""
+    """Actions that follow from the numbers."""
     seeks = report.control is not None and report.control.finds_slip
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached and not stop.own_slip))
     over_kmh = 0.0 if report.control is None else report.control.controlled_from / KMH
-    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # from m/s
+    if report.hands_over and (report.above_kmh or 0.0) > over_kmh * (1 + 1e-9):  # rounding, as above
         yield "Below, use another slide protection."
     if slow and report.usable:
         yield f"Expect long stops: slip stays below its reference ({', '.join(slow)})."
     if report.usable and any(stop.slides for stop in report.harder_stops):
         yield "Measure dead time, lag and torque gain, and report again."
     if not report.usable:
-        yield "Change the brake as said, or protect the wheels otherwise; do not rely on this file."
+        yield "Change the brake as verdict, or protect the wheels otherwise; do not rely on this file."
     if not seeks and report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         yield "The reference is at the adhesion peak: hold less slip."
 
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
-    """Of each controller of the user's the verdict, or why there is none, and its longest stops."""
+    """Verdict on each of the user's controllers, or why there is none, and its longest stops."""
     for one in report.rivals:
-        told = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_words(stop)})" for stop in longest(one.stops))
+        phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_words(stop)})" for stop in longest(one.stops))
         locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
-        said = f"NOT JUDGED: {one.name} is {one.reason} and has no margins"
+        verdict = f"NOT JUDGED: {one.name} is {one.reason} and has no margins"
         if (judged := one.judgement) is not None:
             start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
             held = "" if judged.nominal else " with every tolerance"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
-            said = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
-        yield "Yours", f"{said}. Stops: {told}; {locks}."
+            verdict = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
+        yield "Yours", f"{verdict}. Stops: {phrase}; {locks}."
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
-    """At most ten numbers over the speeds in use."""
+    """At most ten numbers over the speeds in use, with their cases."""
     judged = report.in_use
     if judged is None:
         point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
@@ -333,12 +334,12 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         where = ", ".join(filter(None, (slipped.law, slipped.rail, slipped.load, hard)))
         yield "Highest slip", above(slipped.max_slip), f"{where}: stop of {_distance(slipped)}"
         best = report.trials[0]
-        told = f"{len(best.stops) + len(best.harder)} stops; as given {short(best.distance_as_given())} m"
-        yield "Mean stop", _metres(best), told + _over_attainable(best)
+        phrase = f"{len(best.stops) + len(best.harder)} stops; as given {short(best.distance_as_given())} m"
+        yield "Mean stop", _metres(best), phrase + _over_attainable(best)
 
 
 def _over_attainable(trial: Trial) -> str:
-    """How far its stops as given are over the attainable, in the mean of those that have it."""
+    """Mean excess of the stops as given over the attainable ones, for stops that have one."""
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
@@ -348,7 +349,7 @@ def _over_attainable(trial: Trial) -> str:
 
 
 def _kind(choice: StructureChoice) -> str:
-    """Its structure, of a PI-lead with the lead and its filter."""
+    """Name of the structure; for a PI-lead with the lead and its filter."""
     if choice.structure != "pi-lead":
         return "PI" if choice.structure == "pi" else choice.structure
     lead = None if choice.design is None else getattr(choice.design.controller, "lead", None)
@@ -360,7 +361,7 @@ def _distance(stop: Stop) -> str:
 
 
 def _over(stop: Stop) -> str:
-    """How far over what could be had, or the bound; ends before what follows."""
+    """Excess over the attainable stop, or over the bound, as the beginning of a sentence."""
     if stop.bound is None or math.isnan(stop.over_bound):
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
@@ -370,24 +371,24 @@ def _over(stop: Stop) -> str:
 
 
 def _held(stop: Stop) -> str:
-    """The slip held, and of what, where the controller does not find its slip."""
+    """Slip held, with the reference unless the controller finds its slip."""
     return short(stop.held, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
 
 
 def _stop_words(stop: Stop) -> str:
-    """How far over the bound, and which slip."""
+    """Excess over the bound, slip held and highest slip of a stop."""
     return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
 
 
 def _sampled_words(report: DesignReport) -> str:
-    """Ms as run of the worst loops that are drawn."""
+    """Ms of the sampled loops for the worst loops that are drawn."""
     assert report.in_use is not None, "loops are drawn"
     worst = [report.in_use.worst] + ([] if report.in_use.nominal else [report.in_use.worst_with_tolerances])
     return " and ".join("the same" if math.isnan(one.run_ms) else ms_text(one.run_ms) for one in worst)
 
 
 def _line_drawn(report: DesignReport) -> bool:
-    """Whether the speed of hand-over lies among those of the map."""
+    """Whether the hand-over speed is within the speeds of the map."""
     assert report.judgement is not None, "there is a map"
     speeds, over = report.judgement.map.speeds_kmh, report.judgement.hand_over_kmh
     return bool(report.hands_over and speeds.min() < over <= speeds.max())
@@ -417,21 +418,21 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
 
 
 def _stops_picture(report: DesignReport) -> Picture:
-    told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
+    phrase = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
     caption = (
         "The longest stop as given on each rail, of all laws, loads and seeds; slip below 0, a wheel faster than the "
         "train, is not shown."
     )
-    return Picture("stops", caption, f"Speed, slip and torque over time. {told}")
+    return Picture("stops", caption, f"Speed, slip and torque over time. {phrase}")
 
 
 # --- sections -------------------------------------------------------------------------------------------------------
 
 
 def design_sections(report: DesignReport, again: str = "") -> list[Section]:
-    """What stands behind the first page and can be left unread; what there is nothing to say of is left out.
+    """Sections behind the first page; a section without content is left out.
 
-    `again` says how a stop is repeated.
+    `again` is the sentence with the command that repeats a stop.
     """
     made = (
         _envelope(report),
@@ -460,8 +461,8 @@ def _envelope(report: DesignReport) -> Section:
         for name, one in worst:
             found = one.margins
             margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.words)
-            rows.append((name, ms_text(one.ms), *margins, one.case.words, *run))
+            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.description)
+            rows.append((name, ms_text(one.ms), *margins, one.case.description, *run))
         axes = [
             (
                 _AXES.get(axis, axis),
@@ -491,17 +492,17 @@ def _envelope(report: DesignReport) -> Section:
             ),
             *([costs] if axes else []),
         ]
-    told = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slips_told)
+    notes = report.envelope.knife_edges() if judged is None else (*judged.points.skipped, *judged.slip_notes)
     if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
         load = f"the wheel load stays {short(car.wheel_load)} N: the vehicle has no other"
-        told = (*told, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
+        notes = (*notes, f"Loaded, the mass is {short(car.mass_loaded)} kg, and {load}")
     begins, v0 = report.envelope.initial_speed, report.envelope.law_speed
     if begins != v0:
-        told = (
+        notes = (
             f"Stops begin at {begins:g} km/h, and published laws are those of v0 = {v0:g} km/h, extrapolated",
-            *told,
+            *notes,
         )
-    blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in told[:_MOST_TOLD]]
+    blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in notes[:_MOST_NOTES]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 
@@ -528,19 +529,19 @@ def _candidates(report: DesignReport) -> Section:
 
 
 def _same(one: StructureChoice, other: StructureChoice) -> bool:
-    """Whether two choices are one design; judged anew it is another record."""
+    """Whether two choices have the same design; a design that is judged again is another record."""
     names = ("structure", "reference_factor", "lead_filter")
     return all(getattr(one, name) == getattr(other, name) for name in names)
 
 
 def _named(choice: StructureChoice) -> str:
-    """Its structure, and the share of the reference slip that it holds."""
+    """Structure, and the share of the reference slip that it holds."""
     holds = choice.structure in ("pi", "pi-lead") or choice.reference_factor != 1.0
     return _kind(choice) + (f", {100 * choice.reference_factor:g} % slip" if holds else "")
 
 
 def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
-    """What it is, and its judgement."""
+    """Table cells of a choice and its judgement."""
     if choice.design is None:
         return _named(choice), *(NONE,) * 3
     judged = choice.design.judgement
@@ -549,7 +550,7 @@ def _choice_cells(choice: StructureChoice) -> tuple[str, ...]:
 
 
 def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
-    """A candidate in its stops; the mean of all of them is not known before the harder ones are run."""
+    """Table cells of a trial; the mean of all stops is empty before the harder ones are run."""
     ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
     means = (trial.distance(), trial.distance_as_given())
     whole, given = ("no stop" if math.isinf(one) else short(one) for one in means)
@@ -570,11 +571,11 @@ def _rivals(report: DesignReport) -> Section | None:
             for stop in one.stops
             if (stop.law, stop.load) == (first.law, first.load)
         )
-        told: tuple[str, ...] = ("not judged: no margins", *(NONE,) * 3)
+        cells: tuple[str, ...] = ("not judged: no margins", *(NONE,) * 3)
         if (judged := one.judgement) is not None:
             worst = (worst_cells(judged.worst)[1], worst_cells(judged.worst_with_tolerances)[1])
-            told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
-        rows.append((one.name, *told, distances))
+            cells = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
+        rows.append((one.name, *cells, distances))
     head = (
         "Controller", "Over the whole envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
@@ -605,32 +606,32 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
 
 
 def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
-    """How the recommended design runs."""
+    """Torque limits, start and hand-over of the recommended design in runs."""
     control = report.control
     if control is None:
         return
-    told = [("Limits", f"{short(max(control.least_torque, 0.0))} to {short(control.largest_torque)} N·m")]
+    facts = [("Limits", f"{short(max(control.least_torque, 0.0))} to {short(control.largest_torque)} N·m")]
     if isinstance(control, LinearControl):
-        told += [
+        facts += [
             ("Starts with", f"{short(control.initial_torque)} N·m"),
             ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
         ]
     else:
-        told.append(("Starts with", "up to the largest torque"))
+        facts.append(("Starts with", "up to the largest torque"))
     below_speed = f"no slip control below {short(control.controlled_from / KMH)} km/h: {control.handed_over()}"
-    yield Facts([*told, ("Hand-over", below_speed if control.controlled_from > 0 else "none")])
+    yield Facts([*facts, ("Hand-over", below_speed if control.controlled_from > 0 else "none")])
 
 
 def _elsewhere(report: DesignReport) -> str:
-    """Where a stop holds less or more slip than was judged, and Ms there; ends before what follows."""
-    told = ""
+    """Sentence about stops that hold a slip outside the envelope, with Ms there."""
+    phrase = ""
     for one in report.held_elsewhere:
         slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
-        told += (
+        phrase += (
             f"On {one.law}, {one.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
             f"{ms_text(one.ms)}. "
         )
-    return told
+    return phrase
 
 
 def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
@@ -657,7 +658,7 @@ def _harder_table(stops: Iterable[Stop]) -> Table:
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
-    """Why the wheel oscillates with a dynamic law."""
+    """Paragraphs that explain the oscillation of the wheel with a dynamic law."""
     for law in dict.fromkeys(one.law for one in report.rolling):
         loops = [one for one in report.rolling if one.law == law]
         where = ", ".join(f"{one.rail} {one.load}: {one.frequency / (2 * math.pi):.2g} Hz" for one in loops)
@@ -754,7 +755,7 @@ def _sliding(report: DesignReport) -> Section:
     conditions = found.conditions
     met = sum(bool(one.holds) for one in conditions)
     text = (
-        f"The predictive sliding-mode law meets {met} of the {len(conditions)} conditions that are asked over a box of "
+        f"The predictive sliding-mode law meets {met} of the {len(conditions)} conditions over a box of "
         "speed, slip and load, on the static curve of the published bristle model. railslip verify --law predictive "
         "has the box and the evidence."
     )
@@ -775,12 +776,12 @@ def _speed(speed: float | None) -> str:
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
-    """The first page, and where the rest is and how a stop is repeated."""
+    """Text of the first page, followed by the sentences on the other files and on repeating a stop."""
     file = f"   {first.file}" if first.file else ""
     parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),
         Facts([(first.headline, first.subject + file), *first.lines]),
-        Table(first.head, first.rows, words=(2,)),
+        Table(first.head, first.rows, text_columns=(2,)),
         rest,
     ]
     return render(parts)

@@ -75,9 +75,9 @@ class Facts:
 class Table:
     """Table with a ruled head.
 
-    In text the first `left` columns and those with an index in `words` are aligned left, others right. Cells of the
-    first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated. On a
-    page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
+    In text the first `left` columns and those with an index in `text_columns` are aligned left, others right. Cells of
+    the first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated.
+    On a page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
     """
 
     head: Sequence[str]
@@ -85,7 +85,7 @@ class Table:
     _: KW_ONLY
     left: int = 1
     whole: int = 0
-    words: Collection[int] = ()
+    text_columns: Collection[int] = ()
     caption: str = ""
     wide: bool = False
     kind: ClassVar[str] = "table"
@@ -116,7 +116,7 @@ class Table:
     def _part(self, numbers: Sequence[int]) -> rich.table.Table:
         part = rich.table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
         for i in numbers:
-            justify: Literal["left", "right"] = "left" if i < self.left or i in self.words else "right"
+            justify: Literal["left", "right"] = "left" if i < self.left or i in self.text_columns else "right"
             part.add_column(self.head[i], justify=justify, no_wrap=i < self.whole)
         for row in self.rows:
             part.add_row(*(row[i] for i in numbers))

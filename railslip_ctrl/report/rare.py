@@ -1,4 +1,4 @@
-"""Text, JSON and files of rare events and confidence levels."""
+"""Rare events and confidence levels as text, JSON and files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _HOLDS = "It holds for this model and these distributions, all independent; it i
 
 
 def text_of(found: Found) -> str:
-    """The probability, what makes it and the most likely failing stop; or the table of Kdry_rst."""
+    """Probability, contributions and most likely failing stop as text; or the table of Kdry_rst."""
     facts, table, last = _levels(found) if isinstance(found, ConfidenceLevels) else _event(found)
     title = heading(f"{found}: {found.campaign.scenario.name}, {found.campaign.controllers[0].label}")
     warnings = [Text(f"Warning: {warning}.") for warning in found.warnings]
@@ -53,14 +53,14 @@ def _event(found: RareEvent) -> tuple[Rows, Table, list[RenderableType]]:
     run, rows = found.stop.run, [(name, fixed(value)) for name, value in found.stop.values.items()]
     rows += [
         ("Ends", f"{run.outcome.value} after {run.braking_time:.4g} s and {run.braking_distance:.5g} m"),
-        ("From the middle", f"{found.stop.distance:.3g} standard deviations of all inputs together"),
-        ("Again", "railslip simulate --scenario stop.toml --controller controller.toml --seed stop.npz"),
+        ("From the medians", f"{found.stop.distance:.3g} standard deviations of all inputs together"),
+        ("Repeat it", "railslip simulate --scenario stop.toml --controller controller.toml --seed stop.npz"),
     ]
     return facts, table, [heading("Most likely failing stop", "-"), Facts(rows)]
 
 
 def json_of(found: Found) -> dict[str, Any]:
-    """The same, unrounded."""
+    """The result as JSON, unrounded."""
     own = {"version": __version__, **exported(found, "stops", "warnings", hash="campaign.fingerprint")}
     if isinstance(found, ConfidenceLevels):
         return own | exported(found, "factors", nominal_deceleration="nominal")
@@ -73,7 +73,7 @@ def json_of(found: Found) -> dict[str, Any]:
 
 
 def files_of(found: Found, scenario: str) -> dict[str, FileContent]:
-    """Files by name; `scenario`: the campaign's, by its name or path."""
+    """Files by name; `scenario` is the campaign's, by name or path."""
     name = "rare" if isinstance(found, RareEvent) else "confidence"
     files: dict[str, FileContent] = {f"{name}.txt": text_of(found), f"{name}.json": json_text(json_of(found))}
     rows = zip(*(column.tolist() for column in found.tail[:4]), strict=True)
@@ -86,7 +86,7 @@ def files_of(found: Found, scenario: str) -> dict[str, FileContent]:
         numbers = (f"{json.dumps(path)} = {value!r}" for path, value in changes.items())
         files["stop.toml"] = "\n".join([f"extends = {json.dumps(scenario)}", "", "[changes]  # SI", *numbers]) + "\n"
         files["stop.npz"] = partial(np.savez, **found.stop.noise._asdict())
-        with suppress(InputError):  # a step of the user's has no file of its own
+        with suppress(InputError):  # a Python step has no controller file
             files["controller.toml"] = found.stop.run.controller.toml
     return files
 

@@ -1,8 +1,8 @@
-"""A design report computed, and its records.
+"""Computation of a design report, and its records.
 
-`design_report` tunes each linear structure over the envelope (`Selection`), runs the most robust of them and every kind
-that follows from the vehicle alone in the same stops (`Trial`), takes the best by `ordered`, and of that one looks at
-margins, limits, gains around it and, where none qualifies, what would help (`DesignReport`).
+`design_report` tunes each linear structure over the envelope (`Selection`). It runs the most robust designs, and every
+kind that follows from the vehicle alone, in the same stops (`Trial`), and takes the best by `ordered`. For that one it
+computes margins, limits and gain maps and, if no candidate qualifies, a remedy (`DesignReport`).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LawCurve:
-    """mu over the slip ratio with the law, rail and speed of an operating point, and its peak."""
+    """Adhesion coefficient over the slip ratio for a law, rail and speed, and its peak."""
 
     point: OperatingPoint
     slip: Floats
@@ -77,7 +77,7 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class ShownLoop:
-    """A loop to be drawn: where it is, the loop, its frequency response."""
+    """A loop for a picture: its label, the loop, and its frequency response."""
 
     label: str
     loop: Any
@@ -86,7 +86,7 @@ class ShownLoop:
 
 @dataclass(frozen=True)
 class GainMap:
-    """Worst Ms at operating points over kp (m,) and ki (n,) behind the design's lead, (m, n); inf: unstable."""
+    """Worst Ms at operating points over kp (m,) and ki (n,) with the design's lead, (m, n); inf if unstable."""
 
     kp: Floats
     ki: Floats
@@ -97,7 +97,7 @@ class GainMap:
 
 @dataclass(frozen=True)
 class Responses:
-    """Of the recommended design at a point, to a step of the reference slip velocity, and of torque at the wheel."""
+    """Responses of the recommended design to a step of the reference slip velocity and of torque at the wheel."""
 
     point: OperatingPoint
     load_step: float
@@ -107,7 +107,7 @@ class Responses:
 
 @dataclass(frozen=True)
 class Sliding:
-    """The conditions of the predictive sliding-mode law; None with the reason."""
+    """Conditions of the predictive sliding-mode law; None with the reason if they are not known."""
 
     found: Verification | None
     reason: str = ""
@@ -117,7 +117,7 @@ class Sliding:
 class Released:
     """A recorded stop of the recommended design beside the certified no-lock region of its law, load and rail.
 
-    `region` is that of some speeds and slips, of the stops that are drawn. Both are None with the reason.
+    `region` is computed only for stops that are drawn. Both fields are None with the reason if there is no certificate.
     """
 
     stop: Stop
@@ -128,7 +128,7 @@ class Released:
 
 @dataclass(frozen=True)
 class HeldElsewhere:
-    """Slip ratios that stops on a law and rail hold beside those judged, and the worst Ms there, inf where unstable."""
+    """Slip ratios held in stops on a law and rail but not judged, and the worst Ms there, inf if unstable."""
 
     law: str
     rail: Rail
@@ -138,7 +138,7 @@ class HeldElsewhere:
 
 @dataclass(frozen=True)
 class Rival:
-    """A controller of the user's, run beside the recommended one; judged, or the `reason` why not."""
+    """A user's controller, run beside the recommended one, and judged, or the `reason` why it cannot be judged."""
 
     name: str
     judgement: Judgement | None
@@ -147,105 +147,105 @@ class Rival:
 
     @property
     def above_kmh(self) -> float | None:
-        """As of a `Trial`, in stops as given."""
+        """Speed, km/h, above which it may be used, by its margins and the stops as given; see `Trial`."""
         robust = None if self.judgement is None else self.judgement.robust_from_kmh
         return None if any(stop.locked_from > stop.cut_out for stop in self.stops) else robust
 
 
 @dataclass(frozen=True)
 class DesignReport:
-    """All that a report on a vehicle shows; what there is none of is empty or None."""
+    """Content of a report on a vehicle; fields without content are empty or None."""
 
-    envelope: Envelope  # what the design must hold, and its vehicle
-    nominal: bool  # whether operating points alone are judged
-    selection: Selection  # the candidates, the best first
+    envelope: Envelope  # the envelope of the design, with the vehicle
+    nominal: bool  # whether only operating points are judged
+    selection: Selection  # the linear designs, the best first
     trials: tuple[Trial, ...] = ()  # every candidate that ran, the best first
-    control: Controller | None = None  # the recommended one as it runs: what `recommended.toml` says
-    above_kmh: float | None = None  # of the best trial
-    # from `above_kmh`, or the hand-over, up; if it is None, at all speeds at which it is stable, or all; None without
-    # margins
+    control: Controller | None = None  # the recommended controller as in `recommended.toml`
+    above_kmh: float | None = None  # speed of the best trial from which it qualifies
+    # judged from `above_kmh` or the hand-over up; if it is None, at all speeds at which it is stable, or at all speeds;
+    # None without margins
     in_use: Judgement | None = None
-    worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
-    stops: tuple[Stop, ...] = ()  # of the recommended design
-    harder_stops: tuple[Stop, ...] = ()  # with errors of sensors and brake, and on a changing rail
-    held_elsewhere: tuple[HeldElsewhere, ...] = ()  # of the seeking controller
-    rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
-    rivals: tuple[Rival, ...] = ()  # what the user gave
-    limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # what no controller beats, hardest of each rail and load
+    worst_loops: tuple[ShownLoop, ...] = ()  # loops at the worst operating point, and at the worst with tolerances
+    stops: tuple[Stop, ...] = ()  # stops of the recommended design
+    harder_stops: tuple[Stop, ...] = ()  # its stops with errors of sensors and brake, and on a changing rail
+    held_elsewhere: tuple[HeldElsewhere, ...] = ()  # slips that the seeking controller holds but that were not judged
+    rolling: tuple[RollingLoop, ...] = ()  # loops for the laws and loads with which the wheel oscillates
+    rivals: tuple[Rival, ...] = ()  # the user's controllers
+    limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # limits of any controller, hardest for each rail and load
     curves: tuple[LawCurve, ...] = ()
     gains: GainMap | None = None
     responses: Responses | None = None
-    remedy: Remedy | None = None  # where no candidate qualifies
+    remedy: Remedy | None = None  # change of the brake that helps if no candidate qualifies
     prefer: str = "distance"
     sliding: Sliding = Sliding(None)
-    released: tuple[Released, ...] = ()  # the stops of the recommended design
+    released: tuple[Released, ...] = ()  # no-lock regions of the recommended design's stops
     seconds: float = math.nan
     date: datetime.date = field(default_factory=datetime.date.today)
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle, empty."""
+        """Vehicle with its empty mass."""
         return self.envelope.vehicle
 
     @property
     def best(self) -> StructureChoice | None:
-        """The choice that is recommended."""
+        """The recommended choice."""
         return self.trials[0].choice if self.trials else None
 
     @property
     def judgement(self) -> Judgement | None:
-        """The best design's, over the whole envelope."""
+        """Judgement of the best design over the whole envelope."""
         return None if self.best is None or self.best.design is None else self.best.design.judgement
 
     @property
     def judged_envelope(self) -> Envelope:
-        """The envelope, with the speeds that the best design has of its own."""
+        """Envelope with the additional speeds of the best design."""
         return self.envelope if self.judgement is None else self.judgement.envelope
 
     @property
     def hands_over(self) -> bool:
-        """Whether slip control ends at some speed."""
+        """Whether the controller stops controlling slip below some speed."""
         return self.usable and self.control is not None and self.control.controlled_from > 0
 
     @property
     def seeking(self) -> Trial | None:
-        """The seeking controller; None where it has no gains."""
+        """Trial of the seeking controller; None if it has no gains for this vehicle."""
         return next((trial for trial in self.trials if trial.choice.structure == SEEKING), None)
 
     @property
     def peer(self) -> Trial | None:
-        """The rule-based slide protection."""
+        """Trial of the rule-based slide protection."""
         return next((trial for trial in self.trials if trial.choice.structure == SlideProtection.kind), None)
 
     @property
     def qualified(self) -> tuple[Trial, ...]:
-        """The candidates that qualify, the best first."""
+        """Candidates that qualify, the best first."""
         return tuple(trial for trial in self.trials if trial.above_kmh is not None)
 
     def trial_of(self, choice: StructureChoice) -> Trial | None:
-        """A choice in its stops; None of one that did not run."""
+        """Trial of a choice; None if it did not run."""
         return next((trial for trial in self.trials if trial.choice is choice), None)
 
     @property
     def usable(self) -> bool:
-        """Whether there is a design to use."""
+        """Whether a design can be used."""
         return self.above_kmh is not None
 
     @property
     def longest_stops(self) -> tuple[Stop, ...]:
-        """One a rail, of all laws and loads: those of the first page."""
+        """Longest stop on each rail over all laws and loads, for the first page."""
         return longest(self.stops)
 
 
 def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
-    """The longest stop on each rail."""
+    """Longest stop on each rail."""
     rails = dict.fromkeys(stop.rail for stop in stops)
     return tuple(max((s for s in stops if s.rail is rail), key=lambda s: s.distance) for rail in rails)
 
 
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
-    """The same judgement over the speeds from one up, km/h."""
-    from_kmh *= 1 - 1e-9  # from m/s
+    """Judgement over the speeds from `from_kmh`, km/h, up."""
+    from_kmh *= 1 - 1e-9  # rounding of the conversion from m/s
     kept = judgement.points.speed_kmh >= from_kmh
     columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
     speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
@@ -255,7 +255,7 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
 
 
 def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
-    """An operating point of each law and rail, of the first load, at the highest speed."""
+    """An operating point of each law and rail, with the first load, at the highest speed."""
     operating = operating_points(judgement.points)
     loads = judgement.points.load[judgement.points.operating].tolist()
     top = max(point.speed for point in operating)
@@ -266,20 +266,20 @@ def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
     return found.values()
 
 
-# --- A design report computed: the best design over an envelope, and what a design review asks of it -----------------
+# --- the best design over an envelope, and further results for a design review --------------------------------------
 
 
 Progress = Callable[[str], None]
 
 LOAD_STEP = 100.0
-"""N*m at the wheel, of the load response."""
+"""Step of torque at the wheel for the load response, N*m."""
 
 _CACHED = "conditions-predictive"
-_LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
-_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
-_RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s
+_LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, slip ratio, and number of points
+_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # factors on the design's gains; 1 is in the middle
+_RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, and number of points
 
-_QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
+_QUICK_FILTER = 0.05  # share of the lead, tried beside a tenth: twice the gain on noise, but more integral gain
 
 
 def design_report(
@@ -293,20 +293,19 @@ def design_report(
     progress: Progress = lambda message: None,
     meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
-    """Everything of one vehicle that a design review looks at.
+    """Compute everything that a design review needs for one vehicle.
 
-    - envelope: what the design must hold; `nominal`: judge its operating points alone.
-    - given: controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as
-      that says.
-    - sliding: decide the conditions of the predictive sliding-mode law too, and where the brake can be released
-      without a lock, in another process where there are two cores; `fresh`: the conditions again, which an earlier
-      report of the same vehicle may have kept.
-    - prefer: {"distance", "robustness"}; what decides between the candidates that qualify, see `ordered`.
-    - progress: told what is done, a line at a time.
-    - meanwhile: given the report without what is still computed in the other process (gains around the design, what is
-      attainable) and without rivals: its pictures may be drawn by then.
+    - envelope: envelope of the design; `nominal`: judge only its operating points.
+    - given: user's controllers by name; they run beside, as their file states, and are judged if they have margins.
+    - sliding: also decide the conditions of the predictive sliding-mode law, and where the brake can be released
+      without a lock, in another process if there are two cores. `fresh`: do not reuse the conditions of an earlier
+      report on the same vehicle.
+    - prefer: {"distance", "robustness"}; order of the candidates that qualify, see `ordered`.
+    - progress: receives a line for each step.
+    - meanwhile: receives the report without rivals and without the results that the other process still computes (gains
+      around the design, attainable stops), so that its pictures can be drawn.
 
-    InputError: an envelope without points, or what is no controller.
+    InputError: an envelope without points, or an object that is not a controller.
     """
     started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
     rivals: dict[str, Rival] = {}
@@ -316,10 +315,10 @@ def design_report(
         rivals[one] = _rival(one, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
-        if candidates.no_margins(controller):  # its step may break down: told before the long work
+        if candidates.no_margins(controller):  # its step may fail: run it before the long work
             run_beside(name, controller)
     with _beside() as submit:
-        # the class of a law of the user's own is unknown in the other process
+        # the other process cannot import a user's law
         sent = all(isinstance(law, str) and law in law_names() for law in envelope.laws)
         here: Beside = submit if sent else partial
         progress(f"the best design over the envelope of {vehicle.name}")
@@ -347,13 +346,13 @@ def design_report(
 
 @contextmanager
 def _beside() -> Iterator[Beside]:
-    """Another process where there are two cores."""
+    """Run functions in another process if there are two cores."""
     if cpu_count() < 2:
         yield partial
         return
-    cache_folder()  # the other process's too, where there is none but for this run
+    cache_folder()  # the other process inherits a temporary one
     with processes(1) as submit:
-        # as it is now: what a record computes when asked would come in while the pool's thread takes it down
+        # pickle now: lazily cached properties could change the object while the pool's thread pickles it
         yield lambda function, *arguments: submit(_called, pickle.dumps((function, arguments))).result
 
 
@@ -363,12 +362,12 @@ def _called(content: bytes) -> Any:
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
-    """The conditions of the predictive law, or why they cannot be decided for this vehicle."""
-    from railslip_ctrl.verification.joint_verification import verify  # SymPy: not in what is only shown
+    """Conditions of the predictive law, or the reason why they cannot be decided for this vehicle."""
+    from railslip_ctrl.verification.joint_verification import verify  # imports SymPy, which other reports do not need
 
     def decide() -> Verification:
         found = verify(law="predictive", vehicle=vehicle)
-        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
+        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # numbers unused
 
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
@@ -376,14 +375,13 @@ def _verified(vehicle: Vehicle) -> Sliding:
         return Sliding(None, str(error))
 
 
-_REGION_SPEEDS = np.array([1.0, 0.8, 0.6, 0.4, 0.25])  # over the initial speed, of a region that is drawn
+_REGION_SPEEDS = np.array([1.0, 0.8, 0.6, 0.4, 0.25])  # speeds of a drawn region over the initial speed
 _REGION_SLIPS = np.linspace(0.0, 0.36, 13)
 
 
 def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
-    """Where in its recorded stops the brake could be released without a lock; with the region, of the first static law
-    and load."""
-    from railslip_ctrl.verification.no_lock import no_lock, released_run  # SymPy, as above
+    """No-lock results of the recorded stops, with the region for the stops of the first static law and load."""
+    from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, as above
 
     found: list[Released] = []
     for stop in stops:
@@ -412,7 +410,7 @@ def _designed(
     progress: Progress,
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
-    """The report but for rivals and the sliding-mode law. `beside`: where to compute, and trials that are computed."""
+    """Report without rivals and sliding-mode law. `beside`: runs functions elsewhere, and has computed trials."""
     submit, others = beside
     progress("braking runs")
     designed = [one for one in selection.choices if one.design is not None][: candidates.MOST_LINEAR]
@@ -420,8 +418,8 @@ def _designed(
     trials += [one for get in others if (one := get()) is not None]
     trials = candidates.decided(trials, envelope, nominal, prefer, submit)
     best, control = trials[0], trials[0].control
-    told = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
-    had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(told) for stop in trials[i].stops])
+    bounded = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
+    had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(bounded) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
         progress("what would help")
@@ -454,18 +452,22 @@ def _designed(
     )
     meanwhile(found)
     known = iter(had())
-    trials = [replace(one, stops=_told(one.stops, known)) if i in told else one for i, one in enumerate(trials)]
+    trials = [
+        replace(one, stops=_with_bounds(one.stops, known)) if i in bounded else one for i, one in enumerate(trials)
+    ]
     return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
-def _told(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
-    """Stops with their bound and the attainable stop."""
+def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
+    """Stops with their bound and their attainable stop."""
     return tuple(replace(run, bound=bound, attainable=had) for run, (bound, had) in zip(runs, known, strict=False))
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
     found = _rival_alone(name, controller, envelope, nominal)
-    return replace(found, stops=_told(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops])))
+    return replace(
+        found, stops=_with_bounds(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops]))
+    )
 
 
 def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
@@ -474,7 +476,7 @@ def _rival_alone(name: str, controller: Any, envelope: Envelope, nominal: bool) 
         held = envelope.reference or blank.points.plants[0].point.law.reference
         control = as_control(controller, envelope.vehicle, held, name)
         return Rival(name, None, stops(control, blank, every_law=False), reason)
-    runs = isinstance(controller, Controller)  # of a file: as that says
+    runs = isinstance(controller, Controller)  # a controller of a file runs as the file states
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
     judgement = judge(envelope, design, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
@@ -488,11 +490,11 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
-    return tuple(ShownLoop(case.loop_words, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
+    return tuple(ShownLoop(case.loop_description, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
 
 
 def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldElsewhere]:
-    """Where a controller that finds its slip holds another than it is judged at."""
+    """Slips that a controller holds in stops but at which it was not judged, with Ms there."""
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
@@ -510,7 +512,7 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
-    """What no controller beats, at the hardest operating point of each rail and load."""
+    """Limits of any controller at the hardest operating point of each rail and load."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
     found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
@@ -523,14 +525,14 @@ def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
 
 
 def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
-    """Worst Ms around the design, at the operating points of the lowest and the highest speed in use."""
+    """Worst Ms around the design's gains, at the operating points of the lowest and the highest speed in use."""
     points = judgement.points
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
     kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
     n = _GAINS.size
     ms = np.empty((n, n))
-    for shift in range(1 - n, n):  # a diagonal has one integral time: its controllers differ by a factor
+    for shift in range(1 - n, n):  # controllers of a diagonal have one integral time and differ by a factor
         i = np.arange(max(0, -shift), min(n, n - shift))
         gains = PIGains(kp=float(kp[i[0]]), ki=float(ki[i[0] + shift]))
         found = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
@@ -540,7 +542,7 @@ def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
 
 
 def _responses(worst: WorstCase, design: PIController) -> Responses | None:
-    """At the worst operating point; None of a loop too fast or too slow for the time shown."""
+    """Responses at the worst operating point; None for a loop too fast or too slow for the duration."""
     if worst.margins is None:
         return None
     times = np.linspace(0.0, _RESPONSE_TIME, _RESPONSE_POINTS)
@@ -558,6 +560,6 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
 def _curve(point: OperatingPoint) -> LawCurve:
     law, load = point.law, point.vehicle.wheel_load
     end = min(_LARGEST_SLIP, law.domain_limit(point.speed)[0] * (1.0 - 1e-9))
-    slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
+    slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # a dynamic law has no rest state at slip 0
     coefficient = np.asarray(adhesion_coefficient(law, point.speed, slip, load))
     return LawCurve(point, slip, coefficient, peak(law, point.speed, load))

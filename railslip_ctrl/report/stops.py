@@ -1,6 +1,7 @@
-"""The braking runs of a design report, of the laws and loads of its envelope.
+"""Braking runs of a design report with the laws and loads of its envelope.
 
-Plain stops, dry and wet; stops with errors of sensors and brake; stops on a rail that turns wet, and dry again.
+They are plain stops on dry and wet rail, stops with errors of sensors and brake, and stops on a rail that turns wet and
+dry again.
 """
 
 from __future__ import annotations
@@ -33,34 +34,33 @@ from railslip_ctrl.simulation.population import GAIN, RADIUS, SPEED_NOISE, SPEED
 from railslip_ctrl.simulation.population import TEETH as ENCODERS
 from railslip_ctrl.simulation.run import LOCKED_SHARE, REACHED_SHARE
 
-SLIDING = 0.5  #: slip ratio, halfway to a locked wheel
+SLIDING = 0.5  #: slip ratio above which a wheel counts as sliding: halfway to a locked wheel
 
 
 @dataclass(frozen=True)
 class Stop:
-    """One controller in one stop."""
+    """One controller in one stop, with several seeds of the noise."""
 
     controller: str
-    law: str  # the adhesion law's name
+    law: str  # name of the adhesion law
     rail: Rail
     load: str  # "empty" or "loaded"
-    run: Run  # the longest of all seeds, recorded
-    others: tuple[Run, ...]  # of the other seeds
-    held: float  # median of slip over the second half of the time under control, without the noise and the start
-    reference: float  # the slip ratio to be held, or of a controller that has its `own_slip`, that of the law
-    cut_out: float = 0.0  # m/s: below, the slip is not controlled
-    errors: str = ""  # those of sensors and brake, or the change of rail, in words; empty: as given
-    bound: ClairvoyantStop | None = None  # no controller of this brake stops sooner; None if not known or not asked for
-    attainable: ClairvoyantStop | None = None  # without noise, by a controller that knows the rail; None as of `bound`
+    run: Run  # the longest run of all seeds, recorded
+    others: tuple[Run, ...]  # runs with the other seeds
+    held: float  # median slip over the second half of the time under control, without noise and start
+    reference: float  # slip ratio to hold; if the controller has its `own_slip`, the reference of the law
+    cut_out: float = 0.0  # m/s, speed below which slip is not controlled
+    errors: str = ""  # errors of sensors and brake, or change of rail, as text; empty in stops as given
+    bound: ClairvoyantStop | None = None  # no controller of this brake stops sooner; None if unknown
+    attainable: ClairvoyantStop | None = None  # stop without noise of a controller that knows the rail; None if unknown
     own_slip: bool = False  # whether the controller finds its slip, or is known by its step alone
-    brake_torque: float = math.inf  # N*m, the largest, with which the bound is
-    locked_from: float = 0.0  # m/s, the highest train speed at which the wheel was locked with some seed; 0: none
-    air: float = 0.0  # mean of the torque that was filled in, over the vehicle's full brake torque
+    brake_torque: float = math.inf  # N*m, largest torque, from which the bound follows
+    locked_from: float = 0.0  # m/s, highest train speed with a locked wheel over all seeds; 0 without a lock
+    air: float = 0.0  # mean torque filled in over a stop, over the vehicle's full brake torque
 
     @property
     def swings(self) -> bool:
-        """Whether under control in `run` the braked wheel turns faster than the train, by half the reference slip: it
-        oscillates."""
+        """Whether the wheel oscillates: in `run`, under control, it is faster than the train by half the reference."""
         signals = self.run.signals
         assert signals is not None, "the run is recorded"
         controlled = signals.speed > self.cut_out
@@ -68,33 +68,33 @@ class Stop:
 
     @property
     def braked_scenario(self) -> Scenario:
-        """Its scenario, with the largest torque of the brake."""
+        """Scenario with the largest torque of the brake."""
         most = self.brake_torque
         return self.run.scenario if math.isinf(most) else _limited(self.run.scenario, most)
 
     @property
     def distance(self) -> float:
-        """The longest braking distance of all seeds, m; inf if one does not stop."""
+        """Longest braking distance of all seeds, m; inf if a run does not stop."""
         return stopping_distance(self.run)
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """Of all seeds, in their order."""
+        """Runs of all seeds, in the order of the seeds."""
         return tuple(sorted((self.run, *self.others), key=lambda run: run.seed or 0))
 
     @property
     def reached(self) -> bool:
-        """Whether the slip comes to 0.95 of the reference."""
+        """Whether slip reaches 0.95 of the reference."""
         return self.held >= REACHED_SHARE * self.reference
 
     @property
     def max_slip(self) -> float:
-        """Highest slip ratio with any seed."""
+        """Highest slip ratio of all seeds."""
         return max(run.max_slip for run in self.runs)
 
     @property
     def slides(self) -> bool:
-        """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
+        """Whether slip exceeds one half, halfway to a locked wheel, with some seed."""
         return self.max_slip > SLIDING
 
     @property
@@ -104,7 +104,7 @@ class Stop:
 
     @property
     def over_bound(self) -> float:
-        """`distance` over the bound, less 1; NaN without either."""
+        """Relative excess of `distance` over the bound; NaN if either is unknown."""
         if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
             return math.nan
         return self.distance / self.bound.braking_distance - 1
@@ -112,9 +112,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class RollingLoop:
-    """The recommended loop about free rolling (`linearize_rolling`), of a law with which the wheel oscillates.
+    """Recommended loop about free rolling (`linearize_rolling`), for a law with which the wheel oscillates.
 
-    `frequency` is that at which the wheel swings against its contact without a loop, rad/s.
+    `frequency` is that of the wheel against its contact without a loop, rad/s.
     """
 
     law: str
@@ -124,10 +124,13 @@ class RollingLoop:
     stable: bool
 
 
-SEEDS = (0, 1)  #: of the noise; statistics over many are the campaign's
+SEEDS = (0, 1)  #: noise seeds of a stop; statistics over many seeds need a campaign
 NARROW = "polach"
-"""Law with a narrow peak, in the stops if no laws were chosen. The default envelope is without it: it has no reference
-slip, and with tolerances no design that holds a share of its peak's slip is robust."""
+"""Law with a narrow peak for the stops, if no laws were chosen.
+
+It is not in the default envelope: it has no reference slip, and no design that holds a share of its peak slip is robust
+with tolerances.
+"""
 
 ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
@@ -135,24 +138,28 @@ ERRORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         for name, error in (("torque", GAIN), ("train speed", SPEED_SCALE), ("radius", RADIUS))
     }
 )
-"""Factors on acting torque, measured train speed and wheel radius, the ends of the population's; the controller assumes
-1."""
+"""Factors on acting torque, measured train speed and wheel radius: the limits of the population.
+
+The controller assumes 1.
+"""
 
 TEETH = float(min(ENCODERS))
-"""Teeth of the wheel's encoder in half of the stops with errors, which have the population's speed noise too."""
+"""Teeth of the wheel's encoder in half of the stops with errors; they have the population's speed noise too."""
 
-# places of the change, m, over the square of the initial speed, s^2/m: 50 and 120 m at 100 km/h, which is a quarter and
-# a half of a stop from any speed
+# distance of the rail's changes over the square of the initial speed, s^2/m: 50 and 120 m at 100 km/h, about a quarter
+# and a half of a stop from any speed
 _WET, _DRY_AGAIN = 0.065, 0.155
 _TWO_LEVELS = np.array([[(i >> k & 1) for k in range(3)] for i in range(8)])
 _ARRAY = np.column_stack([_TWO_LEVELS, _TWO_LEVELS[:, [0, 0, 1]] ^ _TWO_LEVELS[:, [1, 2, 2]], _TWO_LEVELS.sum(1) % 2])
-# orthogonal array L8: seven errors at two levels in eight stops, every two of them in each combination twice
-LOG_PERIOD = 0.01  #: s, between the samples of a recorded run: those of `railslip simulate`
+# orthogonal array L8: seven errors at two levels in eight stops; each combination of two errors occurs twice
+LOG_PERIOD = 0.01  #: s, between the samples of a recorded run, as in `railslip simulate`
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
-    those of the law of the first stops."""
+    """Linear design as `braking_control` runs it at the points of a judgement.
+
+    If their laws hold different slips, those of the law of the first stops are taken.
+    """
     operating = operating_points(judgement.points)
     reference = judgement.envelope.reference or as_reference(operating)
     return braking_control(
@@ -161,19 +168,19 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
 
 
 def as_reference(operating: Sequence[OperatingPoint]) -> ReferenceSlip:
-    """The slips of the law of the first stops; on a rail that is not among the points the other's."""
-    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static one has a bound
+    """Reference slips of the law of the first stops; a rail without points takes that of the other rail."""
+    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static law has a bound
     slips = {point.rail: point.slip for point in operating if point.law.name == first}
     return ReferenceSlip(**{rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail})
 
 
 def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
-    """The operating points of an envelope."""
+    """Operating points of an envelope."""
     return [plant.point for plant in operating_plants(points)]
 
 
 def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
-    """A stop from the envelope's initial speed on each of its rails and loads, with the static law first."""
+    """Stops from the envelope's initial speed on each of its rails and loads, the static law first."""
     laws = laws_of_stops(judgement) if every_law else laws_of_stops(judgement)[:1]
     return tuple(
         _stop(control, stop_scenario(judgement.envelope, judgement.points, law, load, rail), load)
@@ -182,7 +189,7 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
 
 
 def laws_of_stops(judgement: Judgement) -> list[str]:
-    """Names of the laws, static ones first, and `NARROW` too where no laws were chosen."""
+    """Names of the laws, static ones first, and `NARROW` if no laws were chosen."""
     operating = operating_points(judgement.points)
     dynamic = {point.law.name: point.law.has_state for point in operating}
     if judgement.envelope.laws == Envelope.model_fields["laws"].default:
@@ -195,7 +202,7 @@ def _loads(judgement: Judgement) -> list[str]:
 
 
 def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: str, rail: Rail) -> Scenario:
-    """The stop of a load on a rail with a law of the envelope, by name."""
+    """Scenario of a stop with a load on a rail with a law of the envelope, by name."""
     of_load = np.flatnonzero(points.operating & (points.load == load))
     here = [points.plants[int(points.plant[i])].point for i in of_load]
     point = next((one for one in here if one.law.name == law), None)
@@ -208,8 +215,11 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
 
 
 def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]]:
-    """Stops with errors of sensors and brake, eight on each law by an orthogonal array, its rails in turn; and on each
-    law and load one on a dry rail that turns wet and dry again; with what is wrong in words, and the load."""
+    """Scenarios with errors, and on a changing rail, each with a description and its load.
+
+    Each law has eight stops with errors of sensors and brake, by an orthogonal array, on its rails in turn. Each law
+    and load has one stop on a dry rail that turns wet and dry again.
+    """
     envelope, loads = judgement.envelope, _loads(judgement)
     for (i, law), (k, row) in product(enumerate(laws_of_stops(judgement)), enumerate(_ARRAY.tolist())):
         rail = envelope.rails[(i + k) % len(envelope.rails)]
@@ -225,7 +235,7 @@ def harder_scenarios(judgement: Judgement) -> Iterator[tuple[Scenario, str, str]
 
 
 CHANGES = "turns wet and dry again"
-"""In words, of a rail."""
+"""Description of the changing rail."""
 
 
 def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> tuple[Scenario, str]:
@@ -245,13 +255,12 @@ def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> 
 
 
 def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
-    """The stops of `harder_scenarios`, with one seed of the noise each."""
+    """Stops of `harder_scenarios`, each with one seed of the noise."""
     return tuple(_stop(control, one, load, SEEDS[:1], words) for one, words, load in harder_scenarios(judgement))
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
-    """Whether in some stop, if `hard` of the harder ones too, the wheel locks above a speed, m/s: ends with the
-    first."""
+    """Whether the wheel locks above a speed, m/s, in some stop, or if `hard` some harder stop; ends with the first."""
     cases = product(laws_of_stops(judgement), _loads(judgement), judgement.envelope.rails)
     plain = ((stop_scenario(judgement.envelope, judgement.points, law, load, rail), load) for law, load, rail in cases)
     harder = ((scenario, load) for scenario, _, load in harder_scenarios(judgement)) if hard else ()
@@ -267,7 +276,7 @@ def stopping_distance(run: Run) -> float:
 def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = SEEDS, errors: str = "") -> Stop:
     simulator = Simulator(scenario, control)
     every, held = max(round(LOG_PERIOD / simulator.period), 1), control.reference or scenario.adhesion.reference
-    # without what is not shown, and much to be sent from another process
+    # drop what is not shown: the result is sent from another process
     runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
     run, cut_out = max(runs, key=stopping_distance), control.controlled_from
     most = braked(scenario, control).limits.torque_max or math.inf
@@ -291,20 +300,22 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
 
 
 def _locked_from(run: Run) -> float:
-    """The highest train speed, m/s, at which the wheel was locked; 0: it was not."""
+    """Highest train speed, m/s, at which the wheel was locked; 0 without a lock."""
     assert run.signals is not None, "the run is recorded"
     return float(run.signals.speed[run.signals.slip > 1 - LOCKED_SHARE].max(initial=0.0))
 
 
 def _filled(run: Run) -> float:
-    """All that the acting torque rose by, N*m."""
+    """Sum of all rises of the acting torque, N*m."""
     assert run.signals is not None, "the run is recorded"
     return float(np.maximum(np.diff(run.signals.torque, prepend=0.0), 0.0).sum())
 
 
 def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) -> tuple[RollingLoop, ...]:
-    """Exact loops about free rolling, where the stops oscillate. An operating point of constant slip shows nothing of
-    it: there a dynamic law slides."""
+    """Exact loops about free rolling for the laws with which a wheel oscillates.
+
+    Operating points of constant slip do not show this oscillation: there a dynamic law slides.
+    """
     found = []
     for one in nominal:
         if one.swings:
@@ -316,15 +327,14 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
 
 
 def _held(run: Run, cut_out: float) -> float:
-    """The median of slip over the second half of the time in which it is controlled, above the `cut_out` speed, m/s;
-    NaN where it never is."""
+    """Median slip over the second half of the time above the `cut_out` speed, m/s; NaN if it is never above."""
     assert run.signals is not None, "the run is recorded"
     slip = run.signals.slip[run.signals.speed > cut_out]
     return float(np.median(slip[slip.size // 2 :])) if slip.size else math.nan
 
 
 def braked(scenario: Scenario, control: Any) -> Scenario:
-    """The scenario with the largest torque of the vehicle's brake, or of a controller that asks for more."""
+    """Scenario with the largest torque of the vehicle's brake, or of the controller if it asks for more."""
     most = max(full_brake_torque(scenario.vehicle), control.largest_torque)
     return scenario if math.isinf(most) else _limited(scenario, most)
 
@@ -335,7 +345,7 @@ def _limited(scenario: Scenario, most: float) -> Scenario:
 
 
 def clairvoyant_stops(scenarios: Sequence[Scenario]) -> list[tuple[ClairvoyantStop | None, ClairvoyantStop | None]]:
-    """The bound of each stop, and the attainable stop; None where it is not known."""
+    """Bound of each stop, and its attainable stop; None if it is not known."""
     return [(_known(clairvoyant_stop, scenario), _known(attainable_stop, scenario)) for scenario in scenarios]
 
 

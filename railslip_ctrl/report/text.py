@@ -303,7 +303,7 @@ def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     usable = assessment.stabilizing_gain_range
     if usable is not None:
         rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
-    return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
+    return Table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, text_columns=(2, 4))
 
 
 def _decrease(m: Margins, digits: int) -> str:
@@ -366,7 +366,7 @@ def judgement_parts(judgement: Judgement) -> list[RenderableType]:
     return [
         heading("Verdict over the envelope"),
         Facts(rows),
-        Table((f"Over {over}", "", "Where"), list(worst_rows(judgement)), words=(2,)),
+        Table((f"Over {over}", "", "Where"), list(worst_rows(judgement)), text_columns=(2,)),
         _map_table(judgement),
         *notes,
         f"Verdict: {verdict}",
@@ -398,17 +398,17 @@ def worst_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
     kind = f"nominal{_kind_of(judged.worst)}"
     (phase, phase_at), (delay, delay_at) = judged.least("phase_deg"), judged.least("delay_s")
     (low, low_at), (high, high_at) = judged.least("gain_decrease", largest=True), judged.least("gain_increase")
-    where = low_at.words if low_at == high_at else f"low: {low_at.words}; high: {high_at.words}"
-    yield f"Phase margin, {kind}", f"{below(phase)} deg", phase_at.words
-    yield f"Delay margin, {kind}", f"{below(delay)} s", delay_at.words
+    where = low_at.description if low_at == high_at else f"low: {low_at.description}; high: {high_at.description}"
+    yield f"Phase margin, {kind}", f"{below(phase)} deg", phase_at.description
+    yield f"Delay margin, {kind}", f"{below(delay)} s", delay_at.description
     yield f"Gain range, {kind}", f"{above(low)} to {below(high)}", where
 
 
 def worst_cells(worst: WorstCase) -> tuple[str, str, str]:
     """Return the larger Ms of the continuous and the sampled loop: its name, its value, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.words
-    return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.words}; continuous {ms_text(worst.ms)}"
+        return f"Ms{_kind_of(worst)}", ms_text(worst.ms), worst.case.description
+    return "Ms, sampled", ms_text(worst.run_ms), f"{worst.run_case.description}; continuous {ms_text(worst.ms)}"
 
 
 def _kind_of(worst: WorstCase) -> str:
@@ -469,7 +469,7 @@ def by_rule_text(design: Design) -> str:
             rows.append((name, f"{value:.6g}", "" if unit == "1" else unit, field.description or ""))
     parts: list[RenderableType] = [
         heading(f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"),
-        Table(("Key", "Value", "Unit", "Meaning"), rows, words=(2, 3)),
+        Table(("Key", "Value", "Unit", "Meaning"), rows, text_columns=(2, 3)),
     ]
     parts += ["", f"Infeasible: {design.reason}"] if design.reason else []
     return render([*parts, "", *judgement_parts(design.judgement)])

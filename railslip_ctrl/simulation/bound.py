@@ -21,7 +21,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model.numeric import numeric_plant, peak, plant_parameters
 
 from .run import Outcome, Run, Simulator
-from .scenario import Event, Scenario, event_place
+from .scenario import Event, Scenario, event_position
 
 _SPEEDS = 33  # speeds at which the peak is computed; it is smooth in speed
 _TOLERANCE = 1e-9  # relative tolerance of the integration
@@ -50,12 +50,12 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     if len(kinds) > 1:
         raise InputError("clairvoyant bound: events both in time and in distance; give them all in one of the two")
     by_distance = kinds == {True}
-    places = sorted({event_place(event) for event in scenario.events})
+    places = sorted({event_position(event) for event in scenario.events})
     state, start = np.array([scenario.initial_speed, 0.0]), 0.0
     for i in range(len(places) + 1):
         until = places[i] if i < len(places) else math.inf
         begin = places[i - 1] if i else -1.0
-        past = [event for event in scenario.events if event_place(event) <= begin]
+        past = [event for event in scenario.events if event_position(event) <= begin]
         solution = _brake(scenario, past, start, state, until, by_distance=by_distance)
         start, state = float(solution.t[-1]), solution.y[:, -1]
         if solution.t_events[0].size:

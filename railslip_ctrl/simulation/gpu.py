@@ -1,4 +1,4 @@
-"""Braking runs on a CUDA GPU: the kernel's own text with a few lines changed, one thread a stop."""
+"""Braking runs on a CUDA GPU: the text of the CPU kernel with a few lines replaced, one thread for each stop."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from . import kernel as layout
 from .counted import Counted, normal
 from .run import Run, Simulator, kernel_text
 
-MEMORY_SHARE = 0.5  #: of the device's free memory for the stops of one launch; the threads' stacks need the rest
+MEMORY_SHARE = 0.5  #: share of free device memory for the stops of one launch; the threads' stacks need the rest
 
-_THREADS = 64  # of a block
-_REGISTERS = 128  # of a thread; an H200 made 157 000 stops a second without this limit, and so 221 000
+_THREADS = 64  # threads of a block
+_REGISTERS = 128  # of a thread; an H200 ran 157 000 stops a second without this limit, 221 000 with it
 
 _HEAD = """from numba import cuda
 
@@ -56,7 +56,7 @@ def _local(name: str, size: str, value: str, kind: str = "float64") -> str:
     return f"{name} = cuda.local.array({size}, np.{kind})\n    for i in range({size}):\n        {name}[i] = {value}"
 
 
-# what allocates gets its size as a number; draws are computed where the CPU reads them
+# CUDA needs array sizes as numbers; draws are computed where the CPU kernel reads them from an array
 _CHANGES = {
     "k, new = np.empty((4, STATES)), np.empty(STATES)": (
         "k, new = cuda.local.array((4, STATES), np.float64), cuda.local.array(STATES, np.float64)"
@@ -86,7 +86,7 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """A kernel's text for CUDA, with room for a number of `events` and `history` samples of the dead time."""
+    """Kernel text for CUDA, with room for a number of `events` and of `history` samples of the dead time."""
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -98,11 +98,11 @@ def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
 
 
 def check_device() -> Any:
-    """Numba's CUDA. InputError without it, or without a GPU."""
+    """Numba's CUDA module. InputError without the package or without a GPU."""
     cuda = import_module("numba.cuda") if find_spec("numba.cuda") else None
     if cuda is None or not cuda.is_available():
         check_extra("gpu", "--device gpu")
-        raise InputError("--device: CUDA finds no GPU; leave it out, or use a machine with an NVIDIA GPU")
+        raise InputError("--device: no CUDA GPU found; leave --device out, or use a machine with an NVIDIA GPU")
     return cuda
 
 
@@ -114,7 +114,7 @@ def _module(text: str) -> ModuleType:
 
 
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
-    """What runs stops of one adhesion law and one controller: outcomes, states and summaries, a row a stop."""
+    """Prepare stops of one law and one controller; the function returns outcomes, states, summaries, a row per stop."""
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
     text = kernel_text(type(simulator.scenario.adhesion), simulator.controller.source_text())
@@ -135,7 +135,7 @@ def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Flo
 
 
 def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
-    """Runs of stops of one adhesion law and one controller. InputError without a GPU, and for a Python step."""
+    """Simulate stops of one law and one controller. InputError without a GPU, and for a Python step."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
         raise InputError(f"--device: controller {controller.label} is a Python step; leave --device out")
@@ -147,7 +147,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Arguments of `every_stop` up to `x`; the events have one that never happens."""
+    """Arguments of `every_stop` up to `x`, with a last event that never happens."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(

@@ -12,15 +12,15 @@ from railslip_ctrl.core.user_files import validated
 from railslip_ctrl.model.vehicle import Record
 
 
-class Place(NamedTuple):
-    """A number in a record: its value (None where the record has none there) and unit ("" where nobody says it)."""
+class Number(NamedTuple):
+    """A number in a record: its value (None if it is not set) and its unit ("" if it is not stated)."""
 
     value: float | None
     unit: str
 
 
 def members(record: Any) -> dict[str, Any]:
-    """The members of a record or tuple, by name; none of anything else."""
+    """Members of a record or tuple by name; empty for anything else."""
     if isinstance(record, tuple):
         return {str(i): value for i, value in enumerate(record)}
     if isinstance(record, BaseModel):
@@ -28,28 +28,28 @@ def members(record: Any) -> dict[str, Any]:
     return {one.name: getattr(record, one.name) for one in fields(record)} if is_dataclass(record) else {}
 
 
-def numbers(record: Any, prefix: str = "") -> dict[str, Place]:
-    """Every number in a record, its records and its tuples, by path; those that are left out but could be given too."""
-    units: dict[str, str] = {}  # of members that are, or may be, a number
+def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
+    """Numbers of a record, of its records and of its tuples, by path; optional ones that are not set included."""
+    units: dict[str, str] = {}  # of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()
     elif is_dataclass(record):
         units = {one.name: "" for one in fields(record) if str(one.type) in ("float", "float | None")}
-    found: dict[str, Place] = {}
+    found: dict[str, Number] = {}
     for name, value in members(record).items():
         if isinstance(value, bool):
             continue
         if isinstance(value, (int, float)) or (value is None and name in units):
-            found[prefix + name] = Place(None if value is None else float(value), units.get(name, ""))
+            found[prefix + name] = Number(None if value is None else float(value), units.get(name, ""))
         else:
             found |= numbers(value, f"{prefix}{name}.")
     return found
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """The record with other numbers at some of its paths, checked as a new one.
+    """Copy of a record with other numbers at some of its paths, checked as a new record.
 
-    InputError, which names the record by `where`, for a number that it refuses.
+    InputError for a number that the record refuses; the message names the record by `where`.
     """
     new: dict[str, Any] = {}
     inner: dict[str, dict[str, float]] = {}
@@ -65,6 +65,6 @@ def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
     if isinstance(record, tuple):
         return tuple({**own, **new}.values())
     if isinstance(record, BaseModel):
-        given = {name: value for name, value in own.items() if value is not None}  # None: left out, and stays so
+        given = {name: value for name, value in own.items() if value is not None}  # None stays unset
         return validated(type(record), {**given, **new}, where or "campaign")
     return replace(record, **new)

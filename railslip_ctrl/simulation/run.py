@@ -1,4 +1,4 @@
-"""One braking run: from a scenario and a controller to signals and numbers, and when its events happened."""
+"""One braking run: from a scenario and a controller to time series, results and the times of its events."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from railslip_ctrl.model.vehicle import GRAVITY, Rail
 
 from . import kernel as layout
 from .counted import Counted, normal
-from .scenario import LEAST_STEP, Event, Scenario, event_place
+from .scenario import LEAST_STEP, Event, Scenario, event_position
 
 LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
-REACHED_SHARE = 0.95  #: of the reference slip, from where it counts as reached
+REACHED_SHARE = 0.95  #: share of the reference slip from which on it counts as reached
 
 _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
@@ -42,7 +42,7 @@ GIVEN_DRAWS = -1  #: `Run.seed` of a run whose draws were given
 
 
 class Outcome(StrEnum):
-    """What became of a run."""
+    """How a run ended."""
 
     STOPPED = "stopped"
     OUT_OF_TIME = "did not stop"
@@ -51,7 +51,7 @@ class Outcome(StrEnum):
     TOO_STIFF = "too stiff for the step"
 
 
-_OUTCOMES = tuple(Outcome)  # in the order of the kernel's numbers
+_OUTCOMES = tuple(Outcome)  # in the order of the outcome numbers that the kernel returns
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Energies:
     """Energy balance of train and wheel, J.
 
     - starting, final: kinetic energy when the brake is applied, and at the end.
-    - booked: what came in with changes of mass.
+    - booked: energy that changes of mass added.
     - works: by `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
       resistance, random force, caliper disturbance.
     """
@@ -71,7 +71,7 @@ class Energies:
 
     @property
     def error(self) -> float:
-        """What the balance lacks, as a share of the starting energy."""
+        """Error of the energy balance as a share of the starting energy."""
         return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
 
 
@@ -127,7 +127,7 @@ class Noise(NamedTuple):
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Where random force and sensor noise come from: a seed, by NumPy or by a counter, their draws, or None: none."""
+"""Source of random force and sensor noise: a seed of NumPy or of a counter, given draws, or None for no noise."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Run:
     """A braking run.
 
     - scenario, controller, seed: what was run; `GIVEN_DRAWS` for draws that were given.
-    - outcome: only `STOPPED` is a stop; else the numbers are those up to `braking_time`.
+    - outcome: `STOPPED` if the train reached the final speed; otherwise all numbers are those up to `braking_time`.
     - braking_time, braking_distance, final_speed: s, m, m/s.
     - energies: the balance.
     - mean_abs_slip_error, mean_abs_slip_error_published: mean over time of |slip - reference|, slip ratio: the
@@ -145,7 +145,7 @@ class Run:
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
     - max_torque, max_torque_rate, rms_torque_rate: of the acting torque, N*m and N*m/s.
     - steps: steps of the integration.
-    - signals: time series, where asked for.
+    - signals: time series if they were recorded, else None.
     - controller_signals: the controller's own state over `signals.time`, arrays of one length, by name; units as its
       law's.
     """
@@ -171,7 +171,7 @@ class Run:
     controller_signals: dict[str, Floats]
 
     def __str__(self) -> str:
-        """What became of it, and its slip and torque, in three lines."""
+        """Outcome, slip and torque in three lines."""
         scenario, lock = self.scenario, "no lock"
         error, references = "", self._references()
         if references:
@@ -193,18 +193,18 @@ class Run:
         InputError for a run that was not recorded.
         """
         if self.signals is None:
-            raise InputError("run: it was not recorded; simulate it with record_every=1")
+            raise InputError("run: has no time series; simulate with record_every=1")
         plots = import_module("railslip_ctrl.report.plots.runs")  # a room above this one, asked for by the user
         return plots.simulation_figure(self)
 
     @property
     def stopped(self) -> bool:
-        """Whether the train came to the final speed."""
+        """Whether the train reached the final speed."""
         return self.outcome is Outcome.STOPPED
 
     @property
     def reached(self) -> bool:
-        """Whether the slip came to 0.95 of the reference, the least of its rails; true of a controller without one."""
+        """Whether slip reached 0.95 of the least reference of its rails; true for a controller without a reference."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
@@ -232,13 +232,13 @@ def simulate(
 ) -> Run:
     """Run a scenario with a controller.
 
-    - scenario: the run: vehicle, rail, adhesion law, speeds and disturbances, SI.
-    - controller: Controller, linear system, step object or function; what commands the brake torque, N*m, at its own
+    - scenario: vehicle, rail, adhesion law, speeds and disturbances, SI.
+    - controller: Controller, linear system, step object or function that commands the brake torque, N*m, at its own
       period: see `step_objects.as_control`.
     - seed: of the random force and the measurement noise; a run repeats with its seed. None: without any. A
       `Noise` has the draws themselves.
     - record_every: samples from one row of `signals` to the next; None records none.
-    - compiled: false runs the same in the interpreter, hundreds of times slower.
+    - compiled: false runs the kernel in the Python interpreter, hundreds of times slower, with the same result.
 
     Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
     arrays of one length, 1-D, in SI, or None. InputError: a seed or record_every out of range, an event that changes
@@ -248,9 +248,9 @@ def simulate(
 
 
 class Simulator:
-    """A scenario and a controller made ready: many runs of them cost only the runs. Arguments as `simulate`.
+    """A scenario and a controller prepared for many runs; the preparation is done once. Arguments as for `simulate`.
 
-    InputError as of `simulate`.
+    InputError as for `simulate`.
     """
 
     @checked
@@ -268,7 +268,7 @@ class Simulator:
 
     @checked
     def run(self, seed: Draws = 0, *, record_every: int | None = None) -> Run:
-        """One run; `seed` and `record_every` as of `simulate`. InputError for one out of range."""
+        """Run once; `seed` and `record_every` as in `simulate`. InputError for a value out of range."""
         if record_every is not None:
             number("record_every", record_every, ge=1, le=LARGEST_SPACING)
         plan, kernel_ = self.plan, self._kernel
@@ -315,10 +315,10 @@ class Simulator:
         return disturbances.random_force * force, spread * noise, hold
 
     def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
-        """The run that a kernel ended with.
+        """Make the run from the results of a kernel.
 
-        - seed, status: what its draws came from, and the number of its outcome.
-        - y, summary, log: state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, as the kernel left them, SI.
+        - seed, status: source of the draws, and the number of the outcome.
+        - y, summary, log: final state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, SI.
         """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
@@ -399,23 +399,23 @@ def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, 
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
-    """The module of a law, a controller's source text and the loop of `kernel.py`, to be compiled or interpreted."""
+    """Kernel module as text: law, controller source and the loop of `kernel.py`, to be compiled or interpreted."""
     loop = Path(layout.__file__).read_text("utf-8")
     return module_text(law, controller, plain(loop), compiled=compiled)
 
 
 @cache
 def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
-    """The kernel module, ready to run."""
+    """Kernel module, ready to run."""
     return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
 
 
-# --- what the kernel is given ----------------------------------------------------------------------------------------
+# --- arguments of the kernel -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a kernel is given; `samples` of the controller at most."""
+    """Arguments of a kernel; `samples` is the largest number of controller samples in the run."""
 
     settings: dict[str, float]
     events: layout.Events
@@ -428,7 +428,7 @@ class Plan:
 
 
 class _Laws:
-    """Adhesion laws in use under a wheel load, N, each with its table and domain once."""
+    """Adhesion laws of a run under their wheel load, N, each stored once with its table and domain."""
 
     def __init__(self, top_speed: float) -> None:
         self._top_speed, self._laws = top_speed, dict[tuple[AdhesionLaw, float], int]()
@@ -444,7 +444,7 @@ class _Laws:
         return joined
 
     def limits(self) -> Floats:
-        """Slip velocity that each law must stay below, m/s, on a grid of speeds; `_NO_LIMIT` where none."""
+        """Upper limit of slip velocity of each law, m/s, on a grid of speeds; `_NO_LIMIT` if there is none."""
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
         rows = [
@@ -462,7 +462,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
     p = np.array(plant_parameters(law, vehicle, scenario.gradient))
     c = _controller_row(scenario, controller, start, Situation(rail, period, _assumed(scenario, controller, rail)))
     chosen = np.array([laws.number(law, load), laws.number(_assumed(scenario, controller, rail), believed_load)])
-    ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
+    ordered = sorted(scenario.events, key=event_position)  # `Scenario` has checked that the order is known
     events = layout.Events(
         time=np.array([math.inf if e.time is None else e.time for e in ordered]),
         distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
@@ -488,7 +488,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """The law a controller takes for the plant's: its own, or the scenario's without what it cannot know (a patch)."""
+    """Adhesion law that the controller assumes: its own, or the scenario's without a patch, which it cannot know."""
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
@@ -534,7 +534,7 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
 
 
 class LoggedEvent(NamedTuple):
-    """An event and the time at which it happened, s; NaN: never."""
+    """An event and its time, s; NaN if it did not happen."""
 
     event: Event
     time: float
@@ -546,7 +546,7 @@ class LoggedEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Where it is, what it changes, and when it happened: "from 25 s: wet rail, M 5276 kg"."""
+        """Position, change and time of the event: "from 25 s: wet rail, M 5276 kg"."""
         event = self.event
         place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
         changes = [
@@ -559,21 +559,21 @@ class LoggedEvent(NamedTuple):
 
 
 def events_log(run: Run) -> tuple[LoggedEvent, ...]:
-    """The events of a run in order of happening, those not reached last; needs `run.signals` for events in distance."""
+    """Events of a run in order of time, those not reached last; needs `run.signals` for events in distance."""
     found = [LoggedEvent(event, _time(event, run)) for event in run.scenario.events]
     return tuple(sorted(found, key=lambda one: one.time if one.reached else math.inf))
 
 
 def _time(event: Event, run: Run) -> float:
-    """Time of an event, s; one at the very end of the run changes nothing any more: NaN."""
+    """Time of an event, s; NaN at the very end of the run, where an event has no effect."""
     if event.time is not None:
         return event.time if event.time < run.braking_time else math.nan
     assert event.distance is not None, "an event has a time or a distance"
     if not event.distance < run.braking_distance:
         return math.nan
-    from scipy.interpolate import CubicHermiteSpline  # here, as most runs start without it
+    from scipy.interpolate import CubicHermiteSpline  # imported here because most runs do not need it
 
     assert run.signals is not None, "the run was recorded"
-    on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # a run that breaks off may have its last row twice
+    on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # the last row is repeated if a run breaks off
     distance, time, speed = (series[on] for series in (run.signals.distance, run.signals.time, run.signals.speed))
     return float(CubicHermiteSpline(distance, time, 1.0 / speed)(event.distance))

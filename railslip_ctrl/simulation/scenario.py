@@ -1,4 +1,4 @@
-"""What a braking run is: vehicle, rail, disturbances, measurement, events and how it is integrated; SI."""
+"""Scenario of a braking run: vehicle, rail, disturbances, measurement, events and integration; SI."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
 from .paths import numbers, replaced
 
-LEAST_STEP = LEAST_PERIOD  #: s, of the integration
-LARGEST_STEP = 1.0  #: s; a longer step of the integration says nothing of a wheel
-STEEPEST = 0.15  #: gradient; no adhesion railway is steeper
+LEAST_STEP = LEAST_PERIOD  #: s, smallest step of the integration
+LARGEST_STEP = 1.0  #: s, largest step of the integration; the slip changes faster than any longer step
+STEEPEST = 0.15  #: largest gradient, ratio; no adhesion railway is steeper
 
 
 class Event(Record):
-    """From a time or a distance on: another rail, share of its adhesion, or mass; what is None stays as it is.
+    """Change of rail, adhesion factor or mass from a time or a distance on; None keeps the present value.
 
     `adhesion_factor` replaces an earlier one (1: the rail's own adhesion).
     """
@@ -40,23 +40,23 @@ class Event(Record):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         if (self.time is None) == (self.distance is None):
-            raise InputError("event: give either time or distance, not both and not neither")
+            raise InputError("event: needs exactly one of time and distance")
         if self.rail is None and self.adhesion_factor is None and self.mass is None:
             raise InputError("event: changes nothing; give rail, adhesion_factor or mass")
         return self
 
 
-def event_place(event: Event) -> float:
+def event_position(event: Event) -> float:
     """Time, s, or distance, m, of an event."""
-    place = event.distance if event.time is None else event.time
-    assert place is not None, "an event has a time or a distance"
-    return place
+    position = event.distance if event.time is None else event.time
+    assert position is not None, "an event has a time or a distance"
+    return position
 
 
 class Disturbances(Record):
-    """Gaussian adhesion force, drawn anew every `random_hold`, and the caliper's torque.
+    """Random adhesion force, Gaussian and drawn anew every `random_hold`, and the caliper's disturbance torque.
 
-    The latter is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb. See `PUBLISHED_DISTURBANCES`.
+    The torque is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb. See `PUBLISHED_DISTURBANCES`.
     """
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
@@ -67,10 +67,10 @@ class Disturbances(Record):
 
 
 class Measurement(Record):
-    """What the controller sees of train speed and wheel speed: scale, noise, the sensor's grid, a low-pass filter.
+    """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
 
-    A wheel encoder is read at each sample: teeth passed over the time between the last ones, so that its speed is the
-    mean of that time, and late by half of it. Where no tooth passes, it is at most that of a tooth passing now.
+    The wheel encoder is read at each sample. Its speed is the teeth passed over the time between the last ones: the
+    mean over that time, delayed by half of it. If no tooth passes, the speed is at most that of a tooth passing now.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
@@ -92,12 +92,12 @@ class Measurement(Record):
 
 
 class BrakeLimits(Record):
-    """What the vehicle's actuator does beyond its dead time and lag; `dump_lag` is that of emptying.
+    """Limits of the actuator besides dead time and lag; `dump_lag` is the time constant of emptying.
 
-    The acting torque is `torque_gain` times the one commanded: 1 as designed, less or more with other pad friction.
+    The acting torque is `torque_gain` times the commanded one; a gain other than 1 models other pad friction.
     """
 
-    torque_gain: float = quantity("1", "acting torque over the one commanded", gt=0, default=1.0)
+    torque_gain: float = quantity("1", "acting torque over commanded torque", gt=0, default=1.0)
     torque_min: float = quantity("N*m", "least commanded torque", default=0.0)
     torque_max: float | None = quantity("N*m", "largest commanded torque", default=None)
     rate: float | None = quantity("N*m/s", "largest rate of the acting torque", gt=0, default=None)
@@ -113,7 +113,7 @@ class BrakeLimits(Record):
 
 
 class Beliefs(Record):
-    """What controllers believe of the vehicle where it is not as it is; what is None they believe as it is."""
+    """Values of the vehicle that controllers believe; None is the true value."""
 
     radius: float | None = quantity("m", "wheel radius", gt=0, default=None)
     wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia", gt=0, default=None)
@@ -122,16 +122,16 @@ class Beliefs(Record):
     lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
 
     def of(self, vehicle: Vehicle) -> Vehicle:
-        """The vehicle as it is believed to be."""
+        """Vehicle with the believed values in place of its own."""
         wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
         actuator = {"dead_time": self.dead_time, "lag": self.lag}
         own = {"wheel_load": self.wheel_load}
         parts: list[tuple[Record, dict[str, float | None]]] = [(vehicle.wheel, wheel), (vehicle.actuator, actuator)]
-        changed = [part.model_copy(update=_said(values)) for part, values in parts]
-        return vehicle.model_copy(update={"wheel": changed[0], "actuator": changed[1], **_said(own)})
+        changed = [part.model_copy(update=_given(values)) for part, values in parts]
+        return vehicle.model_copy(update={"wheel": changed[0], "actuator": changed[1], **_given(own)})
 
 
-def _said(values: dict[str, float | None]) -> dict[str, float]:
+def _given(values: dict[str, float | None]) -> dict[str, float]:
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -152,17 +152,17 @@ class Scenario(Record):
     adhesion_factor: float = quantity("1", "factor on the rail's adhesion at the start", gt=0, default=1.0)
     initial_speed: float = quantity("m/s", "speed at which the brake is applied", gt=0)
     final_speed: float = quantity("m/s", "speed at which the run ends", gt=0, default=5.0 * KMH)
-    longest_time: float = quantity("s", "time after which the run is given up", gt=0, le=36_000.0, default=180.0)
+    longest_time: float = quantity("s", "time after which the run is ended", gt=0, le=36_000.0, default=180.0)
     events: tuple[Event, ...] = Field((), description="changes of rail, adhesion and mass on the way")
-    disturbances: Disturbances = Field(Disturbances(), description="what acts on the wheel besides")
-    measurement: Measurement = Field(Measurement(), description="what the controller sees of the speeds")
-    limits: BrakeLimits = Field(BrakeLimits(), description="what the actuator cannot do")
-    beliefs: Beliefs = Field(Beliefs(), description="what controllers believe of the vehicle wrongly")
+    disturbances: Disturbances = Field(Disturbances(), description="disturbances of the wheel")
+    measurement: Measurement = Field(Measurement(), description="measurement of the speeds")
+    limits: BrakeLimits = Field(BrakeLimits(), description="limits of the actuator")
+    beliefs: Beliefs = Field(Beliefs(), description="wrong beliefs of the controllers about the vehicle")
     gradient: float = quantity(
         "1", "rise of the track over its length, downhill negative", ge=-STEEPEST, le=STEEPEST, default=0.0
     )
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
-    viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
+    viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: no limit", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
     published_reference: bool = Field(
         False, strict=True, description="compare slip with [Park2008]'s 0.132/0.092 as well"
@@ -183,7 +183,7 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: adhesion changes both in time and in distance, in an order that is open; give rail and "
+                "events: adhesion changes both in time and in distance, and their order is not known; give rail and "
                 "adhesion_factor in each"
             )
         return self
@@ -196,11 +196,11 @@ class Scenario(Record):
 
     @property
     def believed_vehicle(self) -> Vehicle:
-        """The vehicle as controllers believe it to be where their parameters do not say it."""
+        """Vehicle that controllers believe in, for values that their own parameters do not state."""
         return self.beliefs.of(self.vehicle)
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
-        """The adhesion law on a rail, its adhesion times `factor`."""
+        """Adhesion law on a rail, its adhesion multiplied by `factor`."""
         law = self.adhesion.on(rail)
         return law if factor == 1.0 else law.weakened(factor)
 
@@ -213,8 +213,10 @@ class Scenario(Record):
             return False
 
     def for_vehicle(self, vehicle: Vehicle) -> Self:
-        """The scenario with another vehicle; a published law and the random force follow its wheel load, an event's
-        mass its loaded one."""
+        """Copy of the scenario for another vehicle.
+
+        A published law and the random force follow its wheel load; an event's mass becomes its loaded mass.
+        """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
             for event in self.events
@@ -225,12 +227,12 @@ class Scenario(Record):
         return self.with_changes(vehicle=vehicle, events=events, adhesion=law, disturbances=noise)
 
     def with_changes(self, **changes: Any) -> Self:
-        """The scenario with some fields changed, checked again. InputError as for a new one."""
+        """Copy with some fields changed and checked. InputError as for a new scenario."""
         given = {name: value for name, value in (self.given() | changes).items() if value is not None}
         return validated(type(self), given, self.name)
 
     def given(self) -> dict[str, Any]:
-        """The fields that are not None, by name."""
+        """Fields that are not None, by name."""
         return {name: value for name, value in self if value is not None}
 
 
@@ -242,8 +244,8 @@ PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.0
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
     """The run of [Park2008] p. 55: the mass rises and the rail turns wet at 25 s, from 100 to 5 km/h.
 
-    `as_published` takes the inertia scale 3.6 under which Table 5 comes out, with `curve` in every column; without it
-    the run is in SI. `adhesion` names the plant's law.
+    `as_published` takes the inertia scale 3.6, which reproduces Table 5, with `curve` in every column; otherwise the
+    run is in SI. `adhesion` names the plant's law.
     """
     scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
@@ -267,9 +269,9 @@ def stop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     adhesion: str | AdhesionLaw = "curve",
 ) -> Scenario:
-    """A plain stop on one rail with the random forces of [Park2008], in proportion to the wheel load, to 5 km/h.
+    """Plain stop on one rail down to 5 km/h, with the random force of [Park2008] in proportion to the wheel load.
 
-    - vehicle: with the load that it has.
+    - vehicle: with its present load.
     - rail: "dry" or "wet", throughout.
     - speed_kmh: speed at which the brake is applied, km/h.
     - adhesion: a published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
@@ -285,7 +287,7 @@ def stop(
 
 
 def with_patch(scenario: Scenario, begin: float, length: float) -> Scenario:
-    """The scenario with a wet patch of a `length`, m, that begins a distance, m, from where the brake is applied."""
+    """Scenario with a wet patch; `begin`, m, is its distance from the start of braking, `length`, m, its length."""
     ends = Event(distance=begin, rail=Rail.WET), Event(distance=begin + length, rail=scenario.rail)
     return scenario.with_changes(events=ends)
 
@@ -295,23 +297,23 @@ BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that c
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """A built-in scenario by a `name` of `BUILT_IN`: the published run in a reading, or a plain stop; SI.
+    """Built-in scenario by a `name` of `BUILT_IN`: the published run as published or in SI, or a plain stop.
 
-    InputError: no scenario of that name; lists them.
+    InputError for another name; the message lists the names.
     """
     if name not in BUILT_IN:
-        raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
+        raise InputError(f"scenario: unknown name {name!r}; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
     return stop() if name == "stop" else published_scenario(as_published=name == "park2008")
 
 
 # --- scenarios from the user's TOML files ----------------------------------------------------------------------------
 
 _TABLES = ("disturbances", "measurement", "limits", "beliefs")
-_LONGEST_CHAIN = 8  # of scenarios that extend one another; a circle has no end
+_LONGEST_CHAIN = 8  # scenario files that extend one another; a longer chain is taken for a circle
 
 
 class _Keys(Scenario):
-    """The keys of a file: a scenario's, and what leads to one."""
+    """Keys of a scenario file: those of a scenario, and keys from which its fields are made."""
 
     extends: str | None = None
     loaded: bool = False
@@ -321,7 +323,7 @@ class _Keys(Scenario):
 
 @checked
 def load_scenario(source: str | Path) -> Scenario:
-    """A scenario, SI, from a `source`: the name of a built-in one ("park2008", "park2008-si", "stop"), or a TOML file.
+    """Load a scenario, SI; `source` is a built-in name ("park2008", "park2008-si", "stop") or a TOML file.
 
     InputError: one line with the file, the key, the value and what is allowed.
     """
@@ -348,7 +350,7 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     made = Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
     for name in read.changes:
         if name not in (known := numbers(made)):
-            raise InputError(f"{where}: changes: {name!r} is no number of the scenario; {close_match(name, known)}")
+            raise InputError(f"{where}: changes: {name!r} is not a number of the scenario; {close_match(name, known)}")
     return replaced(made, read.changes, where) if read.changes else made
 
 
@@ -359,13 +361,13 @@ def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
         return built_in_scenario(name)
     if not name.lower().endswith(".toml"):
         raise InputError(
-            f"{file_name(path)}: extends: {shown(name)} is not one; choose {' or '.join(BUILT_IN)}, or a TOML file"
+            f"{file_name(path)}: extends: unknown name {shown(name)}; choose {' or '.join(BUILT_IN)}, or a TOML file"
         )
     return _from_file(path.parent / name, (*chain, path))
 
 
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
-    """Vehicle, adhesion law and events that follow from both; what cannot be had is left for the checker to miss."""
+    """Vehicle, adhesion law and the events that follow from them; missing values are left to the record's checks."""
     where = file_name(path)
     if "vehicle" not in keys and base is None:
         return {}

@@ -1,4 +1,4 @@
-"""Bode, Nyquist and Nichols pictures of groups of loops, the dead time exact."""
+"""Bode, Nyquist and Nichols pictures of groups of loops with exact dead time, and the pictures of design reports."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from . import style
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
 _CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
-_TWO = -1 + 0.5 * _CIRCLE  # |1 + L| = 1/2, where Ms is 2
+_TWO = -1 + 0.5 * _CIRCLE  # circle |1 + L| = 1/2, outside which Ms is below 2
 
 
 def loop_figure(loop: Loop, kind: str, band: NDArray[np.float64] | None = None) -> Figure:
-    """A "bode", "nyquist" or "nichols" figure of one loop, over a band, rad/s, or that in which everything happens."""
+    """Draw a "bode", "nyquist" or "nichols" figure of one loop over a band, rad/s, by default that of its features."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     margins, unstable = loop.margins() if loop.is_stable() else None, loop.unstable_closed_loop_poles
-    # drawn as an assessment, without an operating point
+    # drawn as an assessment without an operating point
     alone: Any = SimpleNamespace(point=None, loop=loop, margins=margins, unstable_poles=unstable)
     ends = loop.feature_band() if band is None else (float(band.min()), float(band.max()))
     return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *ends),)),))
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
-    """What the whole figure belongs to, so that it can be filed without its report."""
+    """Title with everything that identifies the figure without its report."""
     first: Any = groups[0].assessments[0]
     point = first.point
     if point is None:
@@ -64,13 +64,13 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
 
 
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
-    """`height` without the legends, inches."""
+    """New figure; `height` is without the legends, inches."""
     height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
     return style.new_figure(height, _title(groups))
 
 
 def _column(groups: tuple[ControllerGroup, ...]) -> float:
-    """Inches a column has, with its axis labels."""
+    """Width of a column with its axis labels, inches."""
     return (style.PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
@@ -87,7 +87,7 @@ def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dic
 
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
-    """Magnitude and continuous phase of L(j omega) of every group, gain crossovers marked."""
+    """Magnitude and continuous phase of L(j omega) of every group, with gain crossovers."""
     figure = _new_figure(groups, 4.5)
     axes = style.panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
@@ -118,13 +118,13 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
         ax.set(ylabel=label, xlabel="frequency ω (rad/s)")
         style.sparse_log_ticks(ax.xaxis)
-    told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
-    style.legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=style.SMALL)
+    legend = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; the curves go on outside"
+    style.legend_of_figure(figure, magnitude, columns=1, title=legend, title_fontsize=style.SMALL)
     return figure
 
 
 def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """Magnitude and continuous phase, gain crossovers marked."""
+    """Draw magnitude and continuous phase, and mark the gain crossovers."""
     at = np.searchsorted(curve.omega, loop.gain_crossovers)
     at = at[at < curve.omega.size]
     for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
@@ -134,7 +134,7 @@ def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, lo
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
-    """Lines at odd multiples of 180 deg within view; the fall of the dead time is cut where it says no more."""
+    """Draw lines at odd multiples of 180 deg, and cut the phase axis where |L| is far from 1."""
     low, high = _visible_phases(curves)
     ax.set_ylim(low - 20, high + 20)
     ax.yaxis.set_major_locator(MultipleLocator(90))
@@ -143,7 +143,7 @@ def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
 
 
 def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
-    """Range of the phase, deg, where |L| is within 40 dB of 1, at most a turn and a half."""
+    """Range of the phase, deg, while |L| is within 40 dB of 1, at most one and a half turns."""
     shown = np.concatenate([c.phase_deg[np.abs(c.magnitude_db) < 40] for c in curves])
     if shown.size == 0:
         shown = np.concatenate([c.phase_deg for c in curves])
@@ -151,15 +151,15 @@ def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
 
 
 def _critical(low: float, high: float) -> list[float]:
-    """The odd multiples of 180 deg from just below `low` to just above `high`."""
+    """Odd multiples of 180 deg from just below `low` to just above `high`."""
     first, last = int(np.floor((low - 210) / 360)), int(np.ceil((high - 150) / 360))
     return [180.0 + 360.0 * k for k in range(first, last + 1) if low - 30 <= 180 + 360 * k <= high + 30]
 
 
 def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """L(j omega), -inf < omega < inf: the whole curve (radius compressed) and the neighbourhood of -1."""
-    beside = _column(groups) > 3.0  # what the legend says of a loop fits on one line
-    side = _column(groups) - 0.55  # inches, of the axes
+    beside = _column(groups) > 3.0  # inches: the legend of a loop then fits on one line
+    side = _column(groups) - 0.55  # inches, side of the axes without their labels
     figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
     axes = style.panels(figure, 2, len(groups))
     for column, group in enumerate(groups):
@@ -184,7 +184,7 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 
 
 def _compressed(response: Any) -> Any:
-    """Radius |L|/(1 + |L|): -1 stays on the negative axis at radius 1/2, infinity is the rim, turns are kept."""
+    """Map to radius |L|/(1 + |L|): -1 is on the negative axis at radius 1/2, infinity is the rim, turns are kept."""
     return response / (1 + np.abs(response))
 
 
@@ -195,13 +195,13 @@ def _encirclements(assessment: Assessment) -> str:
 
 
 def _nyquist_line(ax: Any, response: Any, look: dict[str, Any]) -> None:
-    """Positive frequencies thick, with arrows, negative ones thin."""
+    """Draw positive frequencies thick with arrows, negative ones thin."""
     ax.plot(response.real, response.imag, linewidth=1.4, **look)
     ax.plot(response.real, -response.imag, linewidth=0.6, **look)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
     if visible.size < 4:
         return
-    # spaced along the curve as it is seen, not along frequency
+    # equal spacing along the drawn curve, not in frequency
     seen = response[visible]
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(seen)))])
     for fraction in (0.3, 0.6, 0.85):
@@ -215,7 +215,7 @@ def _arrow(ax: Any, tail: complex, head: complex, look: dict[str, Any]) -> None:
 
 
 def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, look: dict[str, Any]) -> None:
-    """The arc at infinity, clockwise from omega = 0- to 0+, that each integrator adds: 180 deg a pole at the origin."""
+    """Arc at infinity, clockwise from omega = 0- to 0+: 180 deg for each pole at the origin."""
     integrators = loop.integrators
     if integrators == 0:
         return
@@ -269,13 +269,13 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
 # --- pictures of designs: stabilising regions, margins along an axis, closed-loop responses, the gang of four --------
 
 
-_MS_TOP = 8.0  # an Ms beyond it is as good as unstable; the axis ends there
-_KICK = 0.03  # of the time shown: what a lead adds to the command at first is over by then
-_FITS = 999.0  # the highest number a cell of a map has room for
-_NARROW = 0.15  # of the axes: a contour that its label would take away has none
-_SHORT = 4  # points of a contour too short for a label
-_CLEAR = 0.08  # of the axes: between a label and the side at which a picture is cut
-_SHARES = (0.2, 0.98)  # of a field's values, between which contours are drawn
+_MS_TOP = 8.0  # end of the Ms axis: a larger Ms is almost unstable
+_KICK = 0.03  # share of the time shown in which the initial peak of a lead's command is over
+_FITS = 999.0  # largest number that fits into a cell of a map
+_NARROW = 0.15  # share of the axes: a shorter contour has no label, which would cover it
+_SHORT = 4  # points: a contour with fewer has no label
+_CLEAR = 0.08  # share of the axes between a label and a side of the picture
+_SHARES = (0.2, 0.98)  # quantiles of a field between which contours are drawn
 _ROUND = (1, 1.5, 2, 3, 5, 7)
 
 
@@ -288,7 +288,7 @@ def region_figure(
     kp_unit: str,
     ki_unit: str,
 ) -> Figure:
-    """The stabilising set of (kp, ki), contours of worst Ms, phase margin and delay margin in it, and chosen gains."""
+    """Stabilising set of (kp, ki) with contours of worst Ms, phase margin and delay margin, and chosen gains."""
     figure = style.new_figure(3.3 + 0.14 * len(chosen), title)
     axes = style.panels(figure, 1, 3, sharex=True, sharey=True)[0]
     mesh = _mesh(strips, grid)
@@ -315,7 +315,7 @@ def region_figure(
 
 
 def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
-    """A region that goes on leaves the picture."""
+    """Limit the axes if the region has no end."""
     cut = max((float(strip.ki_high.max()) for strip in strips if strip.ki_cut), default=None)
     if cut is not None:
         ax.set_ylim(0.0, cut)
@@ -328,9 +328,10 @@ def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Triangles over the stable points of a grid and the edge of the set, where every margin is nothing.
+    """Triangles over the stable points of a grid and the edge of the set, at which every margin is 0.
 
-    A rectangular grid ends in steps where its edge is not, and contours between its last points and the edge wiggle.
+    A rectangular grid has steps at a slanted edge, and contours between its last points and the edge would not be
+    smooth.
     """
 
     triangles: Triangulation
@@ -338,26 +339,26 @@ class _Mesh:
     edge: int
 
     def values(self, field: Any) -> Any:
-        """A field of the grid at the points, 0 at the edge."""
+        """Values of a grid's field at the points, 0 at the edge."""
         return np.concatenate([field[self.inside], np.zeros(self.edge)])
 
 
 def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
-    """None where nothing can be spanned."""
+    """Mesh of the stable points; None if there are too few of them."""
     inside = np.isfinite(grid.ms) & np.isfinite(grid.phase_deg) & np.isfinite(grid.delay_s)
     if not strips or inside.sum() < 4:
         return None
     polygons = [strip.polygon for strip in strips]
     corners = np.concatenate(polygons)
     cut = min((strip.ki_high.max() for strip in strips if strip.ki_cut), default=np.inf)
-    # ki = 0 bounds the drawing, as a cut does: the loop is stable there
+    # the loop is stable at ki = 0, which bounds the drawing only
     edge = corners[(corners[:, 1] > 0) & (corners[:, 1] < cut)]
     kp, ki = np.meshgrid(grid.kp, grid.ki, indexing="ij")
     points = np.concatenate([np.column_stack([kp[inside], ki[inside]]), edge])
     size = np.ptp(points, axis=0)
     if not (size > 0).all():
         return None
-    # Delaunay's triangles depend on the scale: in the picture both axes are equally long
+    # Delaunay's triangles depend on the scale: use that of the picture, with axes of equal length
     scaled = Triangulation(*(points / size).T)
     centres = points[scaled.triangles].mean(axis=1)
     within = np.any([Path(polygon).contains_points(centres) for polygon in polygons], axis=0)
@@ -365,7 +366,7 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
 
 
 def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str], marks: Iterable[Any]) -> None:
-    """Lines of a field that is 0 at the edge, with their numbers clear of `marks`."""
+    """Draw contours of a field that is 0 at the edge; their numbers keep clear of `marks`."""
     if mesh is None or not levels:
         return
     look = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
@@ -374,8 +375,8 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
 
 
 def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Iterable[Any]) -> None:
-    """Put the number of each contour where it has most room from the sides of the axes, other numbers and marks."""
-    ax.get_xlim()  # whatever was drawn by now counts
+    """Put the number of each contour at the point farthest from the sides, other numbers and marks."""
+    ax.get_xlim()  # applies pending limits, so that everything drawn so far counts
     to_axes = ax.transData - ax.transAxes
     taken = [to_axes.transform(mark) for mark in marks]
     places = []
@@ -392,8 +393,8 @@ def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Ite
 
 
 def _round_levels(values: Any) -> dict[float, str]:
-    """Round values, as many as show where a field rises: between its fifth part and nearly all of it."""
-    finite = values[np.isfinite(values)]  # gains without a crossover have endless margins
+    """Round levels between two quantiles of a field, which leave out its flat parts."""
+    finite = values[np.isfinite(values)]  # a margin without a crossover is infinite
     if not (finite.size and finite.max() > 0):
         return {}
     low, high = np.quantile(finite, _SHARES)
@@ -409,9 +410,9 @@ def _ms_levels(ms: Any) -> list[float]:
 
 
 def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
-    """Ms, phase margin, delay margin and the plant's rightmost pole along each sweep; a gap is an unstable loop."""
+    """Ms, phase margin, delay margin and rightmost plant pole along each sweep; unstable loops leave a gap."""
     figure = style.new_figure(7.2, title)
-    # over speed and over slip the pole has different sizes; over speed, on two rails, it is to be compared
+    # sweeps over speed and over slip have poles of different size and get their own axes; two rails share the axes
     alike = len({sweep.axis for sweep in sweeps}) == 1
     axes = style.panels(figure, 4, len(sweeps), sharex="col", sharey="row" if alike else False)
     for column, sweep in enumerate(sweeps):
@@ -449,7 +450,7 @@ def response_figure(
     reference_label: str,
     load_label: str,
 ) -> Figure:
-    """Output and control of named designs after a reference step and after a load step, the dead time exact."""
+    """Output and control of named designs after a reference step and a load step, with exact dead time."""
     figure = style.new_figure(4.4, title)
     axes = style.panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
@@ -468,22 +469,22 @@ def response_figure(
 
 
 def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
-    """Cut a command off that begins far from all that follows, and say how far it goes."""
+    """Limit the axis of a command whose initial peak is far from its later values, and print the peak."""
     if not responses:
         return
     later = np.concatenate([response.control[response.time > _KICK * response.time[-1]] for response in responses])
-    control = np.concatenate([response.control for response in responses]).round(9)  # what begins at 0 may read 5e-15
+    control = np.concatenate([response.control for response in responses]).round(9)  # rounds 5e-15 to 0
     low, high, span = float(later.min()), float(later.max()), float(np.ptp(later))
     if max(control.max() - low, high - control.min()) > 2 * span > 0:
         bottom, top = ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
         ends = (("down", control.min() < bottom, control.min()), ("up", control.max() > top, control.max()))
-        told = " and ".join(f"{way} to {short(float(end), 3)} N·m" for way, outside, end in ends if outside)
-        words = f"cut off: {told}"
+        ranges = " and ".join(f"{way} to {short(float(end), 3)} N·m" for way, outside, end in ends if outside)
+        words = f"cut off: {ranges}"
         ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
-    """|S|, |T|, |PS| and |CS| of named designs."""
+    """Magnitudes |S|, |T|, |PS| and |CS| of named designs."""
     fields = {
         "s": "|S|, sensitivity (-)",
         "ps": "|PS|, disturbance of the command to slip velocity ((m/s)/(N·m))",
@@ -494,15 +495,17 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
 
 
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float = 0.0) -> Figure:
-    """Worst Ms on a grid of speed and load, at the operating points and with tolerances, for named controllers; dashed
-    where slip control ends."""
+    """Worst Ms over speed and load, at the operating points and with tolerances, for named controllers.
+
+    A dashed line shows the end of slip control.
+    """
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
     for row, (name, found) in enumerate(maps.items()):
         shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
             _grid(ax, found.speeds_kmh, found.loads, worst)
-            below = np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # from m/s
+            below = np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # rounding of m/s to km/h
             if 0 < below < found.speeds_kmh.size:
                 ax.axhline(below - 0.5, color="black", linestyle="--", linewidth=1.6)
             ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
@@ -514,7 +517,7 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
 
 
 def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
-    """A grid of cells with their numbers; an unstable cell is black."""
+    """Draw a grid of cells with their numbers; an unstable cell is black."""
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
@@ -529,12 +532,12 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
 
 
 _MS_LEVELS = (1.5, ROBUST_MS, 3.0, 5.0, 10.0)
-_UNSTABLE = 0.02  # an Ms over 50 is as good as unstable
+_UNSTABLE = 0.02  # 1/Ms: an Ms over 50 is almost unstable
 _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
 
 
 def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
-    """What draws each figure; what has nothing to show is left out."""
+    """Functions that draw the figures by name; figures without content are left out."""
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.best is not None and report.best.design is not None:
         judged, name = report.judgement, report.best.design.structure
@@ -574,7 +577,7 @@ def _gains(found: GainMap, vehicle: str) -> Figure:
     figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
     ax = style.panels(figure)[0, 0]
     ax.set(xscale="log", yscale="log")
-    inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
+    inverse = 1.0 / found.ms  # 0 if unstable, and smooth up to the edge
     ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
     levels = {1 / level: f"{level:.3g}" for level in _MS_LEVELS if inverse.min() < 1 / level < inverse.max()}
     if levels:

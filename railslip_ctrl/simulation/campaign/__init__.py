@@ -1,8 +1,8 @@
-"""Many braking runs: sampled or swept quantities, every core or a cluster, results on disk, statistics.
+"""Many braking runs with sampled or swept quantities, on every core or a cluster; results on disk and statistics.
 
-`specification` says what a campaign is and reads one from TOML, `execution` runs it into a folder and repeats single
-runs, `statistics` tells what came out. `rare` has the probability of an event that a campaign of any length would not
-meet, by the methods of `subset`.
+`specification` describes a campaign and reads it from TOML, `execution` runs it into a folder and repeats single runs,
+`statistics` evaluates it. `rare` computes the probability of an event that is too rare for a campaign, by the methods
+of `subset`.
 """
 
 from __future__ import annotations

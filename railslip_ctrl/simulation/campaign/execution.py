@@ -1,7 +1,7 @@
-"""Runs a campaign, in processes of this machine or on a Dask cluster, and repeats one of its runs with its signals.
+"""Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of one of its runs.
 
-Its folder has a manifest and a Parquet file for each finished part, always whole. The parts are fixed when a campaign
-begins; resuming runs those that are missing.
+The folder has a manifest and a Parquet file for each finished part; a file is always complete. The parts are fixed when
+a campaign begins; resuming runs the missing ones.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 
 REFUSED = "values not allowed"
-"""Outcome of a run whose sampled values a record refuses (a mass above the loaded mass): it was never started."""
+"""Outcome of a run that was not started because a record refused its sampled values (a mass above the loaded mass)."""
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
 FORMAT = 2
 
-# a part is what a kill costs and what one message of a worker carries: short, but never thousands of files
+# runs in a part: few, as a kill loses them and a worker sends them in one message; many, to have few files
 _FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
-_GPU_PART = 100_000  # runs: as many as keep a GPU busy
-_AHEAD = 3  # parts in the queue for each worker: none waits, and memory does not grow with the runs
-_REACH = 5.0  # s; a scheduler that does not answer by then is not there
+_GPU_PART = 100_000  # runs in a part on a GPU: enough to keep it busy
+_AHEAD = 3  # queued parts for each worker: none waits, and memory does not grow with the number of runs
+_REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 
 # --- the row of a run -----------------------------------------------------------------------------------------------
@@ -53,9 +53,9 @@ _REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of every run; one `of_stop` is null where the run did not stop.
+    """A column of the results; it is null for a run that did not stop if `of_stop`.
 
-    Reports show `scale` times the number, in `shown_unit` ("": as it is).
+    Reports show the number times `scale` in `shown_unit` ("": the unit of the column).
     """
 
     name: str
@@ -67,7 +67,7 @@ class Measure:
     shown_unit: str = ""
 
     def of(self, run: Run) -> float | None:
-        """The number of a run; None where it has none."""
+        """Value for a run; None if the run has none."""
         value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
         return None if math.isnan(value) else value
 
@@ -97,7 +97,7 @@ OTHERS = (
         of_stop=True,
     ),
     Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
-    Measure("energy_error", "what the energy balance lacks", "1", lambda run: run.energies.error),
+    Measure("energy_error", "error of the energy balance", "1", lambda run: run.energies.error),
 )
 """Columns without statistics."""
 
@@ -105,19 +105,19 @@ COLUMNS = MEASURES + OTHERS
 
 
 def measured(name: str) -> Measure:
-    """The measure of a column."""
+    """Measure of a column by its name."""
     return next(measure for measure in MEASURES if measure.name == name)
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """The row of a run, with None where it has no such number; without a run, of one that was refused."""
+    """Row of a run, None for missing numbers; `run` None is a run whose values were refused."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
-    """The rows of run number i, one a controller."""
+    """Rows of run number i, one for each controller."""
     values, ready = campaign.values(i), dict[str, Simulator]()
     with suppress(InputError):
         case = campaign.case(i)
@@ -129,26 +129,26 @@ def run_rows(campaign: Campaign, i: int) -> Rows:
 
 
 class Part(NamedTuple):
-    """Runs `start` to `stop` - 1."""
+    """Runs from `start` to `stop` - 1."""
 
     start: int
     stop: int
 
 
 def check_version(version: str) -> None:
-    """InputError where this worker's package has another version."""
+    """Raise InputError if this worker has another version of the package."""
     if version != __version__:
-        raise InputError(f"scheduler: a worker has version {__version__} in place of {version}; install the same there")
+        raise InputError(f"scheduler: a worker has version {__version__} instead of {version}; install {version} there")
 
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+    """Rows of a part, computed by a worker. InputError if the worker has another version of the package."""
     check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """As `run_part`, on this machine's GPU."""
+    """Rows of a part as of `run_part`, computed on this machine's GPU."""
     check_version(version)
     found: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
@@ -167,7 +167,7 @@ def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
 
 @dataclass(frozen=True)
 class Store:
-    """The folder of a campaign, begun or finished; a part, the unit of writing, has `part_runs` runs."""
+    """Results of a campaign in a folder, in which each file holds a part of `part_runs` runs."""
 
     campaign: Campaign
     folder: Path
@@ -175,14 +175,14 @@ class Store:
 
     @classmethod
     def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
-        """The store of a campaign in a folder; one that is there keeps its `part_runs`. Nothing is written.
+        """Open the store of a campaign in a folder; an existing store keeps its `part_runs`. Nothing is written.
 
-        InputError where the folder holds something else: another campaign, another version's, or no campaign at all.
+        InputError if the folder holds another campaign, one of another version, or other files.
         """
         if (folder / MANIFEST).exists():
             return cls._resumed(campaign, folder)
         if folder.exists() and (not folder.is_dir() or _foreign(folder)):
-            raise InputError(f"out: {str(folder)!r} holds something else; choose a new or empty folder")
+            raise InputError(f"out: {str(folder)!r} holds other files; choose a new or empty folder")
         usual = max(_FEWEST_RUNS, min(_MOST_RUNS, campaign.runs // _PARTS))
         size = usual if part_runs is None else part_runs
         if size < 1:
@@ -197,11 +197,11 @@ class Store:
             known = content["package"], content["format"]
             version, fingerprint, size = content["version"], content["hash"], int(content["part_runs"])
         except (OSError, ValueError, LookupError, TypeError):
-            raise InputError(f"{where} has a {MANIFEST} that is no campaign's; choose another folder") from None
+            raise InputError(f"{where}: {MANIFEST} is not that of a campaign; choose another folder") from None
         if known != ("railslip_ctrl", FORMAT) or version != __version__:
             raise InputError(
                 f"{where} was begun with version {version} (format {known[1]}), this is {__version__} (format "
-                f"{FORMAT}); finish it with that one, or choose another folder"
+                f"{FORMAT}); finish it with version {version}, or choose another folder"
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
@@ -211,13 +211,13 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """The store, begun if it is not there, for this process alone to write into; one that fails before a part is
-        finished leaves nothing.
+        """Claim the store for writing by this process alone, and begin it if it is new.
 
-        InputError where another process has it or the folder cannot be written to.
+        If the block fails before a part is finished, a new store is removed. InputError if another process writes to
+        the folder, or it cannot be written to.
         """
         with claimed(self.folder):
-            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # begun by now?
+            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # may have been begun meanwhile
             try:
                 store._begin()
                 yield store
@@ -229,7 +229,7 @@ class Store:
                 raise
 
     def _begin(self) -> None:
-        """Write the manifest, if there is none, and remove what a killed campaign had not finished writing."""
+        """Write the manifest if it is missing, and remove unfinished files of a killed campaign."""
         content = {
             "format": FORMAT,
             "package": "railslip_ctrl",
@@ -249,29 +249,29 @@ class Store:
             raise unwritable(self.folder, error) from None
 
     def part(self, i: int) -> Part:
-        """The part that has run number i."""
+        """Part with run number i."""
         start = i // self.part_runs * self.part_runs
         return Part(start, min(start + self.part_runs, self.campaign.runs))
 
     def parts(self) -> Iterator[Part]:
-        """Every part, in order."""
+        """All parts in order."""
         return map(self.part, range(0, self.campaign.runs, self.part_runs))
 
     def path(self, part: Part) -> Path:
-        """Where a part is, or will be."""
+        """Path of a part's file, which need not exist yet."""
         return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
 
     def finished(self) -> Iterator[Part]:
-        """The parts that are there, in order."""
+        """Finished parts in order."""
         return (part for part in self.parts() if self.path(part).is_file())
 
     @property
     def complete(self) -> bool:
-        """Whether every part is there."""
+        """Whether every part is finished."""
         return all(self.path(part).is_file() for part in self.parts())
 
     def write(self, part: Part, rows: Rows) -> None:
-        """Write the `rows` of a part, all or nothing. InputError where the folder cannot be written to."""
+        """Write the `rows` of a part, all or nothing. InputError if the folder cannot be written to."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -283,9 +283,9 @@ class Store:
             raise unwritable(self.folder, error) from None
 
     def read(self, part: Part, columns: list[str] | None = None) -> pa.Table:
-        """The rows of a part, in order of run and controller; all or some `columns`.
+        """Read the rows of a part in order of run and controller; all `columns` or some.
 
-        InputError for a file that is damaged.
+        InputError for a damaged file.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -297,16 +297,16 @@ class Store:
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); delete it and resume") from None
         expected = (part.stop - part.start) * len(self.campaign.controllers)
         if table.num_rows != expected:
-            raise InputError(f"{path}: has {table.num_rows} rows in place of {expected}; delete it and resume")
+            raise InputError(f"{path}: has {table.num_rows} rows instead of {expected}; delete it and resume")
         return table
 
     def row(self, i: int) -> dict[str, dict[str, Any]]:
-        """The rows of run number i by controller; empty where its part is not there."""
+        """Rows of run number i by controller; empty if its part is not finished."""
         rows = self.read(self.part(i)).to_pylist() if self.path(self.part(i)).is_file() else []
         return {row["controller"]: row for row in rows if row["run"] == i}
 
     def schema(self) -> pa.Schema:
-        """Columns, each with its unit and what it is."""
+        """Columns of the Parquet files, each with unit and meaning."""
         import pyarrow as pa
 
         def number(name: str, unit: str, title: str) -> pa.Field:
@@ -319,7 +319,7 @@ class Store:
 
 
 def _foreign(folder: Path) -> bool:
-    """Whether a folder without a manifest has anything in it that a killed beginning cannot have left."""
+    """Whether a folder without a manifest has files that a killed campaign cannot have left."""
     return any(
         not path.name.startswith((INCOMPLETE, LOCK))
         and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
@@ -339,17 +339,17 @@ def execute(
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
-    """Run what of a `campaign` is not in its `folder` yet, which is made or resumed, and return its store, complete.
+    """Run the missing parts of a `campaign` into its `folder`, new or resumed, and return the complete store.
 
-    The rows depend on none of the options:
+    The options do not change the rows:
 
     - `workers`: number of processes; left out, one for each core; 1 runs in this process.
-    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead; they need this
-      package in the same version, and no common file system.
-    - `part_runs`: number of runs from one checkpoint to the next; left out, by the number of runs.
-    - `progress`: told the number of runs that are done, first of those that were already there.
+    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead. They need the same
+      version of this package, but no common file system.
+    - `part_runs`: number of runs between checkpoints; left out, it follows from the number of runs.
+    - `progress`: receives numbers of finished runs, first the number of those already stored.
 
-    InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
+    InputError if the folder holds other files, cannot be written to or is in use, if a worker dies, or if the cluster
     cannot be reached or has another version.
     """
     work: Work = run_part
@@ -362,10 +362,10 @@ def execute(
     if store.complete:
         tell(campaign.runs)
         return store
-    # a cluster that is not there is found out before anything is written
+    # the cluster is reached before anything is written
     with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
-        for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
+        for controller in campaign.controllers:  # compile each kernel once while the workers start
             Simulator(campaign.scenario, controller).run()
         waiting: dict[Future[Rows], Part] = {}
         parts = (part for part in store.parts() if not store.path(part).is_file())
@@ -383,17 +383,17 @@ def execute(
 # --- where parts are run --------------------------------------------------------------------------------------------
 
 Work = Callable[[Any, Any, str], Any]
-"""What a worker does: of what all have in common, a task, and the version that the package must have there."""
+"""Task of a worker: a function of the data common to all tasks, the task, and the version that the worker must have."""
 
 Workers = tuple[Callable[[Any], "Future[Any]"], int]
-"""What submits a task, and the number of tasks that keeps every worker busy."""
+"""Function that submits a task, and the number of tasks that keeps every worker busy."""
 
 
 def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
-    """Where tasks are done: this process, more of them or a cluster, as of `execute`."""
+    """Workers for tasks: this process, several processes or a cluster, as for `execute`."""
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
-        raise InputError("workers: the cluster has its own; leave them out with a scheduler")
+        raise InputError("workers: a cluster has its own workers; give either workers or scheduler")
     count = cpu_count() if workers is None else workers
     if count < 1:
         raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
@@ -410,8 +410,8 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
-    """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
-    cache_folder()  # theirs too, where there is none but for this run
+    """Processes, not threads: preparing a run takes a third of its time and holds the interpreter's lock."""
+    cache_folder()  # the workers inherit a temporary one
     try:
         with processes(count) as submit:
             for _ in range(count):
@@ -419,13 +419,12 @@ def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
             yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
-            "workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
-            "goes on from what is there"
+            "workers: a worker process died (out of memory?); run the same command again with fewer workers to continue"
         ) from None
 
 
 def _nothing() -> None:
-    """Makes a worker start and import what it needs."""
+    """Task without effect: the worker starts and imports what it needs."""
 
 
 @contextmanager
@@ -448,12 +447,12 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
             f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
-            "and it goes on from what is there"
+            "to continue"
         ) from None
 
 
 async def _reach(scheduler: str) -> None:
-    """Ask whether a scheduler is there: a client that finds none would be a long time going, and not quietly."""
+    """Check that a scheduler answers: a Dask client without one waits long and prints warnings."""
     from distributed import Security
     from distributed.core import rpc
 
@@ -469,9 +468,9 @@ async def _reach(scheduler: str) -> None:
 
 @dataclass(frozen=True)
 class Replay:
-    """Run `number` of a campaign again: the sampled `values`, SI, by name, and, by controller, `runs` with signals.
+    """Repeated run `number` of a campaign: the sampled `values`, SI, by name, and the `runs` by controller.
 
-    `stored`: the campaign's folder has the run, and every number of it was found equal to the last bit.
+    `stored`: the campaign's folder has this run, and all its numbers are equal to the last bit.
     """
 
     number: int
@@ -481,11 +480,11 @@ class Replay:
 
 
 def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
-    """Run number `i` (from 0) of a `campaign` again, with its time series, a row every sample.
+    """Repeat run number `i` (from 0) of a `campaign` and record its time series at every sample.
 
-    InputError for a number out of range, values that were refused, or numbers other than those stored in the
-    campaign's `folder`, if it has that run (another processor or NumPy may round differently); a run of a GPU is
-    compared to 1e-9.
+    InputError for a number out of range, refused values, or a difference from the numbers stored in the campaign's
+    `folder`, if it has this run (another processor or NumPy may round differently). Runs of a GPU are compared to
+    1e-9.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
@@ -495,7 +494,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
         for column, value in before.items():
             if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
-                    f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
+                    f"run {i}, {name}: {column} is {again[column]!r}, but {value!r} is stored; replay it where the "
                     "campaign ran, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))

@@ -1,7 +1,7 @@
 """Probability of a rare event over a campaign's quantities, its random force and its sensor noise.
 
-All of them are standard normal inputs of a stop: a quantity is its distribution's value at Phi(z). The last input is
-the seed of noise later than `_REMEMBERED` times the nominal stop.
+The inputs of a stop are standard normal: a quantity is the quantile of its distribution at Phi(z). Noise after
+`_REMEMBERED` times the duration of the nominal stop comes from a seed, which is the last input.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from .specification import Campaign, Grid, described, stream
 from .statistics import Estimate, share
 from .subset import Pooled
 
-REPEATS, POINTS = 8, 1000  #: independent estimates, and stops in a level of each
+REPEATS, POINTS = 8, 1000  #: default number of independent estimates, and of stops in each level of an estimate
 EBCL = range(10)  #: confidence levels of the emergency brake deceleration of ETCS: 0 is 50 %, n is 1 - 10^-n
 FORCE, SENSORS = "random force", "sensor noise"
 
 _REMEMBERED = 2.0
-_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # without a warning
-_DISAGREE = 3.5  # standard deviations: by Student's law of 8 repeats chance reaches them in 1 of 100
-_SHOWN = 8  # failing stops among which that of least noise is looked for
-_STREAM = 2**32 - 2  # of the campaign's seed; no run has this number
+_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # beyond these a warning is given
+_DISAGREE = 3.5  # standard deviations: with 8 repeats, Student's law exceeds them in 1 of 100 cases by chance
+_SHOWN = 8  # failing stops from which the one with the least noise is chosen
+_STREAM = 2**32 - 2  # child of the campaign's seed; no run has this number
 
 _MEASURES: dict[str, tuple[str, Callable[[Run], float]]] = {
     "distance": ("m", lambda run: run.braking_distance if run.stopped else math.inf),
@@ -56,14 +56,14 @@ _KINDS: dict[str, tuple[Any, Any]] = {
 
 
 def _deceleration(run: Run) -> float:
-    """Mean over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 of a run that did not stop."""
+    """Mean deceleration over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 if the run did not stop."""
     scenario = run.scenario
     change = scenario.initial_speed**2 - scenario.final_speed**2
     return change / (2.0 * run.braking_distance) if run.stopped else 0.0
 
 
 class Event(NamedTuple):
-    """A `measure` of a stop above a `threshold`, in the measure's unit."""
+    """Event: the `measure` of a stop exceeds a `threshold`, in the measure's unit."""
 
     measure: str
     threshold: float
@@ -74,12 +74,12 @@ class Event(NamedTuple):
         return _MEASURES[self.measure][0]
 
     def __str__(self) -> str:
-        """As `read` reads it."""
+        """The event in the form that `read` takes."""
         return f"{self.measure} > {self.threshold:g} {self.unit}".removesuffix(" 1")
 
     @classmethod
     def read(cls, text: str) -> Event:
-        """An event as "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock". InputError for another text."""
+        """Read "distance > 420 m", "time > 20 s", "slip > 0.5" or "lock". InputError for another text."""
         if text.strip() == "lock":
             return cls("slip", 1.0 - LOCKED_SHARE)
         found = re.fullmatch(r"\s*(distance|time|slip)\s*>\s*(.+)", text)
@@ -94,20 +94,20 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """The limit state of a campaign's stops: a measure of each, +inf where a stop has none.
+    """Limit state of a campaign's stops: the measure of each stop, +inf if the stop has none.
 
-    `groups` are the places of each quantity, and of the random force and the sensors' noise if there is any; `counts`
-    are the numbers of stops, and of those that were refused or broken off. InputError for a campaign of several
-    controllers, of a grid, or without anything random.
+    `groups` has the inputs of each quantity, of the random force and of the sensor noise, if present; `counts` has the
+    number of stops and of those refused or broken off. InputError for a campaign with several controllers, with a
+    grid, or without a random input.
     """
 
     def __init__(self, campaign: Campaign, measure: str) -> None:
         self.campaign, self.read, self.counts = campaign, _MEASURES[measure][1], np.zeros(2, dtype=int)
         if len(campaign.controllers) > 1:
-            raise InputError(f"controllers: {len(campaign.controllers)} given; a rare event is of one, give it alone")
+            raise InputError(f"controllers: {len(campaign.controllers)} given; a rare event needs exactly one")
         for quantity in campaign.quantities:
             if isinstance(quantity.distribution, Grid):
-                raise InputError(f"quantity: {quantity.name!r} is a grid, which has no probability; give a choice")
+                raise InputError(f"quantity: {quantity.name!r} is a grid without probabilities; give a choice")
         simulator = Simulator(campaign.scenario, campaign.controllers[0])
         self.nominal = simulator.run(None)
         force, noise = campaign.scenario.disturbances, campaign.scenario.measurement
@@ -119,10 +119,10 @@ class Stops:
         self.groups = {name: slice(end - n, end) for (name, n), end in zip(sizes.items(), ends, strict=True) if n}
         self.inputs = ends[-1] + 1
         if not self.groups:
-            raise InputError("quantity: nothing is random; give a quantity, a random force or sensor noise")
+            raise InputError("quantity: no input is random; give a quantity, a random force or sensor noise")
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
-        """Values of the quantities, by name, and noise of a point."""
+        """Values of the quantities by name, and the noise, at a point."""
         from scipy.special import ndtr
 
         quantities = self.campaign.quantities
@@ -132,13 +132,13 @@ class Stops:
         return values, Noise(force, sensors.reshape(-1, 2), int(point[-1:].view(np.int64)[0]) & (2**63 - 1))
 
     def run(self, point: Floats, record_every: int | None = None) -> Run:
-        """The stop of a point. InputError for values that a record refuses."""
+        """Simulate the stop at a point. InputError for values that a record refuses."""
         values, noise = self.drawn(point)
         scenario, (controller,) = self.campaign.with_values(values.values())
         return Simulator(scenario, controller).run(noise, record_every=record_every)
 
     def __call__(self, points: Floats) -> Floats:
-        """Values of points (n, inputs), (n,)."""
+        """Measure at each of the points (n, inputs), shape (n,)."""
         return np.array([self._value(point) for point in points])
 
     def _value(self, point: Floats) -> float:
@@ -155,11 +155,11 @@ class Stops:
 
 @by_content
 class Tail(NamedTuple):
-    """Probability of what is worse than each value.
+    """Probability that the measure is worse than each value.
 
     - x: values, 1-D, in the measure's unit.
     - value, low, high: probability and its interval, arrays of one length, ratios.
-    - plain: of the independent stops alone, Wilson's: rows of (x, share, low, high), (n, 4), ratios.
+    - plain: from the independent stops alone, with Wilson's interval: rows of (x, share, low, high), (n, 4), ratios.
     """
 
     x: Floats
@@ -171,7 +171,7 @@ class Tail(NamedTuple):
 
 @by_content
 class FailingStop(NamedTuple):
-    """The most likely failing stop found: standard deviations from the medians of all inputs, its draws, its run."""
+    """Most likely failing stop found: its distance in standard deviations from the medians, its draws, its run."""
 
     distance: float
     values: dict[str, float]
@@ -183,15 +183,15 @@ class FailingStop(NamedTuple):
 class RareEvent:
     """Probability of an event in a campaign's stops.
 
-    - probability: `importance` if that varies less and there is no warning, else `subset`.
-    - subset, importance: by each method, with 95 % interval and coefficient of variation, ratios; importance sampling
-      has none if no stop met the event.
-    - levels: values on the way, in the event's unit.
-    - shares: share of each quantity, and of the noise, in the mean of the event's inputs.
-    - stop: the most likely one found; None if none was.
-    - tail: of the event's measure, in its unit.
+    - probability: `importance` if its variation is smaller and there is no warning, else `subset`.
+    - subset, importance: estimates of both methods, with 95 % interval and coefficient of variation, ratios; NaN for
+      importance sampling if no stop met the event.
+    - levels: thresholds of the levels, in the event's unit.
+    - shares: share of each quantity, and of the noise, in the mean of the inputs of the event.
+    - stop: most likely failing stop, or None if no stop met the event.
+    - tail: tail of the event's measure, in its unit.
     - stops: number of simulated stops.
-    - warnings: why the numbers cannot be trusted; empty where nothing was found.
+    - warnings: reasons not to trust the numbers; empty if there are none.
     """
 
     campaign: Campaign
@@ -212,13 +212,13 @@ class RareEvent:
         return self.event.measure, self.event.unit
 
     def __str__(self) -> str:
-        """The estimate, in a line."""
+        """Estimate with its interval in one line."""
         value, low, high, _ = self.probability
         return f"P({self.event}) = {value:.3g} [{low:.2g}, {high:.2g}], {self.stops} stops"
 
 
 class Factor(NamedTuple):
-    """Kdry_rst of a level: the ratio to the nominal deceleration that stops fall short of with the `probability`."""
+    """Kdry_rst of a level: the ratio to the nominal deceleration that a stop falls below with the `probability`."""
 
     level: int
     probability: float
@@ -232,7 +232,7 @@ class ConfidenceLevels:
     - nominal: mean deceleration of the nominal stop, m/s^2.
     - factors: one for each of `EBCL`.
     - tail: probability of a smaller factor.
-    - campaign, stops, warnings, measured: as of `RareEvent`.
+    - campaign, stops, warnings, measured: as in `RareEvent`.
     """
 
     measured = "Kdry_rst", "1"
@@ -245,13 +245,13 @@ class ConfidenceLevels:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        """The least factor, in a line."""
+        """Factor of the highest level in one line."""
         last = self.factors[-1]
         return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
-    """Arrays by name of a finished task, which is one of `_KINDS`, its number, and what it is given."""
+    """Finished task as arrays by name; a task is a kind of `_KINDS`, its number, and its arguments."""
     check_version(version)
     (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
@@ -261,7 +261,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """The stops of a campaign at work on an event: tasks are done once, and kept in a folder if there is one."""
+    """Stops of a campaign under study for an event; each task is done once and kept in the folder, if there is one."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
@@ -272,7 +272,7 @@ class _Study:
     def at_work(
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
-        """With workers, pilot and repeats are done."""
+        """Connect the workers, and do the pilot and the repeats."""
         campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
         where = TemporaryDirectory() if folder is None else nullcontext(folder)
@@ -286,7 +286,7 @@ class _Study:
             yield
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
-        """The results of `count` tasks of a kind, some of them from the folder."""
+        """Results of `count` tasks of a kind, read from the folder if they are there."""
         paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
         waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
@@ -301,7 +301,7 @@ class _Study:
         return found
 
     def tail(self) -> Tail:
-        """Over the values of every level."""
+        """Tail over the values of every level."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
         x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
@@ -311,17 +311,17 @@ class _Study:
         return Tail(x, *subset.pooled(np.array([one.exceeded(x) for one in self.repeats]))[:3], plain)
 
     def warnings(self) -> list[str]:
-        """What is wrong with levels and outcomes."""
+        """Warnings about levels and outcomes."""
         found, threshold = [], self.event.threshold
         if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
-            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have a value of others")
+            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level share their value")
         if (low := np.mean([one.accepted for one in self.repeats], axis=0).min(initial=1.0)) < _LEAST_ACCEPTED:
-            found.append(f"the levels stall: at one only {100 * low:.1f} % of the moves are accepted; give more points")
+            found.append(f"the levels stall: only {100 * low:.1f} % of a level's moves are accepted; give more points")
         if not any(one.probability(threshold) for one in self.repeats) and math.isfinite(threshold):
             found.append(f"the levels stall: no stop met the event; its probability is below {self.reached:.1g}")
         total, unresolved = self.stops.counts
         if unresolved:
-            found.append(f"{unresolved} of {total} stops were refused or broken off; they count as the event")
+            found.append(f"{unresolved} of {total} stops were refused or broken off and count as the event")
         return found
 
     @property
@@ -330,7 +330,7 @@ class _Study:
         return float(np.mean([np.prod(one.shares) for one in self.repeats]))
 
     def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
-        """Points that may be on the way to the design point: the `mean`, then those `kept`, with ever more noise."""
+        """Points in the direction of the design point: the `mean`, then those `kept`, with increasing noise."""
         yield mean
         count = len(self.stops.campaign.quantities)
         nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
@@ -352,15 +352,15 @@ def rare_event(
 ) -> RareEvent:
     """Probability of an event over a campaign's quantities, random force and sensor noise.
 
-    - campaign: of one controller and no grid; its number of runs and its sampling do not matter.
+    - campaign: has one controller and no grid; its number of runs and its sampling have no effect.
     - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
-    - folder: where finished repeats are kept, and resumed; left out, nothing is kept.
-    - workers, scheduler: processes, or a Dask scheduler, as of `execute`; the numbers depend on neither.
-    - points: number of stops in each level of a repeat, and about the design point for each.
-    - repeats: number of independent repeats, which give the interval.
-    - progress: told what is done.
+    - folder: keeps finished repeats, so that the study is resumed; left out, nothing is kept.
+    - workers, scheduler: processes, or a Dask scheduler, as for `execute`; they do not change the numbers.
+    - points: number of stops in each level of a repeat, and about the design point for each repeat.
+    - repeats: number of independent repeats, from which the interval follows.
+    - progress: receives a line for each finished task.
 
-    Returns the probability with its interval, in a `RareEvent`. InputError for another event or campaign.
+    Returns the probability with its interval, in a `RareEvent`. InputError for a wrong event or campaign.
     """
     study = _Study(campaign, Event.read(event), points, repeats)
     stops, threshold, importance, stop = study.stops, study.event.threshold, None, None
@@ -377,14 +377,14 @@ def rare_event(
             between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
             if between > _MOST_APART:
                 warnings.append(
-                    f"the event is not one region about its mean: between {100 * between:.0f} % of pairs of its stops "
-                    "there is none of it; a region that no repeat has met is missing from the probability"
+                    f"the event is not one region: {100 * between:.0f} % of the pairs of its stops have stops without "
+                    "the event between them; the probability lacks regions that no repeat has met"
                 )
             values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)
             off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
             if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):
-                warnings.append(f"the methods disagree: importance sampling has {importance.value:.3g}")
+                warnings.append(f"the methods disagree: importance sampling gives {importance.value:.3g}")
             run = stops.run(centre, record_every=1)
             stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
         better = importance is not None and importance.variation < by_subset.variation and not warnings
@@ -417,22 +417,22 @@ def confidence_levels(
     repeats: int = REPEATS,
     progress: Callable[[str], None] = lambda message: None,
 ) -> ConfidenceLevels:
-    """The factor Kdry_rst of the deceleration for ETCS confidence levels 0 to 9.
+    """Compute the factor Kdry_rst of the deceleration for ETCS confidence levels 0 to 9.
 
-    - campaign, folder, workers, scheduler, points, repeats, progress: as of `rare_event`.
+    - campaign, folder, workers, scheduler, points, repeats, progress: as in `rare_event`.
 
-    Returns ratios with 95 % intervals, and the whole tail. InputError as of `rare_event`, and for a nominal run that
-    does not stop.
+    Returns ratios with 95 % intervals, and the whole tail. InputError as for `rare_event`, and if the nominal run does
+    not stop.
     """
     study = _Study(campaign, Event("deceleration", math.inf), points, repeats)
     nominal = _deceleration(study.stops.nominal)
     if nominal <= 0.0:
-        raise InputError("scenario: its nominal run does not stop; give a controller that stops it")
+        raise InputError("scenario: the nominal run does not stop; give a controller that stops it")
     with study.at_work(folder, workers, scheduler, progress):
         tail, warnings = study.tail(), study.warnings()
     ratio, plain = -tail.x / nominal, tail.plain / [-nominal, 1.0, 1.0, 1.0]
     probabilities = [0.5, *(10.0**-n for n in EBCL[1:])]
-    value, high, low = (  # a factor where a falling curve of probabilities has each; NaN beyond its end
+    value, high, low = (  # the factors at which the falling curves of probability have each level; NaN beyond their end
         np.interp(-np.log(probabilities), -np.log(curve[curve > 0.0]), ratio[curve > 0.0], right=math.nan)
         for curve in tail[1:4]
     )

@@ -1,6 +1,6 @@
-"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed.
+"""Campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
 
-In a TOML file numbers are in SI, or strings with a unit, in that of the quantity's path.
+In a TOML file numbers are in SI, or strings with a unit that fits the quantity's path.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from railslip_ctrl.core.user_files import close_match, file_name, given_path, re
 from railslip_ctrl.design.catalogue import controller_named, default_column, held_reference
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.simulation.counted import Counted
-from railslip_ctrl.simulation.paths import Place, members, numbers, replaced
+from railslip_ctrl.simulation.paths import Number, members, numbers, replaced
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 
 T = TypeVar("T")
@@ -38,12 +38,12 @@ T = TypeVar("T")
 MOST_RUNS = 10**9
 LARGEST_SEED = 2**63 - 1
 CUT = 4.0
-"""Standard deviations at which a normal distribution ends where no bounds are given: no part has infinite mass."""
+"""Standard deviations at which a normal distribution is cut off by default: no quantity may become infinite."""
 
-_FARTHEST = 8.0  # standard deviations: a tail beyond (1e-15) is a mistake in the file, not a measured quantity
+_FARTHEST = 8.0  # standard deviations: bounds that leave only a tail beyond (1e-15) are taken for a mistake
 _LISTED = 200  # characters of the list of paths in an error
-_DRAW = 2  # the simulation's random force and noise have the children 0 and 1 of a run's seed
-_DESIGN = 2**32 - 1  # the child of the campaign's seed for points that are laid out together; no run has this number
+_DRAW = 2  # child of a run's seed for the quantities; random force and noise have the children 0 and 1
+_DESIGN = 2**32 - 1  # child of the campaign's seed for points laid out together; no run has this number
 
 
 # --- distributions --------------------------------------------------------------------------------------------------
@@ -66,16 +66,16 @@ class Distribution:
 
     @property
     def kind(self) -> str:
-        """Its name in files and errors."""
+        """Name of the distribution in files and messages."""
         return type(self).__name__.lower()
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The least and the greatest value."""
+        """Smallest and largest value."""
         return self.low, self.high
 
     def at(self, u: float) -> float:
-        """The value at a share `u` of the distribution, 0 <= u < 1."""
+        """Quantile: the value at a share `u` of the distribution, 0 <= u < 1."""
         raise NotImplementedError
 
 
@@ -92,9 +92,9 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal with `mean` and standard deviation `std`, SI, cut off at `low` and `high`; left out, at `CUT` deviations.
+    """Normal with `mean` and standard deviation `std`, SI, cut off at `low` and `high`, by default at `CUT` deviations.
 
-    InputError for a `std` <= 0 or bounds that leave next to nothing of the distribution.
+    InputError for `std` <= 0, or bounds that leave almost nothing of the distribution.
     """
 
     mean: float
@@ -107,7 +107,7 @@ class Normal(Distribution):
         super().__post_init__()
         low, high = self._cut
         if low > _FARTHEST or high < -_FARTHEST:
-            raise InputError("normal: the bounds leave nothing of the distribution; give bounds nearer to its middle")
+            raise InputError("normal: almost no probability between low and high; give bounds nearer to the mean")
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -120,10 +120,10 @@ class Normal(Distribution):
         return (low - self.mean) / self.std, (high - self.mean) / self.std
 
     def at(self, u: float) -> float:
-        from scipy.special import ndtr, ndtri  # a worker starts half a second sooner without scipy.stats
+        from scipy.special import ndtr, ndtri  # importing scipy.stats would take half a second in each worker
 
         (low, high), (least, most) = self._cut, self.ends
-        if low > 0.0:  # beyond the mean the other tail has the digits
+        if low > 0.0:  # above the mean the upper tail is the more precise one
             above, below = ndtr(-low), ndtr(-high)
             z = -float(ndtri(above - u * (above - below)))
         else:
@@ -134,10 +134,10 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """A quantity, SI, with normal logarithm: `median`, and `spread`, the standard deviation of the logarithm.
+    """Log-normal: `median`, SI, and `spread`, the standard deviation of the logarithm.
 
-    Cut off at `low` and `high`; left out, at `CUT` standard deviations. InputError for a median, spread or low that is
-    not positive.
+    Cut off at `low` and `high`, by default at `CUT` standard deviations. InputError for a median, spread or low that
+    is not positive.
     """
 
     median: float
@@ -203,7 +203,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of some `values`, SI, equally likely or by `weights`, factors > 0. InputError for weights that do not fit."""
+    """One of the `values`, SI, equally likely or by `weights` > 0. InputError for weights that do not fit."""
 
     weights: tuple[float, ...] | None = None
 
@@ -224,17 +224,17 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids."""
+    """Each of the `values` (SI) in turn, combined with every value of the campaign's other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
     made.__name__.lower(): made for made in (Uniform, Normal, LogNormal, Triangular, Choice, Grid)
 }
-"""By their names in files."""
+"""Distributions by their names in files."""
 
 
 class Sampling(StrEnum):
-    """How points are laid out in the unit cube."""
+    """Layout of points in the unit cube."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -242,7 +242,7 @@ class Sampling(StrEnum):
 
 
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
-    """Point number i of the unit cube."""
+    """Point number i in the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
         return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
@@ -251,7 +251,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
         from scipy.stats import qmc
 
         points = qmc.Sobol(dimensions, rng=stream(seed, _DESIGN))
-        if i:  # SciPy has no way forward by nothing
+        if i:  # SciPy refuses to skip 0 points
             points.fast_forward(i)
         point = points.random(1)[0]
     return point
@@ -259,7 +259,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
 
 @lru_cache(maxsize=4)
 def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
-    """All points: each depends on every other, so that they are made together (8 bytes a number)."""
+    """All points of a Latin hypercube: each depends on the others, so they are made together (8 bytes a number)."""
     from scipy.stats import qmc
 
     points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
@@ -267,15 +267,15 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
-    """Random numbers of a seed's child."""
+    """Random generator of a child of a seed."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-# --- as plain data ---------------------------------------------------------------------------------------------------
+# --- as data for JSON ------------------------------------------------------------------------------------------------
 
 
 def described(value: Any) -> Any:
-    """A record as plain data for JSON: its kind, and its members by name."""
+    """A record as plain data for JSON: its kind and its members by name."""
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, (str, bool, int, float)):
@@ -285,7 +285,7 @@ def described(value: Any) -> Any:
     if isinstance(value, UserStep):
         return value.fingerprint
     if not isinstance(value, BaseModel) and not is_dataclass(value):
-        raise InputError(f"campaign: {type(value).__name__} cannot be written down; give records and numbers")
+        raise InputError(f"campaign: {type(value).__name__} cannot be written to JSON; give records and numbers")
     return {"kind": type(value).__name__, **{name: described(member) for name, member in members(value).items()}}
 
 
@@ -294,11 +294,11 @@ def described(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What differs from run to run: where its value goes, `paths`, and its `distribution`, SI.
+    """A quantity that varies from run to run: the `paths` that it is written to, and its `distribution`, SI.
 
-    A path is looked up in the scenario ("vehicle.mass"), then in the controllers, all that have it ("kp");
-    behind a controller's name it is meant there alone ("pi.kp"). A `relative` value is a factor on the
-    number that each path has in the campaign's scenario or controller.
+    A path is looked up in the scenario ("vehicle.mass"), then in all controllers that have it ("kp"). With a
+    controller's name in front it is that controller's alone ("pi.kp"). A `relative` value is a factor on the number
+    that each path has in the campaign's scenario or controller.
     """
 
     paths: tuple[str, ...]
@@ -307,13 +307,13 @@ class Quantity:
 
     @property
     def name(self) -> str:
-        """Of its column."""
+        """Name of its column."""
         return self.paths[0] + (" factor" if self.relative else "")
 
 
 @dataclass(frozen=True)
 class SampledRun:
-    """One run: the sampled values, by name, the scenario and the controllers that have them, and its seed."""
+    """One run: the sampled values by name, the scenario and the controllers with these values, and the seed."""
 
     values: dict[str, float]
     scenario: Scenario
@@ -323,16 +323,15 @@ class SampledRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
+    """Many runs; run number i (from 0) depends on the campaign and i alone, not on other runs or the machine.
 
-    Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, whatever `simulation.step_objects.as_control` takes; those without a name of their own get numbers
-    behind that of their kind if that is taken. `sampling` says how the quantities are drawn together. `runs` is a
-    number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` "gpu" random force and noise are
-    drawn by a counter.
+    Each run has the same sampled vehicle, rail and noise for every controller. `quantities` change the `scenario` and
+    the `controllers`; a controller is anything that `simulation.step_objects.as_control` takes, and gets a number
+    behind the name of its kind if that name is taken. `sampling` is the joint sampling of the quantities. `runs` is
+    from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` "gpu" random force and noise come from a counter.
 
-    InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
-    seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
+    InputError: no controller, two of one name, a path that does not exist or is given twice, a number of runs or a seed
+    out of range, runs that do not fit the grid or the Sobol sequence, or ends of a quantity that a record refuses.
     """
 
     scenario: Scenario
@@ -349,7 +348,7 @@ class Campaign:
         object.__setattr__(self, "controllers", _numbered(given, (as_control(one, vehicle, held) for one in given)))
         names = self.controller_names
         if not names:
-            raise InputError("controllers: none given; give at least one")
+            raise InputError("controllers: the list is empty; give at least one")
         if twice := [name for name in names if names.count(name) > 1]:
             raise InputError(
                 f"controllers: two have the name {twice[0]!r}; name each (name= of LinearControl, or in its file)"
@@ -359,51 +358,51 @@ class Campaign:
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"seed: {self.seed} is not allowed; give an integer from 0 to 2^63 - 1")
         for path in (path for quantity in self.quantities for path in quantity.paths):
-            self.place(path)
+            self.number_at(path)
         self._check_points()
         self._check_ends()
 
     @property
     def controller_names(self) -> tuple[str, ...]:
-        """In order."""
+        """Names of the controllers in order."""
         return tuple(controller.label for controller in self.controllers)
 
     @property
     def grid_points(self) -> int:
-        """Combinations of all grids; 1 without any."""
+        """Number of combinations of all grids; 1 without a grid."""
         return math.prod(len(d.values) for d in self._distributions if isinstance(d, Grid))
 
     @property
     def quantity_units(self) -> dict[str, str]:
-        """Unit of each quantity's column, by name; "" where none is known, "1" for a factor."""
-        return {q.name: "1" if q.relative else self.place(q.paths[0]).unit for q in self.quantities}
+        """Unit of each quantity's column by name; "" if it is not known, "1" for a factor."""
+        return {q.name: "1" if q.relative else self.number_at(q.paths[0]).unit for q in self.quantities}
 
     @cached_property
     def fingerprint(self) -> str:
-        """A hash of everything that the results depend on."""
+        """Hash of everything that the results depend on."""
         content = described(self)
-        if self.device == "cpu":  # folders from before there was another keep theirs
+        if self.device == "cpu":  # left out, so that folders from before there was a device stay valid
             del content["device"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def place(self, path: str) -> Place:
-        """The number at a path, as in `Quantity`; InputError, with the nearest path, for none."""
-        if path not in self._places:
-            near = close_match(path, self._places) or f"scenario: {', '.join(self._places)[:_LISTED]} ... "
-            raise InputError(f"quantity: {path!r} is no number of the scenario or of a controller; {near.rstrip()}")
-        owner, own = self._places[path][0]
+    def number_at(self, path: str) -> Number:
+        """Number at a path as of `Quantity`. InputError, with the nearest path, if there is none."""
+        if path not in self._paths:
+            near = close_match(path, self._paths) or f"scenario: {', '.join(self._paths)[:_LISTED]} ... "
+            raise InputError(f"quantity: {path!r} is not a number of scenario or controllers; {near.rstrip()}")
+        owner, own = self._paths[path][0]
         return self._numbers[owner][own]
 
     def case(self, i: int) -> SampledRun:
-        """Run number i made ready. InputError for a number out of range or values that a record refuses."""
+        """Run number i, ready to simulate. InputError for a number out of range or values that a record refuses."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
         draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
-        """The sampled values of run number i alone, by name; InputError for a number out of range.
+        """Sampled values of run number i by name; InputError for a number out of range.
 
-        The grids' point is i modulo their number of points, the first grid's value changing fastest.
+        The grid point is i modulo the number of points; the value of the first grid changes fastest.
         """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
@@ -419,7 +418,7 @@ class Campaign:
         return values
 
     def grid_values(self, point: int) -> dict[str, float]:
-        """The values of the grids at one of their points, a `point` by its number from 0, by name."""
+        """Values of the grids by name at a `point`, which is numbered from 0."""
         grids = {quantity.name for quantity in self.quantities if isinstance(quantity.distribution, Grid)}
         return {name: value for name, value in self.values(point).items() if name in grids}
 
@@ -428,13 +427,13 @@ class Campaign:
         return [quantity.distribution for quantity in self.quantities]
 
     @cached_property
-    def _numbers(self) -> tuple[dict[str, Place], ...]:
-        """Of the scenario, then of each controller: its numbers by path."""
+    def _numbers(self) -> tuple[dict[str, Number], ...]:
+        """Numbers by path: of the scenario, then of each controller."""
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
-    def _places(self) -> dict[str, list[tuple[int, str]]]:
-        """Of every path that may be named: places in `_numbers`, and paths there. The scenario's win."""
+    def _paths(self) -> dict[str, list[tuple[int, str]]]:
+        """For each path that a quantity may name: indices in `_numbers`, and paths there. The scenario has priority."""
         found: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
@@ -445,25 +444,25 @@ class Campaign:
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Of each quantity: as of `_places`, and what its value is multiplied with."""
+        """For each quantity: index in `_numbers`, path, and factor on the value."""
         taken: set[tuple[int, str]] = set()
         found: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
             found.append([])
-            for owner, path in (target for given in quantity.paths for target in self._places[given]):
+            for owner, path in (target for given in quantity.paths for target in self._paths[given]):
                 if (owner, path) in taken:
                     raise InputError(f"quantity: {path!r} is given twice; leave one out")
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
                 if scale is None:
                     raise InputError(
-                        f"quantity: {path!r} has no number for a factor to stand on; give the value itself"
+                        f"quantity: {path!r} has no number that a factor could multiply; give the value itself"
                     )
                 taken.add((owner, path))
                 found[-1].append((owner, path, scale))
         return found
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Numbers by path, SI, that `values`, one for each quantity, change: 0 of the scenario, i of controller i."""
+        """Numbers by path, SI, that `values`, one for each quantity, change: key 0 the scenario, i controller i."""
         found: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -471,12 +470,12 @@ class Campaign:
         return found
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Scenario and controllers with `values`, SI, one a quantity. InputError for one that a record refuses."""
+        """Scenario and controllers with `values`, SI, one for each quantity. InputError if a record refuses one."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
         scenario, nominal = records[0], self.scenario
-        if scenario.beliefs != nominal.beliefs:  # the controllers believe the nominal vehicle, whatever is drawn of it
+        if scenario.beliefs != nominal.beliefs:  # controllers believe in the nominal vehicle, not in the sampled one
             believed, before = scenario.beliefs.of(nominal.vehicle), nominal.believed_vehicle
             records[1:] = [control.believing(believed, before) for control in records[1:]]
         return scenario, tuple(records[1:])
@@ -496,7 +495,7 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Both ends of every quantity, the others in their middle, must make a scenario and its controllers."""
+        """Check that both ends of every quantity, the others at their medians, make a scenario and its controllers."""
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -504,10 +503,9 @@ class Campaign:
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
-    """The controllers `made` of those `given`; one without a name of its own gets a number if that of its kind is
-    taken."""
+    """The controllers `made` from `given`; one with the name of its kind gets a number if that name is taken."""
     found: dict[str, Controller] = {}
-    twice = []  # of a name that the user gave, which is refused
+    twice = []  # controllers with a name that the user gave twice; `Campaign` refuses them
     for one, control in zip(given, made, strict=True):
         name = control.label
         if own_name(one) in (None, control.kind):
@@ -524,14 +522,14 @@ def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Control
 
 
 KEYS_OF = {kind: tuple(field.name for field in fields(made)) for kind, made in DISTRIBUTIONS.items()}
-"""Keys of each distribution."""
+"""Keys of each distribution's table."""
 
 _WITHOUT_UNIT = ("spread", "weights")
 _LISTS = ("values", "weights")
 
 
 class ControllerTable(Record):
-    """Table `[[controller]]`: one that comes with the package, or a file; `name` tells two of a kind apart."""
+    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes two of one kind."""
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
@@ -544,7 +542,7 @@ class ControllerTable(Record):
 
 
 class QuantityKeys(BaseModel):
-    """Table `[[quantity]]`; the other keys are those of its distribution, `KEYS_OF`."""
+    """Table `[[quantity]]`; its other keys are those of the distribution, `KEYS_OF`."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
@@ -554,7 +552,7 @@ class QuantityKeys(BaseModel):
 
 
 class CampaignKeys(BaseModel):
-    """The keys of a campaign's TOML file."""
+    """Keys of a campaign's TOML file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -567,7 +565,7 @@ class CampaignKeys(BaseModel):
 
 
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
-    """The campaign a file describes; `controllers`, names or files, in place of its own.
+    """Load a campaign from a TOML file; `controllers`, names or files, replace its own.
 
     InputError: one line with the file, the key, the value and what is allowed.
     """
@@ -589,7 +587,7 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """What `make` makes, with the place in the file before its complaint; what both name is named once."""
+    """Call `make`; an InputError gets the position in the file in front, without repeating it."""
     try:
         return make()
     except InputError as error:
@@ -599,11 +597,11 @@ def _located(where: str, make: Callable[[], T]) -> T:
 
 def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Controller:
     if (keys.kp is None) != (keys.ki is None):
-        raise InputError("kp and ki: give both, or neither")
+        raise InputError("kp and ki: only one is given; give both, or neither")
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
     if keys.controller.lower().endswith((".toml", ".py")):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
-            raise InputError(f"{key}: {keys.controller} has its own; leave it out")
+            raise InputError(f"{key}: {keys.controller} states it itself; leave it out")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
         found = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
@@ -622,7 +620,7 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
 
 def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:
     paths = (keys.path,) if isinstance(keys.path, str) else tuple(keys.path)
-    units = {nominal.place(path).unit for path in paths}
+    units = {nominal.number_at(path).unit for path in paths}
     if len(units) > 1 and not keys.relative:
         raise InputError(f"path: {', '.join(paths)} have different units; give each its own table, or relative = true")
     unit = "1" if keys.relative else units.pop()
@@ -633,7 +631,7 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
     kind = keys.distribution
     if kind not in KEYS_OF:
         raise InputError(
-            f"distribution: {kind!r} is not known; {close_match(kind, KEYS_OF)}choose one of {', '.join(KEYS_OF)}"
+            f"distribution: unknown kind {kind!r}; {close_match(kind, KEYS_OF)}choose one of {', '.join(KEYS_OF)}"
         )
     given = keys.model_extra or {}
     for name in given:
@@ -648,7 +646,7 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
-    """A number, or a tuple of them, in SI; where no unit is known a plain number is asked for."""
+    """A number, or a tuple of numbers, in SI; a path without a known unit takes plain numbers only."""
     unit = "1" if name in _WITHOUT_UNIT else unit or "1"
     if name in _LISTS:
         if not isinstance(value, list):

@@ -1,6 +1,6 @@
-"""What a campaign shows: statistics, comparisons on the same runs, the worst runs; and a campaign in one call.
+"""Statistics of a campaign: estimates, comparisons on the same runs, worst runs; and a campaign in one call.
 
-Columns are read from its parts one at a time: memory takes some tens of bytes a run.
+Parts are read one column at a time, so that memory is some tens of bytes a run.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ WORST = 5  #: worst runs listed of each controller
 LISTED = 20  #: failed runs listed by number
 
 BINS = 120
-_SHOWN = 2000  # runs in the record for pictures: the first ones, which are as random as any
+_SHOWN = 2000  # runs in the record for pictures; the runs are independent, so the first ones are a random sample
 
 
 # --- estimates with their confidence intervals ----------------------------------------------------------------------
 
 
 class Estimate(NamedTuple):
-    """A value and the bounds of its interval; an infinite bound: too few runs to say."""
+    """A value and the bounds of its confidence interval; a bound is infinite if there are too few runs."""
 
     value: float
     low: float
@@ -56,7 +56,7 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean, standard deviation (of a sample), least and greatest of the finite values; NaN where too few."""
+    """Count, mean, sample standard deviation, minimum and maximum of the finite values; NaN if there are too few."""
 
     count: int
     mean: float
@@ -74,7 +74,7 @@ class Moments:
 
     @property
     def estimate(self) -> Estimate:
-        """The mean with Student's interval."""
+        """Mean with Student's interval."""
         if self.count < 2:
             return Estimate(self.mean, -math.inf, math.inf) if self.count else _UNKNOWN
         from scipy import stats
@@ -84,7 +84,7 @@ class Moments:
 
 
 def share(count: int, total: int) -> Estimate:
-    """A share with Wilson's interval; NaN of nothing."""
+    """Share with Wilson's interval; NaN if the total is 0."""
     if total == 0:
         return _UNKNOWN
     from scipy import stats
@@ -94,7 +94,7 @@ def share(count: int, total: int) -> Estimate:
 
 
 def quantile(values: Floats, level: float) -> Estimate:
-    """A quantile between two order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
+    """Quantile, and its interval between two order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
     from scipy import stats
 
     low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
@@ -107,20 +107,20 @@ def quantile(values: Floats, level: float) -> Estimate:
 
 @by_content
 class Histogram(NamedTuple):
-    """Counts between `edges` (one more than counts); their running sum is the distribution function at the edges."""
+    """Counts between `edges`, which are one more than the counts."""
 
     edges: Floats
     counts: Integers
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
-        """Of finite values, with `BINS` bins from the least to the greatest; a single value gets a width of its own."""
+        """Histogram of the finite values, with `BINS` bins; a single value gets a nonzero width."""
         low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + max(abs(low), 1.0) * 1e-3, BINS + 1)
         return cls(edges, np.histogram(values, edges)[0])
 
     def merged(self) -> Histogram:
-        """With no more bins than its number of values can fill: about 2 n^(1/3), the rule of Rice University."""
+        """Histogram with fewer bins, at most about 2 n^(1/3) for n values, the rule of Rice University."""
         most = 2.0 * max(int(self.counts.sum()), 1) ** (1.0 / 3.0)
         bins = self.counts.size
         size = next(k for k in range(1, bins + 1) if (bins % k == 0 and bins / k <= most) or k == bins)
@@ -132,7 +132,7 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """A measure over the runs that stopped and have a finite value of it; `excluded` stopped without one."""
+    """A measure over the runs that stopped and have a finite value; `excluded` counts stopped runs without one."""
 
     moments: Moments
     excluded: int
@@ -142,10 +142,10 @@ class MeasureSummary:
 
 @dataclass(frozen=True)
 class ControllerSummary:
-    """One controller over the runs that are there.
+    """Statistics of one controller over the finished runs.
 
-    `outcomes` counts every run; `failed` names, by outcome, the first runs that did not stop; `not_stopped` and
-    `locked` are shares of all runs, and `worst` the rows of the stopped runs with the highest `worst_by`.
+    `outcomes` counts every run; `failed` lists, by outcome, the first runs that did not stop; `not_stopped` and
+    `locked` are shares of all runs; `worst` has the rows of the stopped runs with the highest `worst_by`.
     """
 
     name: str
@@ -158,13 +158,13 @@ class ControllerSummary:
 
     @property
     def stopped(self) -> int:
-        """Runs that stopped."""
+        """Number of runs that stopped."""
         return self.outcomes.get(Outcome.STOPPED.value, 0)
 
 
 @dataclass(frozen=True)
 class Paired:
-    """Two controllers on the same sampled runs, where both stopped: `second` minus `first`."""
+    """Difference of two controllers, `second` minus `first`, over the sampled runs in which both stopped."""
 
     first: str
     second: str
@@ -176,7 +176,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """One point of the campaign's grids: its values, and by controller the means and the runs that did not stop."""
+    """One point of the campaign's grids: its values, and by controller the means and the number of failed runs."""
 
     values: dict[str, float]
     means: dict[tuple[str, str], Estimate]
@@ -185,10 +185,10 @@ class PointSummary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """Results of the `runs` of a `campaign` that are there: by `controllers`, `paired`, and by `points` of the grids.
+    """Statistics of the finished `runs` of a `campaign`: by `controllers`, `paired`, and by `points` of the grids.
 
-    `worst_by` is what the worst runs have most of; `sample` has the first runs' quantities and `worst_by`, SI, for
-    pictures, by controller, NaN of a run that did not stop.
+    `worst_by` is the measure that ranks the worst runs. For pictures, `sample` has the quantities and `worst_by` of the
+    first runs by controller, SI, NaN for a run that did not stop.
     """
 
     campaign: Campaign
@@ -200,32 +200,32 @@ class CampaignSummary:
     sample: dict[str, Columns]
 
     def table(self) -> str:
-        """A line a controller: runs that stopped, braking distance, slip, and runs that locked a wheel."""
+        """Table with a line for each controller: stopped runs, braking distance, slip, runs with a locked wheel."""
         text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)  # a room above this one
         return text
 
     @property
     def complete(self) -> bool:
-        """Whether every run is there."""
+        """Whether every run is finished."""
         return self.runs == self.campaign.runs
 
     @property
     def any_stopped(self) -> bool:
-        """Whether there is a run of any controller that stopped."""
+        """Whether any run of any controller stopped."""
         return any(found.stopped for found in self.controllers.values())
 
 
 def check_measure(name: str) -> None:
-    """InputError, with the nearest name, unless a measure has this name."""
+    """Raise InputError, with the nearest name, unless a measure has this name."""
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
-            f"worst by: {name!r} is no measure; {close_match(name, names)}choose one of {', '.join(names)}"
+            f"worst by: unknown measure {name!r}; {close_match(name, names)}choose one of {', '.join(names)}"
         )
 
 
 class _Runs:
-    """The runs of the finished parts, column by column: arrays of runs by controllers."""
+    """Runs of the finished parts, column by column, as arrays of runs by controllers."""
 
     def __init__(self, store: Store) -> None:
         self._store, self._parts = store, list(store.finished())
@@ -244,17 +244,17 @@ class _Runs:
         return pa.concat_tables(self._store.read(part, [name]) for part in self._parts).column(0)
 
     def column(self, name: str) -> Floats:
-        """NaN where a run has no number."""
+        """Values of a column; NaN if a run has no number."""
         values: Floats = self._column(name).to_numpy().reshape(-1, len(self.names))
         return values
 
     def of_stopped(self, name: str) -> Floats:
-        """NaN where a run did not stop, too."""
+        """Values of a column; NaN also for a run that did not stop."""
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
-        """Of controller number k, the rows with the highest values."""
+        """Rows of controller number k with the highest values."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
         found = []
         for i in self.number[order].tolist():
@@ -265,19 +265,19 @@ class _Runs:
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """The statistics of a campaign's `store`, finished or not; `worst_by` is the name of a measure.
+    """Statistics of the finished runs of a campaign's `store`; `worst_by` is the name of a measure.
 
-    InputError where it is none, or the campaign has no finished part.
+    InputError for an unknown measure, or if no part is finished.
     """
     check_measure(worst_by)
     runs, campaign = _Runs(store), store.campaign
     pairs = list(combinations(range(len(runs.names)), 2))
     point, count = runs.number % campaign.grid_points, campaign.grid_points
-    points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # the runs at each
+    points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # numbers of the runs at each point
     controllers = _controllers(runs)
     paired: list[list[Paired]] = []
     means: list[dict[tuple[str, str], Estimate]] = [{} for _ in points]
-    for measure in MEASURES:  # a column at a time
+    for measure in MEASURES:  # one column in memory at a time
         values = runs.of_stopped(measure.name)
         paired.append([_paired(runs, first, second, measure.name, values) for first, second in pairs])
         for k, (name, found) in enumerate(controllers.items()):
@@ -310,7 +310,7 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
 
 
 def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
-    """Without their measures and worst runs."""
+    """Summaries of the controllers, still without their measures and worst runs."""
     locked, found = np.isfinite(runs.column("first_lock_s")), {}
     for k, name in enumerate(runs.names):
         numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}
@@ -354,19 +354,19 @@ def campaign(
     folder: str | Path | None = None,
     workers: int = 1,
 ) -> CampaignSummary:
-    """Many runs of a scenario, each with noise of its own, the same for every controller.
+    """Run a scenario many times, each run with its own noise, which is the same for every controller.
 
     - scenario: the run, SI.
-    - controllers: one or more, whatever `simulate` takes.
-    - runs: number of runs of each.
-    - quantities: what else differs from run to run, SI.
-    - seed: number that the runs repeat with.
-    - folder: where the runs are kept, and resumed; left out, nothing is kept.
-    - workers: number of processes; more than this one import the calling script again, which then needs its `if
+    - controllers: one or more, as `simulate` takes them.
+    - runs: number of runs of each controller.
+    - quantities: quantities that vary from run to run, SI.
+    - seed: seed of the campaign; the same seed gives the same runs.
+    - folder: folder that keeps the runs, so that an interrupted campaign is resumed; left out, nothing is kept.
+    - workers: number of processes. More than one import the calling script again, which then needs its `if
       __name__ == "__main__"`.
 
-    Returns statistics in SI; its `table()` has a line a controller. InputError: as of `Campaign` and `execute`.
+    Returns statistics in SI; `table()` has a line for each controller. InputError as for `Campaign` and `execute`.
     """
-    told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
+    made = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
     with nullcontext(folder) if folder is not None else TemporaryDirectory() as place:
-        return summarise(execute(told, Path(place), workers=workers))
+        return summarise(execute(made, Path(place), workers=workers))

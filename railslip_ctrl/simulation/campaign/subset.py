@@ -1,11 +1,11 @@
-"""Probability of a rare event of standard normal inputs: subset simulation, and importance sampling beside it.
+"""Probability of a rare event of standard normal inputs, by subset simulation and by importance sampling.
 
 Subset simulation reaches the event in levels, each about a tenth as likely as the one before ([Au2001]). Chains of
-adaptive conditional sampling fill a level from the points beyond its threshold ([Papaioannou2015]). A pilot chooses
-thresholds and steps. The repeats take both as given, so that each of them is an estimate without bias.
+adaptive conditional sampling fill a level from the points beyond its threshold ([Papaioannou2015]). A pilot run chooses
+thresholds and steps; the repeats keep them fixed, so that each repeat is an unbiased estimate.
 
-A limit state is a function of points, (n, inputs), to values, (n,), which may be infinite; the event is a value above
-the `threshold`.
+A limit state maps points, (n, inputs), to values, (n,), which may be infinite. The event is a value above the
+`threshold`.
 """
 
 from __future__ import annotations
@@ -23,27 +23,29 @@ from .statistics import CONFIDENCE
 
 LimitState = Callable[[Floats], Floats]
 
-_SHARE = 0.1  # of the points beyond the next threshold
-_ACCEPTED = 0.35  # share of moves; [Papaioannou2015] has 0.44, with which the estimate varies by a fifth more
+_SHARE = 0.1  # share of the points beyond the next threshold
+_ACCEPTED = 0.35  # share of accepted moves; with 0.44 of [Papaioannou2015] the estimate varies by a fifth more
 _KEPT = 20  # points of the event that a repeat keeps
-_PAIRS = 40  # of such points, between which the event is looked for
-_FARTHEST = 1.5  # of a point of the event: the event begins before
+_PAIRS = 40  # pairs of these points between which the event is checked
+_FARTHEST = 1.5  # times a point of the event: the farthest point of the search for the event's boundary
 
 
+@by_content
 class Levels(NamedTuple):
-    """Thresholds, and the steps of the moves beyond each, (n,): at 1 a point is drawn anew."""
+    """Thresholds, and the step of the moves in each level, (n,); a step of 1 draws a new point."""
 
     thresholds: Floats
     steps: Floats
 
 
+@by_content
 class Repeat(NamedTuple):
-    """An independent estimate.
+    """One independent estimate.
 
     - thresholds, shares, accepted: of each level, with the shares of points that reach it and of moves that stay
       beyond it, (levels,).
-    - values: of the points of no level, then of each, (levels + 1, n); -inf where no point reached it.
-    - mean, points: mean, and some, of the points of the event, or of the last level where none is.
+    - values: of the first points, then of the points of each level, (levels + 1, n); -inf if no point reached it.
+    - mean, points: mean, and some, of the points of the event, or of the last level if no point met the event.
     """
 
     thresholds: Floats
@@ -54,16 +56,17 @@ class Repeat(NamedTuple):
     points: Floats
 
     def exceeded(self, x: Floats) -> Floats:
-        """Probabilities of values of at least `x`, as many."""
+        """Probabilities of values of at least `x`, in the shape of `x`."""
         place = np.searchsorted(self.thresholds, x, side="right")
         shares = [np.mean(self.values[k] >= at) for k, at in zip(place, x, strict=True)]
         return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
 
     def probability(self, threshold: float) -> float:
-        """Estimate of the event."""
+        """Estimate of the event's probability."""
         return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
 
 
+@by_content
 class Sampled(NamedTuple):
     """An estimate by importance sampling."""
 
@@ -71,7 +74,7 @@ class Sampled(NamedTuple):
 
 
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
-    """Levels on the way to the event, or to probabilities `smallest`; they end where the values rise no more."""
+    """Levels down to the event, or to probability `smallest`; they end if the values rise no more."""
     points = rng.standard_normal((count, inputs))
     values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
     while np.mean(values > threshold) < _SHARE and reached > 1.001 * smallest / _SHARE:
@@ -79,7 +82,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
         if len(places) == 1:
             break
         shares = np.cumsum(counts[::-1])[::-1] / count
-        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # the nearest share of a discrete outcome
+        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # the nearest of a discrete outcome's shares
         points, values, _, step = _beyond(limit_state, points, values, places[k], step, rng, adapt=True)
         reached *= float(shares[k])
         thresholds.append(float(places[k]))
@@ -90,7 +93,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
 def repeat(
     limit_state: LimitState, inputs: int, rng: Any, threshold: float, levels: Sequence[Floats], count: int
 ) -> Repeat:
-    """An estimate with given levels and `count` points at each."""
+    """Make an estimate with given levels and `count` points in each."""
     thresholds, steps = levels
     points = rng.standard_normal((count, inputs))
     values, shares, accepted = limit_state(points), np.zeros(len(thresholds)), np.zeros(len(thresholds))
@@ -109,10 +112,10 @@ def repeat(
 def _beyond(
     limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
 ) -> tuple[Floats, Floats, float, float]:
-    """As many points beyond a level, their values, the share of moves accepted, and the step, which may `adapt`.
+    """Points beyond a level, their values, the share of accepted moves, and the step, which may `adapt`.
 
-    Chains begin at the points that reach it. A move is z' = sqrt(1 - s^2) z + s w with w standard normal, refused
-    where it leaves the level.
+    Chains begin at the points that reach the level. A move is z' = sqrt(1 - s^2) z + s w with w standard normal; it is
+    refused if it leaves the level.
     """
     start = rng.permutation(np.flatnonzero(values >= level))
     at, value, left = points[start], values[start], len(values) - len(start)
@@ -134,7 +137,7 @@ def _beyond(
 
 @by_content
 class Pooled(NamedTuple):
-    """Mean of independent estimates, bounds of its interval, and its coefficient of variation; of one shape."""
+    """Mean of independent estimates, its interval and its coefficient of variation, all of one shape."""
 
     value: Any
     low: Any
@@ -143,7 +146,7 @@ class Pooled(NamedTuple):
 
 
 def pooled(estimates: Floats) -> Pooled:
-    """Estimates, (repeats, ...), together; the interval is that of the mean of a log-normal variable (Cox's)."""
+    """Pool estimates, (repeats, ...); the interval is that of the mean of a log-normal variable (Cox)."""
     from scipy.special import stdtrit
 
     count, mean = len(estimates), np.mean(estimates, axis=0)
@@ -155,9 +158,9 @@ def pooled(estimates: Floats) -> Pooled:
 
 
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
-    """Mean of repeats' `means`, each group as far as they agree on it, and the groups' shares of its squared length.
+    """Mean of the repeats' `means`, each group scaled by their agreement, and the groups' shares of its squared length.
 
-    The squared lengths are from products of different repeats, so that chance adds nothing.
+    The squared lengths are products of different repeats, so that chance does not increase them.
     """
     count, mean = len(means), means.mean(axis=0)
     squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
@@ -169,10 +172,10 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """The first point of the event on the way from the origin to the first candidate that has one, or the last."""
+    """First point of the event between the origin and the first candidate that has one, else the last candidate."""
     for way in candidates:
         low, high = 0.0, _FARTHEST
-        for count in (30, 20):  # to 1/400 of the way
+        for count in (30, 20):  # resolves 1/400 of the distance
             scales = np.linspace(low, high, count + 1)[1:]
             beyond = scales[limit_state(scales[:, None] * way) > threshold]
             if not len(beyond):
@@ -184,14 +187,14 @@ def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshol
 
 
 def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
-    """Estimate of the event by `count` points about its design point, `centre`."""
+    """Estimate of the event's probability from `count` points about its design point, `centre`."""
     points = centre + rng.standard_normal((count, inputs))
     weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
     return Sampled(np.mean(weights * (limit_state(points) > threshold)))
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Share of pairs of points of the event between which there is none of it: 0 of one region without holes."""
+    """Share of pairs of event points with a point outside the event between them: 0 for one region without holes."""
     first, second = points[rng.integers(len(points), size=(2, _PAIRS))]
     middle, length = first + second, 0.5 * np.linalg.norm([first, second], axis=2).sum(axis=0)
     middle *= (length / np.maximum(np.linalg.norm(middle, axis=1), 1e-300))[:, None]
@@ -199,7 +202,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """The largest share of a level's new points whose finite value another point has: 0 of a continuous outcome."""
+    """Largest share of a level's new finite values that are repeated: 0 for a continuous outcome."""
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
