@@ -261,7 +261,9 @@ class CaseOptions:
             name = self.adhesion if _is_given("adhesion") else scenario.adhesion.name
             changes["adhesion"] = self._run_law(name, vehicle, v0)
         elif _is_given("initial_speed"):
-            raise InputError("--initial-speed: the scenario gives the adhesion parameters itself; leave it out")
+            raise InputError(
+                "--initial-speed: it selects adhesion parameters, which the scenario already gives; leave it out"
+            )
         if not math.isclose(v0, start):
             warn(
                 f"--initial-speed: the adhesion is for brakes applied at {v0 / KMH:g} km/h, but this run begins at "

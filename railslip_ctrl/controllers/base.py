@@ -266,7 +266,7 @@ class Controller(Record):
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy with beliefs about a vehicle filled in, where they are not set or are those of a vehicle `before`."""
+        """Copy in which the beliefs that are not set, or are those of a vehicle `before`, are those of a vehicle."""
         changed = {}
         for name in _BELIEFS.keys() & type(self).model_fields.keys():
             now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)

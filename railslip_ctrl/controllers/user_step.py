@@ -136,7 +136,7 @@ class StepControl(Controller):
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        raise InputError(f"controller {self.label}: it only has a Python step; give a controller of a kind")
+        raise InputError(f"controller {self.label}: only has a Python step function; give a built-in kind or a class")
 
     def source_text(self) -> str:
         return f"""

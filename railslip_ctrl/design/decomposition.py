@@ -92,7 +92,7 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
 
 
 def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
-    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, one bit beside the jumps."""
+    """Divide 0 < omega < `highest` at edges and jumps, rad/s; return the ends, beside a jump by one float."""
     every = np.union1d(edges, jumps)
     every = every[every < highest]
     jump = np.isin(every, jumps)

@@ -211,7 +211,7 @@ def tune_cases(
         given = "lead" if lead is not None else "lead filter"
         raise InputError(f"{given}: does not go with structure {kind.kind!r}; choose 'pi-lead' or 'pid'")
     if issubclass(kind, PID) and lead is not None:
-        raise InputError("lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
+        raise InputError("lead: structure 'pid' tunes its own derivative time; to set it yourself choose 'pi-lead'")
     tuned = partial(_tune, plants, actuator, kind, specification, ki_min, lead_filter)
     if issubclass(kind, PID):
         return _searched(tuned, actuator.lag or actuator.dead_time or 1.0)

@@ -78,7 +78,7 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds` with the given linear controller as the transfer function."""
+        """Return `kinds` in which the entry of transfer functions is the given linear controller."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}

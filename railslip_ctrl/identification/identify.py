@@ -178,7 +178,7 @@ def lag_of(
 
 
 def _likeliest(shifted: Shifted) -> Lag | None:
-    """Lag that minimises -2 log likelihood of the motion; None unless that is far below the value at lag 0."""
+    """Lag that minimises -2 log likelihood of the motion; None unless the minimum is far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
     deviance, interval = shifted.deviance, shifted.interval

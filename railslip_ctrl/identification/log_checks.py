@@ -175,7 +175,7 @@ class FreeRolling:
 
 
 def _stands(time: Floats, values: Floats, least: Floats) -> Flags:
-    """Mask of the windows in which values have neither slope nor curvature beyond the noise or a least change."""
+    """Mask of the windows whose slope and curvature are below the noise, or below a minimum change."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0

@@ -32,7 +32,7 @@ from .observer import FilterObserver, Form, KalmanObserver, ObserverState, Torqu
 
 
 class Channels:
-    """Passes signals through an observer's filter from Ta to its estimate, as brake torques on a standing wheel."""
+    """Filters signals as the observer filters Ta, by using them as brake torques on a wheel that stands still."""
 
     def __init__(self, observer: TorqueObserver) -> None:
         self._observer = observer

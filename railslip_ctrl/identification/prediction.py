@@ -392,7 +392,7 @@ def is_followed(model: FitModel, record: BrakedRows) -> bool:
 def prediction_error_fit(
     found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """Refit a model to the prediction errors, from its fit to the cells; unchanged unless `is_followed`.
+    """Refit a model by minimising the prediction errors, from its fit to the cells; unchanged unless `is_followed`.
 
     `profiles` as of `fits.fit`. InputError for a log whose wheel motion the model cannot follow.
     """

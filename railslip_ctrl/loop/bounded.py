@@ -148,8 +148,9 @@ class BoundedLoop(Loop):
     def _nodes(self) -> Floats:
         """Frequencies, ascending, between which no crossover and no peak is hidden.
 
-        Between two neighbours |L| - 1 and the phase minus 180 deg each cross 0 at most once. |S|, |T| and |S - 1/2| are
-        monotone there, or below their value at another node. Intervals are divided until bounds prove this.
+        Between two neighbouring frequencies, |L| - 1 and the phase minus 180 deg each cross 0 at most once. There |S|,
+        |T| and |S - 1/2| are monotone, or below their value at another node. Intervals are divided until bounds prove
+        this.
         """
         edges = self._edges()
         nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))

@@ -109,7 +109,7 @@ def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
     for name in ("axles", "vehicle_id"):
         if getattr(keys, name) is not None:
             raise InputError(
-                f"{where}: {name}: only used with rolling_stock; remove it (mass is that of the quarter car)"
+                f"{where}: {name}: used only with rolling_stock; remove it (mass is that of the quarter car)"
             )
 
 

@@ -40,7 +40,7 @@ def design_page(envelope: Envelope | Vehicle = PARK2008, controller: Any = None,
     """Serve the page of `railslip design`: a notebook shows it in a frame, a browser at its `address`.
 
     - envelope: the envelope to shape the loop for, or a vehicle, whose default envelope is used.
-    - controller: first design: a controller, its class, a linear system or a `tune` design; default PI-lead by rule.
+    - controller: first design: a controller, its class, a linear system or a design of `tune`; default: a PI-lead.
     - port: port number on 127.0.0.1; 0: any free port.
 
     Served until its `close()` or the end of Python. InputError: no named parameters, no operating points, port in use.

@@ -60,7 +60,7 @@ class Stop:
 
     @property
     def swings(self) -> bool:
-        """Whether the wheel oscillates: in `run`, under control, it is faster than the train by half the reference."""
+        """True if the wheel oscillates: under control it is faster than the train by half the reference slip."""
         signals = self.run.signals
         assert signals is not None, "the run is recorded"
         controlled = signals.speed > self.cut_out

@@ -92,7 +92,7 @@ def verification_json(verification: Verification) -> dict[str, Any]:
 def verification_text(verification: Verification, about: Sequence[tuple[str, str]] = ()) -> str:
     """Return a verification as text: table of verdicts, conditions with evidence, failures and conclusion.
 
-    `about` has further rows of the head on vehicle and adhesion, names and values.
+    `about`: further rows of the header on vehicle and adhesion, as (name, value).
     """
     known = Facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]

@@ -393,7 +393,7 @@ class Derivation(Adaptation):
       theta_tilde, (47), (48).
     - adaptation: theta_hat' for which the cross term vanishes for every theta_tilde, (49).
     - V_rate_final, V_rate_disturbed: V' with this adaptation, -(r/J)(D s^2 + K |s|), and with disturbances.
-    - V_matrix, adaptation_matrix: the same for gains k1, k2 (diagonal matrix gain), whose units are consistent.
+    - V_matrix, adaptation_matrix: V and adaptation with a diagonal gain, k1 and k2, of consistent units.
     - estimation_disturbance: change of s' if Ta_hat and v_rate_hat replace Ta and v_rate.
     - adhesion_torque, adhesion_state_rate: Ta of the law in v, sigma, z, N and its parameters; z', m/s, of a dynamic
       law.

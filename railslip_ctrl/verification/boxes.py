@@ -101,7 +101,7 @@ def _exact(expression: sp.Expr) -> sp.Expr:
         parts: list[sp.Expr] = []
         for value, condition in one.args[:-1]:
             if not isinstance(condition, (sp.Le, sp.Lt, sp.Ge, sp.Gt)):
-                raise InputError(f"adhesion: the condition {condition} has no interval enclosure; take <= or >=")
+                raise InputError(f"adhesion: the condition {condition} is not supported; use <= or >=")
             parts += [value, condition.gts - condition.lts]
         return pieces(*parts, one.args[-1][0])
 

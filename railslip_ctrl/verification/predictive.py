@@ -198,7 +198,7 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
 
 @dataclass(frozen=True)
 class Demand:
-    """Requirements of the law over a box on a rail; bounds, rounded outward.
+    """What the law needs on a rail for all values in a box; each number is a bound, rounded to the safe side.
 
     - loop: P (theta + tau), the small gain.
     - d: N*m/s, which K has to exceed; at_once: the same with jumps of H in H_hat', N*m/s.
@@ -207,7 +207,7 @@ class Demand:
     - carried: largest K whose torque stays within the limits on S = 0, downwards and upwards, N*m/s.
     - left: rate of S towards 0 with the valve at its limit, downwards and upwards, N*m/s.
     - off, rate, jump: dT, N*m; R, N*m/s; n, N*m.
-    - found: the extremes over speed, slip and load.
+    - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
     Bounds are infinite if the loop can be >= 1, or is not finite.
     """

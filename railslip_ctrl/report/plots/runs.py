@@ -278,7 +278,7 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
 
 
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
-    """Plot the measure that ranks the worst runs over each varied quantity, with numbers at the worst runs.
+    """Plot the ranking measure over each varied quantity, and label the worst runs with their numbers.
 
     None if nothing is varied or no run stopped.
     """

@@ -225,7 +225,7 @@ def check_measure(name: str) -> None:
 
 
 class _Runs:
-    """Runs of the finished parts, column by column, as arrays of runs by controllers."""
+    """Runs of the finished parts; each column is an array of shape (runs, controllers)."""
 
     def __init__(self, store: Store) -> None:
         self._store, self._parts = store, list(store.finished())
