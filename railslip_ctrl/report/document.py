@@ -76,8 +76,8 @@ class Table:
     """Table with a ruled head.
 
     In text the first `left` columns and those with an index in `text_columns` are aligned left, others right. Cells of
-    the first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated. On a
-    page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
+    the first `whole` columns are never broken. Columns that do not fit follow below, with the first `left` repeated. On
+    a page columns of numbers are aligned right, `caption` is above the table, and `wide` makes it smaller.
     """
 
     head: Sequence[str]
