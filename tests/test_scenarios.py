@@ -282,9 +282,9 @@ def test_what_a_file_leaves_out_is_the_controller_s_own(toml, text, control):
 
 def test_what_has_no_file_is_told(tmp_path):
     for control, told in (
-        (made(NOTCHED, period=None), "period: a file without it means 0.01; give one"),
-        (SlideProtection(period=None), "period: a file without it means 0.01; give one"),
-        (changed(CONTROLS["pi"], reference=None), "reference: a file without it means .*; give one"),
+        (made(NOTCHED, period=None), "period: .* 0.01; give a value"),
+        (SlideProtection(period=None), "period: .* 0.01; give a value"),
+        (changed(CONTROLS["pi"], reference=None), "reference: .* dry=0.132 wet=0.092; give a value"),
     ):
         with pytest.raises(InputError, match=told):
             control.save(tmp_path / "c.toml")
