@@ -374,20 +374,24 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
 
 @dataclass(frozen=True)
 class Derivation(Adaptation):
-    """The derivation: the law and its steps in Ta, omega, v_rate (measured v'), e and parameters; N*m and m/s^2.
+    """Result of `derive`: the law and its steps as formulas in Ta, omega, v_rate (measured v'), e and the parameters.
+
+    Torques are in N*m, s' is in m/s^2. Numbers in parentheses are equations of [Park2008].
 
     - reference, adhesion: arguments of `derive`.
     - steps: in order.
-    - s, error, reference_rate: s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
+    - s: surface as a function of e and e_integral, (33).
+    - error, reference_rate: e as a function of v, sigma and the reference; sigma_d'.
     - s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
-    - disturbance, disturbance_perturbed: d, the contribution of Tr, Fr and Td to s', with the true mass as M, and as
-      Mn + Mp.
-    - equivalent_control, reaching, robust_term, control_law: Ueq (36); s' under Ueq + Ur in the symbol Ur (37); Ur
-      (41); Tb (43).
+    - disturbance: contribution d of Tr, Fr and Td to s', with the mass written M.
+    - disturbance_perturbed: the same with M = Mn + Mp.
+    - equivalent_control, robust_term, control_law: Ueq (36), Ur (41), Tb (43).
+    - reaching: s' under Ueq + Ur, with Ur left as a symbol, (37).
     - closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
-    - theta, phi: true values of the unknown coefficients in r, J, Mn, Mp, Bp, (44) corrected; (Ta, omega).
-    - adaptive_law_control, error_dynamics: Tb with Mn, Bn and theta_hat, (45); s' under it in theta_tilde, with
-      disturbances.
+    - theta: true values of the unknown coefficients in r, J, Mn, Mp, Bp, (44) corrected.
+    - phi: the regressor (Ta, omega).
+    - adaptive_law_control: Tb with Mn, Bn and theta_hat, (45).
+    - error_dynamics: s' under this law in theta_tilde, with disturbances.
     - V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
     - V_rate, cross_term: V' under the law without disturbances, for free theta_hat' and theta_tilde; its terms with
       theta_tilde, (47), (48).

@@ -201,12 +201,14 @@ class Demand:
     """What the law needs on a rail for all values in a box; each number is a bound, rounded to the safe side.
 
     - loop: P (theta + tau), the small gain.
-    - d: N*m/s, which K has to exceed; at_once: the same with jumps of H in H_hat', N*m/s.
+    - d: bound of the disturbance, which K has to exceed, N*m/s; at_once: the same if H may also jump, N*m/s.
     - tube: half width about S = 0, N*m.
     - hold: least and largest H, N*m.
-    - carried: largest K whose torque stays within the limits on S = 0, downwards and upwards, N*m/s.
-    - left: rate of S towards 0 with the valve at its limit, downwards and upwards, N*m/s.
-    - off, rate, jump: dT, N*m; R, N*m/s; n, N*m.
+    - carried: largest K whose torque stays within the limits on S = 0, for a falling and a rising torque, N*m/s.
+    - left: rate of S towards 0 with the valve at its limit, for a falling and a rising torque, N*m/s.
+    - off: largest deviation of the torque, dT, N*m.
+    - rate: largest rate of H, R, N*m/s.
+    - jump: largest jump of H, n, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
     Bounds are infinite if the loop can be >= 1, or is not finite.
