@@ -493,11 +493,11 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
 def test_tune_says_that_no_speed_will_do():
     with pytest.raises(InfeasibleDesignError, match="no speed of the envelope"):
         tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)
-    with pytest.raises(InfeasibleDesignError, match="from 60 km/h up it can"):
+    with pytest.raises(InfeasibleDesignError, match=r"\b60 km/h"):
         tune(Envelope(speeds=(20, 40, 60, 100), rails="dry", laws="curve"), "pi-lead", 1.15)
     # found by halving
     envelope = Envelope(rails="dry", laws="curve", loads="empty", speeds=range(4, 101, 12))
-    with pytest.raises(InfeasibleDesignError, match=r"at 4 and 100 km/h alone: .*; from 16 km/h up it can"):
+    with pytest.raises(InfeasibleDesignError, match=r"at 4 and 100 km/h alone: .*;.* 16 km/h"):
         tune(envelope, "pi-lead", 1.8)
     assert tune(envelope.at(speeds=range(16, 101, 12)), "pi-lead", 1.8).judgement.worst.ms <= 1.8 * (1 + 1e-9)
 
