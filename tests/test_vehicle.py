@@ -228,7 +228,7 @@ WRONG_KEYS = {
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
     "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
     "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
-    "axles = 4": "axles: only used with rolling_stock; remove it",
+    "axles = 4": "axles: used only with rolling_stock; remove it",
 }
 WRONG_TOML = {
     **{f"mass = 10\n{line}": told for line, told in WRONG_KEYS.items()},
