@@ -59,6 +59,7 @@ TWO_POINTS = Case(
     lambda z: np.minimum(np.abs(z[:, 0]), z[:, 1] + 2.0), 2, 3.5, 2 * stats.norm.sf(3.5) * stats.norm.sf(1.5)
 )
 DISCRETE = Case(lambda z: np.floor(2.0 * z[:, 0]), 3, 6.9, float(stats.norm.sf(3.5)))
+THIN = Case(lambda z: 9.0 - np.abs(z[:, 0] - 3.0), 1, 9.0 - 1e-6, 0.0)  # a needle of a width of 2e-6
 FLAT = Case(lambda z: np.where(z[:, 0] > 5.0, 1.0, 0.0), 2, 0.5, 0.0)
 BOW = Case(
     lambda z: np.hypot(*z.T) * np.where(np.abs(np.arctan2(z[:, 1], z[:, 0])) < np.radians(75), 1.0, 0.1),
@@ -157,6 +158,7 @@ def test_chance_gives_inputs_that_do_not_matter_no_share(estimated):
         (CASES["four branches"], "not one region"),
         (DISCRETE, "outcome is discrete"),
         (FLAT, "levels stall: no stop met the event"),
+        (THIN, "of a level's moves are accepted"),
         (linear(5000, 1e-6, 100), "coefficient of variation is"),
         (BOW, "methods disagree"),  # importance sampling misses the ends of the bow
     ],
@@ -227,6 +229,27 @@ def test_a_plain_campaign_has_the_same_tail():
     stop = found.stop.run
     again = simulate(stop.scenario, stop.controller, seed=found.stop.noise)
     assert again.braking_distance == found.stop.run.braking_distance
+
+
+def test_stops_that_are_refused_count_as_the_event_and_are_told(monkeypatch):
+    """Here those of a vehicle 6 % heavier than nominal: one in 44."""
+    whole = rare.Stops.run
+
+    def run(self, point, **given):
+        if self.drawn(point)[0]["vehicle.mass factor"] > 1.06:
+            raise InputError("it is refused")
+        return whole(self, point, **given)
+
+    monkeypatch.setattr(rare.Stops, "run", run)
+    found = rare_event(CAMPAIGN, "distance > 100 m", points=100, repeats=3)
+    assert any("refused or broken off" in warning for warning in found.warnings)
+    assert found.subset.low < stats.norm.sf(2.0) < found.subset.high
+
+
+def test_a_campaign_whose_stops_all_take_too_long_is_refused():
+    slow = replace(CAMPAIGN, scenario=SCENARIO.with_changes(longest_time=0.5))
+    with pytest.raises(InputError, match=r"distance: no stop .* longest_time 0\.5 s"):
+        rare_event(slow, EVENT, points=100, repeats=3)
 
 
 def test_numbers_depend_neither_on_workers_nor_on_resuming(tmp_path):

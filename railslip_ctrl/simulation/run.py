@@ -122,7 +122,9 @@ class Noise(NamedTuple):
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
-        except (OSError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
+        except FileNotFoundError:
+            raise InputError(f"{file_name(path)}: no such file; check the path") from None
+        except (OSError, EOFError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
             raise InputError(f"{file_name(path)}: has no draws; give a seed, or what campaign --rare wrote") from None
 
 

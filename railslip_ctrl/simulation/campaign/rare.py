@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -188,7 +188,7 @@ class RareEvent:
       importance sampling if no stop met the event.
     - levels: thresholds of the levels, in the event's unit.
     - shares: share of each quantity, and of the noise, in the mean of the inputs of the event.
-    - stop: most likely failing stop, or None if no stop met the event.
+    - stop: most likely failing stop, or None if no stop met the event or it was refused.
     - tail: tail of the event's measure, in its unit.
     - stops: number of simulated stops.
     - warnings: reasons not to trust the numbers; empty if there are none.
@@ -304,6 +304,11 @@ class _Study:
         """Tail over the values of every level."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
+        if not any(row.size for row in finite):
+            raise InputError(
+                f"{self.event.measure}: no stop has one; each was refused, broken off or longer than longest_time "
+                f"{self.stops.campaign.scenario.longest_time:g} s; give a longer time, or narrower distributions"
+            )
         x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
         first = np.sort(rows[0])[::-1]
         ranks = np.unique(np.geomspace(1, len(first) / 2, 30).astype(int))
@@ -385,8 +390,9 @@ def rare_event(
             off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
             if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):
                 warnings.append(f"the methods disagree: importance sampling gives {importance.value:.3g}")
-            run = stops.run(centre, record_every=1)
-            stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
+            with suppress(InputError):  # it is refused itself, of which `study.warnings` tells
+                run = stops.run(centre, record_every=1)
+                stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
         better = importance is not None and importance.variation < by_subset.variation and not warnings
         probability = importance if importance is not None and better else by_subset
         if probability.variation > _MOST_VARIATION:
