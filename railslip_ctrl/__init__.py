@@ -1,9 +1,9 @@
 """railslip_ctrl: wheel-slip control design for trains.
 
-The names below load on first use, so that importing the package, or running a command, costs only what it needs. What
-is not here is in the rooms, each a package whose docstring says where to begin, from the ground up: `core`, `model`,
-`loop`, `sliding`, `controllers`, `design`, `simulation`, `verification`, `identification`, `paper`, `report`, `page`,
-`cli`.
+The public names of the package load on first use, so that an import or a command is fast. All other names are in the
+subpackages. The docstring of each subpackage says where to begin. From the lowest to the highest they are `core`,
+`model`, `loop`, `sliding`, `controllers`, `design`, `simulation`, `verification`, `identification`, `paper`, `report`,
+`page` and `cli`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _HOME = {
     if isinstance(line, ast.ImportFrom)
     for alias in line.names
 }
-"""Module of each name, by the stub that type checkers and editors read: the one list of them."""
+"""Module of each public name, read from the stub file that type checkers and editors use."""
 
 __all__ = ["__version__", *_HOME]
 

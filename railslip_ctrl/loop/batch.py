@@ -2,10 +2,10 @@
 
 The method is that of the scalar engine (`crossings`, `stability`, `margins`), applied to the frequency points of all
 loops at once (`Points`). Bounds on the second derivative of ln L between two points exclude a hidden gain crossover, a
-hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported one. Root count and gain,
-phase and delay margins are therefore certain, and peaks accurate to 0.1 %, between the lowest and the highest point,
-a factor 1e4 beyond every feature. The reported peaks are refined to rounding. If rounding or the bounds leave a
-decision open, the scalar engine computes that loop.
+hidden phase crossover that limits a margin, and a peak more than 0.1 % above the reported peak. Between the lowest and
+the highest point, root count and gain, phase and delay margins are therefore certain, and peaks are accurate to 0.1 %.
+These two points lie a factor 1e4 beyond every feature of the loop. The reported peaks are refined to rounding. If
+rounding or the bounds leave a decision open, the scalar engine computes the loop.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ _WIDEST = 1e24  # ratio of highest to lowest node above which a loop would slow 
 _EXTREME = 1e60  # rad/s; frequencies above it, or below its reciprocal, could overflow when squared
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| below which a root is treated as on the axis
 _PHASE_STEP = 0.5  # rad, largest change of phase over one part in the search for a peak
-_MOST_PARTS = 500  # of one piece in the search for a peak; the scalar engine takes loops that need more
-_MOST_HALVINGS = 6  # of a piece with a possible hidden gain crossover, before the scalar engine takes the loop
+_MOST_PARTS = 500  # parts of one piece in the search for a peak; the scalar engine computes loops that need more
+_MOST_HALVINGS = 6  # halvings of a piece that may hide a gain crossover; then the scalar engine computes the loop
 _BLOCK = 1024  # points evaluated in one call: few enough to stay in the processor's cache
 _CHUNK = 512  # loops solved together: their points stay in the cache, and NumPy's cost per call is shared
-_ON_LEVEL = 1e-12  # like `DELICATE`, for values at nodes, which are near a threshold by accident more often
+_ON_LEVEL = 1e-12  # as `DELICATE`, but for values at nodes, which more often lie near a threshold by chance
 _OF_GAIN, _OF_PEAKS = (
     tuple(f"{name}{end}" for name in names for end in ("", "_frequency"))
     for names in (("gain_increase", "gain_decrease"), ("ms", "mt", "disk"))
@@ -88,17 +88,18 @@ class BatchMargins:
 
 
 def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, Complexes, Floats, Floats]:
-    """Arrays for `batch_margins` from n transfer functions of one structure.
+    """Return zeros, poles, gains and dead times of n loops as arrays for `batch_margins`.
 
+    - loops: transfer functions with equal numbers of zeros and equal numbers of poles.
     - dead_times: s; one for all loops, or one per loop.
 
-    InputError: the numbers of zeros or poles differ, or the number of dead times is not that of the loops.
+    InputError: the loops have different numbers of zeros or poles, or the number of dead times is wrong.
     """
     shapes = {(g.zeros.size, g.poles.size) for g in loops}
     if len(shapes) > 1:
         raise InputError(f"loops: (zeros, poles) counts {sorted(shapes)} differ; stack loops of one structure only")
     if np.ndim(dead_times) > 0 and np.shape(dead_times) != (len(loops),):
-        raise InputError(f"dead times: shape {np.shape(dead_times)} for {len(loops)} loops; give one each, or one")
+        raise InputError(f"dead times: shape {np.shape(dead_times)} for {len(loops)} loops; give one value, or one per loop")
     mz, mp = shapes.pop() if shapes else (0, 1)
     zeros = np.array([g.zeros for g in loops], dtype=complex).reshape(len(loops), mz)
     poles = np.array([g.poles for g in loops], dtype=complex).reshape(len(loops), mp)
@@ -146,7 +147,7 @@ def batch_margins(
 
 
 def fill_alone(loop: DeadTimeLoop, i: int, results: dict[str, Floats]) -> None:
-    """Compute loop number i by the scalar engine and write its margins into `results`, the `BatchMargins` fields."""
+    """Compute the margins of loop number i by the scalar engine, and write them into `results` by field name."""
     margins = loop.margins() if loop.is_stable() else None
     for name, column in results.items():
         column[i] = getattr(margins, name, np.nan)
@@ -211,7 +212,7 @@ def _solve(
         return delicate
     found = _crossover_margins(crossovers, n)
     if any(requested):
-        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # a piece's bound holds on parts
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # the bound of a piece holds on its parts
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
@@ -253,7 +254,7 @@ def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
 
 
 def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Gain margins; and True for each loop in which rounding or the bounds leave one undecided."""
+    """Gain margins, and True for each loop with a gain margin that rounding or the bounds leave undecided."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     delicate = np.zeros(n, dtype=bool)
@@ -274,7 +275,7 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
     nearest = np.array(limits)
 
     def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
-        """Pieces with possible hidden phase crossovers nearer to |L| = 1 than those found."""
+        """Pieces that may hide a phase crossover nearer to |L| = 1 than every known one."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
@@ -288,8 +289,9 @@ def _undecided(
 ) -> Flags:
     """True for each loop with a piece that stays undecided after `_MOST_ROUNDS` rounds of division.
 
-    `left` are the undecided pieces; `test` returns those still undecided, from the points, the points by piece, their
-    `bends` and their `ranges`.
+    - left: pieces that are undecided at the start.
+    - test: function that returns the pieces that remain undecided. Its arguments are the points, the points numbered by
+      piece, and the `bends` and `ranges` of the pieces.
     """
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
@@ -322,7 +324,7 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
 
 
 def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
-    """Suprema of |S|, |T| and |S - 1/2|; and True for each loop that the scalar engine must compute."""
+    """Suprema of |S|, |T| and |S - 1/2|, and True for each loop that the scalar engine must compute."""
     dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # with an integrator 1e100 gives the limit of |S|, |T|
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
@@ -360,7 +362,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     most = peak * (1 + _PEAK_SURE)
 
     def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
-        """Pieces with a possible higher peak."""
+        """Pieces that may contain a peak higher than the highest known one."""
         boxes = bounds(pieces, spans)
         return np.flatnonzero(exceeding(pieces, bent[0], boxes, heights(points.loop()), most[:, points.row[:-1]]))
 
@@ -588,7 +590,7 @@ def bends(loops: Loops, points: Points) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             each = 1 / (square + near * near)
             found[0, part] = each.sum(axis=0)
-            # of each root the imaginary part is 2 real offset/distance^4
+            # the term of each root has the imaginary part 2 real offset/distance^4
             found[1, part] = (each * np.fmin(2 * np.abs(real) * far * each, 1)).sum(axis=0)
     return found
 
@@ -640,8 +642,8 @@ def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
 def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
     """True for each piece on which |S|, |T| or |S - 1/2| may exceed `most`, (3, N - 1).
 
-    Two bounds are tried: `boxes`, and the `values` at the ends plus a bound on the second derivative. That of S and of
-    T is -S T (l' + l^2 (S - T)) up to sign, with l = d ln L/d omega.
+    Two bounds are tried: `boxes`, and the `values` at the ends plus a bound on the second derivative. The second
+    derivative of S and of T is, up to sign, S T (l' + l^2 (S - T)) with l = d ln L/d omega.
     """
     open_ones = np.any(boxes > most, axis=0)
     at = np.flatnonzero(open_ones)
@@ -655,9 +657,11 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
 
 
 def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
-    """Points that divide the pieces number `at` into `parts` equal parts each, the same numbered by piece, and bends.
+    """Divide pieces into equal parts; return the points, the same points numbered by piece, and their bends.
 
-    Numbering by piece (`row` is the piece) keeps neighbours from different pieces apart.
+    - at, parts: indices of the pieces, and the number of parts of each.
+
+    In points numbered by piece, `row` is the piece, which keeps neighbours from different pieces apart.
     """
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]

@@ -26,7 +26,7 @@ _ONE = 1e-9  # bound on |ln|L|| over an interval below which |L| counts as 1 on 
 _SWAY = 0.75  # rad, largest change of arg L from the middle of an interval; less than an eighth of a turn
 _PEAK = 1e-6  # largest relative excess of a peak over the reported one, where two peaks are nearly equal
 _NARROWEST = 1e-7  # half width over frequency at which division ends, next to a zero or pole of L on the axis
-_PARTS = 4  # of an interval that is divided: more are more frequencies, fewer more passes
+_PARTS = 4  # parts of a divided interval: more parts need more frequencies, fewer parts need more passes
 _ENDS = np.array([0.0, np.inf])
 
 
@@ -34,9 +34,9 @@ class Expansion(NamedTuple):
     """Linear expansion of ln L about the middles of n intervals, with bounds on the remainder.
 
     - value, slope: array (n,); ln L and its derivative, s.
-    - bounds: function of the half widths, (n,), rad/s: largest deviations of ln L and of ln|L| from their linear parts,
-      or inf, then that of ln L over twice the width. Those of ln L also hold for complex frequencies in the disk of
-      that radius.
+    - bounds: function of the half widths, (n,), rad/s. It returns the largest deviations of ln L and of ln|L| from
+      their linear parts, and the largest deviation of ln L over twice the width. A deviation is inf if no bound exists.
+      The bounds on ln L also hold for complex frequencies in the disk of that radius.
     """
 
     value: Complexes
@@ -64,7 +64,7 @@ class BoundedLoop(Loop):
 
     @abstractmethod
     def _edges(self) -> Floats:
-        """First frequencies of the division, ascending: from below every feature to where L ends or is small."""
+        """Frequencies of the first division of the axis, ascending, from below every feature to where L is small."""
 
     @abstractmethod
     def _expand(self, omega: Floats) -> Expansion:

@@ -2,8 +2,8 @@
 
 Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
 frequency axis is divided into parts; on each part a bound lies below the upper end of the enclosure. The lower end is
-attained. For a loop with delays inside the controller no polynomial has the solutions of |L| = 1; every enclosure
-follows from bounds on parts of the axis (`_Delayed`).
+attained. If the controller contains delays, the solutions of |L| = 1 are not roots of a polynomial. Every enclosure
+then follows from bounds on parts of the axis (`_Delayed`).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _TooWideError(Exception):
 class Certificate:
     """Proved stability and margins of a loop; each enclosure is (lowest, highest), of relative width <= 1e-9.
 
-    It holds for the exact values of the doubles given: coefficients, matrices or roots, gain and dead time.
+    The certificate holds for the exact values of the given doubles: coefficients, matrices or roots, gain, dead time.
 
     - stable: true if every closed-loop pole lies left of the imaginary axis.
     - marginal: true if a closed-loop pole lies on the imaginary axis or is indistinguishable from it at `bits`; false
@@ -83,8 +83,8 @@ class Certificate:
 def certify(response: Response, margins: Margins | None) -> Certificate:
     """Compute the certificate of a loop; `margins` are its margins, or None if it is unstable.
 
-    Raises CertificateError if the highest precision does not suffice: a double cannot tell such a loop from the
-    stability boundary.
+    Raises CertificateError if the highest precision does not suffice. In doubles such a loop is on the stability
+    boundary.
     """
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
@@ -518,7 +518,7 @@ class _Delayed:
         return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
 
     def _large_and_negative(self) -> bool:
-        """True if L(0) < -1e9, as rounding leaves of an integrator: some gain factor below 1e-9 destabilises."""
+        """True if L(0) < -1e9, the value of a rounded integrator; a gain factor below 1e-9 then destabilises."""
         num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
         return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 

@@ -410,7 +410,7 @@ class Response:
 
     @cached_property
     def _turns(self) -> list[tuple[float, float, float, float]]:
-        """Terms of `turned`, one per root: |Re|, Im, direction of its turn (reversed if Re > 0), 1 zero or -1 pole."""
+        """Terms of `turned` for each root: |Re|, Im, direction of its turn, and 1 for a zero or -1 for a pole."""
         zeros, poles = self._listed_roots
         pairs = [*((root, 1.0) for root in zeros), *((root, -1.0) for root in poles)]
         return [(abs(root.real), root.imag, -sign if root.real > 0 else sign, sign) for root, sign in pairs]
@@ -493,7 +493,7 @@ class Piece(NamedTuple):
 
 
 def pieces(response: Response) -> list[Piece]:
-    """The pieces of a loop, ascending, from its exact polynomials."""
+    """Pieces of the frequency axis with monotone |L| and phase, ascending, from the exact polynomials of L."""
     exact, system = response.exact, response.system
     if system.gain == 0:
         return [Piece(0.0, math.inf, (-math.inf, -math.inf), (0.0, 0.0))]
@@ -549,7 +549,10 @@ def frequency_nodes(response: Response) -> Floats:
 
 
 def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = SMALLEST_LISTED) -> list[float]:
-    """Phase crossovers (arg L = pi modulo 2 pi), ascending, rad/s: all with |L| >= smallest, and at least 20."""
+    """Phase crossovers (arg L = pi modulo 2 pi), ascending, rad/s: all with |L| >= `smallest`, and at least 20.
+
+    `cut` are the `pieces` of the loop.
+    """
     least, found = math.log(smallest), list[float]()
     for low, high, sizes, turns in cut:
         start, end = turns
@@ -564,7 +567,7 @@ def phase_crossovers(response: Response, cut: list[Piece], *, smallest: float = 
             wanted = max(wanted, min(number, _until(response, cut, least)) if math.isinf(number) else number)
         steps = list(range(int(wanted) if wanted <= _MOST_LISTED else _MOST_LISTED // 2))
         if wanted > _MOST_LISTED and math.isfinite(number):
-            # too many: list those next to the ends, where |L| is nearest to 1 and where it is largest
+            # too many crossovers: list those next to the ends, where |L| is nearest to 1 and where it is largest
             steps += [int(number) - 1 - step for step in reversed(steps)]
         found += [phase_crossover(response, low, high, start, end, first + way * step) for step in steps]
     return sorted(set(found))

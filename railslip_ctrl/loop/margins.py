@@ -18,7 +18,7 @@ from railslip_ctrl.core.records import dataclass
 from .crossings import REFINED_BITS, Piece, Response
 from .stability import count_right_of
 
-_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # for a peak in doubles: most steps, bisections included; last step
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 60, 1e-9  # Newton's method in doubles: most steps, and last relative step
 _BLUNT = 100.0  # height up to which doubles locate a peak accurately enough
 _PEAK = 1e-11  # largest relative excess of any peak over the reported one
 _NOTHING = 1e-100  # smallest |T| that counts as a peak; bounds have this minimum
@@ -52,10 +52,11 @@ class Margins:
       `DeadTimeLoop.certificate`.)
     - disk, disk_frequency: balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and its frequency, rad/s
       ([Seiler2020]): gain and phase may change together within `disk_gain_range` and +-`disk_phase_deg`.
-    - gain_crossovers, phase_crossovers: array, 1-D, rad/s; all frequencies with |L| = 1; and those with L real and
-      negative, 0 included, complete where |L| >= 1/100 (with dead time infinitely many exist).
-    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]: added lag uses up a positive one,
-      added lead a negative one.
+    - gain_crossovers: array, 1-D, rad/s; all frequencies with |L| = 1.
+    - phase_crossovers: array, 1-D, rad/s; frequencies with L real and negative, 0 included. All with |L| >= 1/100 are
+      listed; with dead time infinitely many exist.
+    - phase_margins_deg: array, 1-D; deg, at each gain crossover, in (-180, 180]. Added lag uses up a positive phase
+      margin, added lead a negative one.
     - phase_crossover_gains: array, 1-D; factor 1/|L| at each phase crossover.
     """
 
@@ -147,7 +148,9 @@ def compute_margins(
 ) -> Margins:
     """Compute the margins of a stable loop; see `Margins`.
 
-    `rest` is arg(-L)/pi at the gain crossovers, in [-1, 1]; `listed` are the `limits` before refinement.
+    - cut: `pieces` of the loop.
+    - rest: arg(-L)/pi at the gain crossovers, in [-1, 1].
+    - limits, listed: gain limits, and the same limits before refinement.
     """
     crossovers = response.gain_crossovers.tolist()
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
@@ -239,7 +242,7 @@ class _PeakSearch:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Set (u, v, w) of each kind, for L and for 1/L, and the |L| below and above which no phase makes a peak."""
+        """Set (u, v, w) for each kind of peak, for L and 1/L, and the |L| below and above which no peak is possible."""
         slack = self._rounding * (self.best[0][0] * self.best[1][0])  # |S| and |T| amplify rounding
         s, t, centred = (max(peak, _NOTHING) * (1 + _PEAK) + slack for peak, _ in self.best)
         of_s, of_t, of_both = (s * s, 0.0, -1.0), (t * t, -1.0, 0.0), (centred * centred + 0.25, -0.5, -0.5)
@@ -280,7 +283,7 @@ class _PeakSearch:
             half *= _NARROWER
 
     def cover(self, cut: list[Piece]) -> None:
-        """Prove for all pieces of the axis that no peak is higher, raising peaks where one is."""
+        """Prove on every piece of the axis that no higher peak exists; replace a peak if a higher one is found."""
         left = list[tuple[float, float, float, float]]()  # parts with monotone |L|: ends, rad/s, and |L| at the ends
         ends = sorted({end for both in self._sure for end in both})
         for piece in cut:
@@ -310,7 +313,7 @@ class _PeakSearch:
         return (math.sqrt(low) * math.sqrt(high), tried and high < _WIDEST * low) if low else (0.5 * high, tried)
 
     def _below(self, kinds: list[int], around: _Around, low: float, middle: float) -> bool:
-        """True if no kind is higher on a part; if one is higher in the middle, its peak is raised."""
+        """True if |S|, |T| and |S - 1/2| stay below their peaks on a part; a higher middle value replaces the peak."""
         rounding = self._response.rounding(middle)
         if rounding > 2 * self._rounding:
             self._rounding = rounding
@@ -452,7 +455,7 @@ def _end_values(response: Response) -> list[Peaks]:
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:
-    """Interval of loop-gain factors with a stable loop: the one that contains 1, else the nearest to 1 in ratio.
+    """Interval of loop-gain factors with a stable loop: it contains 1, or is the interval nearest to 1 in ratio.
 
     `unstable_at_one` is the exact number of unstable poles at factor 1; each limit has the change of this number.
     """

@@ -314,7 +314,7 @@ class DelayedLoop(BoundedLoop):
 
     def _first_phase(self, omega: Floats) -> Floats:
         found = np.angle(self.response(omega))
-        # of an unstable pole -180 deg, of an integrator -90 deg; a lead has not turned L yet
+        # an unstable pole gives -180 deg, an integrator -90 deg; the zeros have not turned L yet
         return np.where(found > np.pi / 4, found - 2 * np.pi, found) if self.dc_gain else found
 
     def _added_delay(self) -> tuple[float, float]:

@@ -21,7 +21,7 @@ Rows = NDArray[np.intp]
 #: abs(s) times delay below which `_SERIES` terms of the series are used: 0.03^12 = 5e-19 is below rounding.
 NEAR_ORIGIN, _SERIES = 0.03, 12
 
-# Width of an interval, relative to its frequency, at which one that may contain a zero counts as a zero on the axis.
+# Relative width below which an interval that may contain a zero counts as a zero on the axis.
 _NARROWEST = 1e-12
 _MOST_INTERVALS = 2_000_000  # intervals at once; functions that need more count as marginal
 _EDGES = np.concatenate([[0.0], np.geomspace(1e-6, 1.0, 120)])  # ends of the first steps over the highest frequency
@@ -81,7 +81,7 @@ class QuasiPolynomials:
         return QuasiPolynomials(self.terms, self.delays)
 
     def slope(self) -> QuasiPolynomials:
-        """Derivatives dF/ds in the same form; if zeros are removed, one more is removed."""
+        """Derivatives dF/ds as quasi-polynomials; they have one more removed zero than F if F has any."""
         parts = []
         for c, delay in zip(self.terms, self.delays, strict=True):
             change = -delay[:, None] * c
@@ -101,7 +101,7 @@ class QuasiPolynomials:
         return sum((_horner(np.abs(c[:, ::-1]), radius, row) for c in self.terms), np.zeros_like(radius))
 
     def __add__(self, other: QuasiPolynomials) -> QuasiPolynomials:
-        """Sums of both; their first terms are added, the others kept side by side. Both remove the same zeros."""
+        """Sums of quasi-polynomials with the same number of removed zeros: first terms are added, others appended."""
         (one, two), more = (self.terms[0], other.terms[0]), max(self.terms[0].shape[1], other.terms[0].shape[1])
         first = sum(np.pad(c, ((0, 0), (more - c.shape[1], 0))) for c in (one, two))
         terms = (np.asarray(first), *self.terms[1:], *other.terms[1:])

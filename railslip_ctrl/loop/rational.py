@@ -322,12 +322,13 @@ class Rational:
     def from_control(cls, system: Any, name: str = "loop", *, period: float | None = None) -> Rational:
         """Make a transfer function from a SISO system of python-control or scipy.signal, or a real number.
 
-        - system: continuous-time, in s; or, with `period`, discrete-time with that dt, in z. An object with a
-          `transfer_function`, as a `PIController`, stands for that.
-        - name: how error messages call the system.
-        - period: s; None for continuous time.
+        - system: continuous-time, in s; or, with `period`, discrete-time with that dt, in z. If it has a
+          `transfer_function`, as a `PIController` has, that transfer function is used.
+        - name: name of the system in error messages.
+        - period: sampling period, s; None for continuous time.
 
-        InputError: time of the other kind or another period, MIMO, nonlinear, frequency-response data, or not proper.
+        InputError: a system that is MIMO, nonlinear, not proper, or frequency-response data; discrete instead of
+        continuous time or the reverse; another sampling period.
         """
         if isinstance(system, Rational):
             return system
@@ -553,7 +554,7 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
             break
     if left:
         raise InputError(
-            f"transfer function: {name} contain {left[0]:g} without its conjugate; give complex ones in pairs"
+            f"transfer function: {name} contain {left[0]:g} without its conjugate; give both of each pair"
         )
     return real, upper
 

@@ -43,8 +43,8 @@ _WELL_POSED = 1e-12  # least |1 + L(inf)| without dead time; a smaller one is 0 
 class TimeResponse:
     """Signals of a closed loop that is at rest before t = 0; arrays of one shape, one entry per time.
 
-    At a jump the value is that after the jump. SI units; for a wheel-slip loop torques in N*m and slip velocities in
-    m/s.
+    At a jump a signal has the value after the jump. SI units; in a wheel-slip loop torques are in N*m and slip
+    velocities in m/s.
 
     - time: s, ascending.
     - output: y, without measurement noise.
@@ -120,7 +120,7 @@ def closed_loop_response(
     InputError: a system, dead time, time, height or state that is not allowed; a last time that needs more than 200 000
     pieces; without dead time, an algebraic loop with L(inf) = -1.
 
-    The error is rounding: about 1e-12 of the largest value over 200 dead times; of a growing response, relative to it.
+    The error is rounding, about 1e-12 of the largest value of the response over 200 dead times.
     """
     dead_time = number("dead time", dead_time, "s", ge=0)
     times = given_times(time, final_time)
@@ -144,17 +144,17 @@ def closed_loop_response(
 
 
 step_response = partial(closed_loop_response, reference=1.0)
-"""Response to a unit step of the reference, or to one of the height `reference` (unit of y)."""
+"""Response to a step of the reference, 1 high, or `reference` high (unit of y)."""
 
 disturbance_response = partial(closed_loop_response, disturbance=1.0)
-"""Response to a unit load, or one of the height `disturbance`, at the plant's input, after dead time and actuator.
+"""Response to a step of the load at the plant's input, after dead time and actuator, 1 or `disturbance` high.
 
 For a torque at the wheel give the brake's lag as `actuator` and the wheel as `plant`.
 """
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
-    """States of the loop at t = 0: those of the plant, which come last, as `given`; all others are 0."""
+    """States of the loop at t = 0: the plant's states, which come last, are `given`; all others are 0."""
     start = np.zeros(order)
     if given is None:
         return start
@@ -171,7 +171,7 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
 def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
     """Times of a response, s, from the list of times or the final time."""
     if (time is None) == (final_time is None):
-        raise InputError("time: give either the times or the final time")
+        raise InputError("time, final_time: both or neither is given; give exactly one of them")
     if time is None:
         return np.linspace(0.0, number("final time", final_time or 0.0, "s", gt=0), _DEFAULT_POINTS)
     times = np.atleast_1d(reals("time", time))

@@ -28,10 +28,11 @@ from .rational import Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
 from .stability import RootCount
 
-# Largest dead time in periods: it is a chain of so many states, and their eigenvalues then take a few seconds.
+# Largest dead time in periods: each period is one state, and the eigenvalues then take a few seconds.
 MOST_PERIODS = 500
 MOST_SAMPLES = 200_000  # samples of a step response: a second or two of computing
-# Lowest frequency over the slowest pole or zero: L is at its asymptote, and a crossover is rounding of |L(0)| = 1.
+# Lowest frequency relative to the slowest pole or zero. Below it L is at its asymptote, and a crossover is due to
+# rounding of |L(0)| = 1.
 _BELOW_FEATURES = 1e-5
 _CELL_RATIO = 1.5  # ratio of neighbouring frequencies in the first division of the axis
 # Weight of the phase against ln|L| in the choice of the side to halve: ln|L| excludes a box for good, the phase for
@@ -291,7 +292,7 @@ class SampledLoop(BoundedLoop):
         return phases[0] + phases[1]
 
     def _added_delay(self) -> tuple[float, float]:
-        # a crossover does not give it: added dead time also changes the response of the hold between samples
+        # a crossover does not give the delay margin, because added dead time also changes the pulse response
         return added_delay(self)
 
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
@@ -560,7 +561,7 @@ def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
 
 
 class Step(NamedTuple):
-    """Newton step from the middle of each box to the root of the linear part, and the largest error of it; (n,)."""
+    """Newton step from the middle of each box to the root of the linear part, and its largest error; (n,)."""
 
     theta: Floats
     theta_room: Floats
