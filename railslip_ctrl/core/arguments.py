@@ -39,7 +39,7 @@ class _Refused(Exception):
 
 
 def checked(function: F) -> F:
-    """Decorate a function to check its arguments against its annotations; InputError in one line otherwise.
+    """Decorate a function to check its arguments against its annotations; InputError for an argument of wrong type.
 
     The value of an enumeration member counts as the member. The function itself checks ranges, for example by `number`.
     """
@@ -57,7 +57,7 @@ def checked(function: F) -> F:
 
 
 def check_fields(record: Any) -> None:
-    """Check the fields of a frozen dataclass, as `checked` does arguments; the first call in its `__post_init__`."""
+    """Check the fields of a frozen dataclass as `checked` checks arguments; call it first in `__post_init__`."""
     kind: Any = type(record)
     kinds = _kinds_of(kind)
     for name in (field.name for field in fields(record) if field.init):
@@ -74,7 +74,11 @@ def number(
     lt: float | None = None,
     le: float | None = None,
 ) -> float:
-    """Return a finite number within its bounds; InputError, beginning with `name`, for any other value."""
+    """Return `value` if it is a finite number within the bounds; otherwise InputError, beginning with `name`.
+
+    - unit: unit of the bounds, for the message.
+    - gt, ge, lt, le: bounds: greater than, at least, less than, at most.
+    """
     value = real(name, value)
     compared = ((">", gt, operator.gt), (">=", ge, operator.ge), ("<", lt, operator.lt), ("<=", le, operator.le))
     given_bounds = [(sign, bound, holds) for sign, bound, holds in compared if bound is not None]
@@ -86,11 +90,11 @@ def number(
 
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Sizes of numbers that are typed in: far beyond any vehicle, and far inside the range of doubles."""
+"""Smallest and largest size of an input number: beyond any vehicle's, but well inside the range of doubles."""
 
 
 def sized(name: str, value: float) -> float:
-    """Return a finite number that is 0 or of a size from `SMALLEST` to `LARGEST`; InputError for any other."""
+    """Return `value` if it is 0 or has a size from `SMALLEST` to `LARGEST`; otherwise InputError."""
     value = number(name, value)
     if value != 0 and not SMALLEST <= abs(value) <= LARGEST:
         raise InputError(f"{name}: {value:g} is beyond any vehicle; give a size between {SMALLEST:g} and {LARGEST:g}")
@@ -121,7 +125,10 @@ def complexes(name: str, values: ArrayLike) -> Complexes:
 def numbers(
     name: str, values: ArrayLike, unit: str = "", *, gt: float | None = None, ge: float | None = None
 ) -> Floats:
-    """Return an array of finite numbers, of any shape, each within the bounds; InputError names the first outside."""
+    """Return an array of finite numbers, of any shape, each within the bounds; see `number`.
+
+    InputError names the first value that is not allowed.
+    """
     array = reals(name, values)
     inside = np.isfinite(array) & (gt is None or array > gt) & (ge is None or array >= ge)
     if not inside.all():
@@ -130,7 +137,7 @@ def numbers(
 
 
 def _apply(name: str, kind: Any, value: Any) -> Any:
-    """Convert a value to an annotated kind; InputError, beginning with `name`, if it is of another kind."""
+    """Convert a value to the type of an annotation; InputError, beginning with `name`, if it has another type."""
     try:
         return _converted(kind, value)
     except _Refused as wanted:
@@ -158,11 +165,11 @@ _KIND_NAMES = {Mapping: "a mapping", str: "text", NoneType: "None", Callable: "a
 def _kinds_of(thing: Any) -> dict[str, Any]:
     """Annotations of a function's arguments or a dataclass's fields, by name."""
     known = vars(sys.modules[thing.__module__])
-    found = {}
+    kinds = {}
     for name, annotation in thing.__annotations__.items():
         with suppress(NameError):  # a name imported for type checkers only
-            found[name] = eval(annotation, known) if isinstance(annotation, str) else annotation
-    return found
+            kinds[name] = eval(annotation, known) if isinstance(annotation, str) else annotation
+    return kinds
 
 
 @cache
@@ -172,7 +179,7 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
     if origin in (Union, UnionType):
-        # beside an enumeration of text, str is not a kind of its own: other text is refused
+        # in a union with an enumeration of text, str does not count: other text is refused
         named = any(isinstance(member, type) and issubclass(member, StrEnum) for member in inner)
         return Union, tuple(member for member in inner if not (named and member is str))
     if getattr(origin, "_is_protocol", False) and not getattr(origin, "_is_runtime_protocol", False):
@@ -181,7 +188,7 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _converted(kind: Any, value: Any) -> Any:
-    """Value as an annotated kind, an enumeration's value as its member; _Refused if it is of another kind."""
+    """Convert a value to the type of an annotation, text to a member of an enumeration; otherwise _Refused."""
     if type(value) is kind and kind is not tuple:
         return _not_too_large(value) if kind is int else value
     origin, inner = _parts(kind)
@@ -254,7 +261,7 @@ def _member_of(kind: type[Enum], value: object) -> Enum:
 
 
 def _any_of(kinds: tuple[Any, ...], value: object) -> object:
-    """Value as the first kind of a union that fits; otherwise _Refused."""
+    """Convert a value to the first type of a union that accepts it; otherwise _Refused."""
     wanted = []
     for kind in kinds:
         try:

@@ -45,14 +45,14 @@ class UnstableLoopError(RailslipError, ArithmeticError):
 
 
 class InfeasibleDesignError(RailslipError, ValueError):
-    """No controller of the given structure meets the specification; the message names one that can be met."""
+    """No controller of the given structure meets the specification; the message names a feasible specification."""
 
 
 EXTRAS = {
     **{"campaign": ("pyarrow",), "cluster": ("distributed",), "gpu": ("numba_cuda",)},
     **{"html": ("latex2mathml",), "identify": ("pandas",)},
 }
-"""Packages of each extra in pyproject.toml that `check_extra` looks for."""
+"""Packages that `check_extra` looks for, by name of the extra in pyproject.toml."""
 
 
 def check_extra(name: str, wanted_by: str, otherwise: str = "") -> None:

@@ -56,7 +56,7 @@ def claimed(folder: Path) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            # before the release: a process that has opened the file already finds it deleted and makes another
+            # delete before the release: a waiting process that has the file open notices this and makes a new one
             with suppress(OSError):
                 (folder / LOCK).unlink()
             lock.release()
@@ -67,7 +67,7 @@ def claimed(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """Hidden folder inside `folder` for new files; at the end each file is moved to `folder` in one step.
+    """Yield a hidden folder inside `folder` for new files; at the end each file is moved to `folder` in one step.
 
     After an error no file is moved. An interruption waits until all files are moved.
     """
@@ -79,14 +79,14 @@ def staged(folder: Path) -> Iterator[Path]:
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:
-    """InputError for a folder that cannot be written to."""
+    """Return the InputError for an output folder that cannot be written to."""
     return InputError(
         f"out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
     )
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Cache folder of a kind, in `RAILSLIP_CACHE` or the user's cache; a temporary one if it is not writable."""
+    """Folder of a kind in `RAILSLIP_CACHE` or the user's cache; a temporary folder if the cache is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -104,7 +104,8 @@ def cache_folder(kind: str = "kernels") -> Path:
 def private_text(kind: str, name: str, made: str) -> str:
     """Secret text called `name` in the cache folder of a kind, readable only by the user.
 
-    It is the text of last time, or `made` if there is none of that length. It is not kept if the folder is read-only.
+    The text of an earlier call is returned if it has the length of `made`. Otherwise `made` is stored and returned. In
+    a read-only folder nothing is stored.
     """
     path = cache_folder(kind) / name
     with suppress(OSError, UnicodeDecodeError):
@@ -129,16 +130,17 @@ def _temporary() -> Path:
 
 _PACKAGE = Path(__file__).parents[1]
 
-_MOST = 600  # results in the cache, about 100 MB; beyond it the least recently used are deleted
+_MOST = 600  # largest number of cached results, about 100 MB; the least recently used are deleted
 _COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")  # dependencies whose versions may change a result
 
 
 def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
-    """Return the result of `compute` from the cache, or compute it (always if `fresh`) and store it there.
+    """Return the result of `compute` from the cache; if it is not there, compute and store it.
 
     - name: one word; beginning of the file name.
-    - compute: depends only on `given` and the package's source; its result is not None.
+    - compute: function whose result depends only on `given` and the package's source, and is not None.
     - given: text of all inputs of the result.
+    - fresh: true computes the result in any case.
     """
     result: T | None = None if fresh else look_up(name, given)
     if result is None:
@@ -153,7 +155,7 @@ def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool 
 
 
 def look_up(name: str, given: str = "") -> Any:
-    """Result that `cached` has stored for a name and inputs; None if there is none."""
+    """Return the result that `cached` has stored for a name and its inputs; None if nothing is stored."""
     path = _path(name, given)
     try:
         digest, content = path.read_bytes().split(b"\n", 1)

@@ -42,7 +42,7 @@ def symbol(name: str) -> Any:
 
 
 def latex_names() -> dict[Any, str]:
-    """Argument `symbol_names` of `sympy.latex` that prints the symbols of the plant as the source does."""
+    """LaTeX of each symbol of the plant as in [Park2008], for the argument `symbol_names` of `sympy.latex`."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
 
 

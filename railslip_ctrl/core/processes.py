@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-_IMPORTING = 87  # exit status, any unused: the process's script starts processes while it is imported
+_IMPORTING = 87  # exit status, otherwise unused, of a process whose script starts processes while it is imported
 
 Submit: TypeAlias = "Callable[..., Future[Any]]"  #: function that submits a function with its arguments to the pool
 
@@ -67,7 +67,7 @@ def processes(count: int) -> Iterator[Submit]:
 
 
 class _Context:
-    """Multiprocessing context that records its processes, because those that have ended are no active children."""
+    """Multiprocessing context that records its processes, because Python lists only the running ones."""
 
     def __init__(self, context: BaseContext) -> None:
         self.context: Any = context

@@ -27,7 +27,7 @@ else:
 
 
 def by_content(kind: type[T]) -> type[T]:
-    """Decorate a named tuple class: two tuples that hold arrays are equal if their contents are."""
+    """Decorate a named tuple class so that `==` compares arrays in the tuples by content."""
     for name, method in (("__eq__", same), ("__ne__", lambda one, other: not same(one, other))):
         setattr(kind, name, method)
     return kind

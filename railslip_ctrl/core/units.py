@@ -106,7 +106,7 @@ def shown(value: object) -> str:
 
 
 def _in(unit: str) -> str:
-    """Text " in unit" of a message; empty for a pure number."""
+    """Return " in `unit`" for a message; empty text for a pure number."""
     return "" if unit == "1" else f" in {unit}"
 
 
@@ -145,9 +145,9 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
 def factor(given: str, unit: str, *, of: str = "") -> float:
     """Return the conversion factor from the unit `given` to `unit`.
 
-    - of: the whole text with the unit, for the error message.
+    - of: whole text that contains the unit, for the error message.
 
-    InputError: text that is no unit, is ambiguous, or has another dimension.
+    InputError: `given` is not a unit, is ambiguous, or has another dimension.
     """
     words = _unit_words(given)
     if words is None:
@@ -226,39 +226,44 @@ def quantity(
 ) -> Any:
     """Define a field of a parameter record (`vehicle.Record`): a float in `unit`, also given as text with a unit.
 
-    Example: `mass: float = quantity("kg", "quarter-car mass M", gt=0)`. Without `default` the field is required.
+    Example: `mass: float = quantity("kg", "quarter-car mass M", gt=0)`.
+
+    - unit: unit of the field, in Pint's spelling.
+    - description: meaning of the field, for documentation and messages.
+    - default: default value; without it the field is required.
+    - gt, ge, lt, le: bounds: greater than, at least, less than, at most.
     """
     return Field(default, gt=gt, ge=ge, lt=lt, le=le, description=description, json_schema_extra={"unit": unit})
 
 
 BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases in all texts
-_EXACT = 1e-12  # relative tolerance within which a number has the digits already and is not changed
-_SAME = 1e-6  # relative tolerance of an Ms: a tuned design meets its bound more closely than that
+_EXACT = 1e-12  # relative tolerance within which a number counts as already rounded
+_SAME = 1e-6  # relative tolerance of an Ms; a tuned design meets its bound more closely
 _LARGE = 100.0  # Ms from which on a loop is practically unstable and three digits suffice
 
 
 def rounded_up(value: float, digits: int = BOUND_DIGITS) -> float:
-    """Least number with `digits` significant digits that is not below a value."""
+    """Round up to the least number with `digits` significant digits that is not below `value`."""
     return _rounded(value, digits, lambda scaled: math.ceil(scaled - _EXACT * abs(scaled)))
 
 
 def rounded_down(value: float, digits: int = BOUND_DIGITS) -> float:
-    """Largest number with `digits` significant digits that is not above a value."""
+    """Round down to the largest number with `digits` significant digits that is not above `value`."""
     return _rounded(value, digits, lambda scaled: math.floor(scaled + _EXACT * abs(scaled)))
 
 
 def rounded(value: float, digits: int) -> float:
-    """Nearest number with `digits` significant digits."""
+    """Round to the nearest number with `digits` significant digits."""
     return _rounded(value, digits, round)
 
 
 def ms_up(ms: float) -> str:
-    """Text of an Ms, not below it: two decimals; three significant digits from 100 on."""
+    """Text of an Ms, rounded up to two decimals, or to three significant digits from 100 on."""
     return f"{math.ceil(100 * ms * (1 - _SAME)) / 100:.2f}" if ms < _LARGE else f"{rounded_up(ms):g}"
 
 
 def ms_down(bound: float) -> str:
-    """Text of a lower bound on Ms, not above it: two decimals; three significant digits from 100 on."""
+    """Text of a lower bound on Ms, rounded down to two decimals, or to three significant digits from 100 on."""
     return f"{math.floor(100 * bound * (1 + _SAME)) / 100:.2f}" if bound < _LARGE else f"{rounded_down(bound):g}"
 
 

@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Make a record from `values`, a mapping of its keys or a record; InputError with the line of `one_line`."""
+    """Make a record of class `model` from a mapping of its keys or a record; InputError as in `one_line`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -96,7 +96,7 @@ def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | Non
     - model: the record that raised the error; with it the line has the unit of a number and the allowed keys.
     """
     complaints = error.errors(include_url=False)
-    # an unknown key comes first: misspelt, it is also the reason for a missing one
+    # report an unknown key first: if it is misspelt, it also explains a missing key
     first = min(complaints, key=lambda complaint: complaint["type"] != "extra_forbidden")
     owner, field = _locate(model, first["loc"])
     key = ".".join(_key(part) for part in first["loc"])
@@ -114,7 +114,7 @@ def unknown_key(key: str, owner: type[BaseModel] | None) -> str:
 
 
 def close_match(given: str, allowed: Iterable[str]) -> str:
-    """Return "did you mean 'x'? " for the nearest of `allowed`, or empty text if none is near."""
+    """Return "did you mean 'x'? " for the member of `allowed` nearest to `given`, or empty text if none is near."""
     import difflib
 
     near = difflib.get_close_matches(given[:60], list(allowed), n=1)
@@ -208,7 +208,7 @@ def place(file: str, line: int | None) -> str:
 
 
 def failure(error: BaseException, what: str) -> str:
-    """Return an error in a user's code as one line: file and line, `what` failed, the error, and the remedy."""
+    """Return an error in a user's code as one line: file and line, `what` fails, the error, the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))
@@ -236,8 +236,8 @@ def place_of(function: Any) -> str:
 def call_failure(error: BaseException, function: Any, name: str, arguments: str, when: str = "") -> str:
     """Return an error in a call of a user's function as one line.
 
-    If the function cannot be called with the arguments, the line has its file, line and arguments; otherwise it is that
-    of `failure`.
+    If the function does not accept the arguments, the text has the file and line of the function and the arguments.
+    Otherwise the error comes from inside the function, and the text is that of `failure`.
     """
     frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if _user_frames(frames[1:]) or not isinstance(error, TypeError):  # the first frame is the call itself
@@ -246,7 +246,7 @@ def call_failure(error: BaseException, function: Any, name: str, arguments: str,
 
 
 def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
-    """Run a Python file and return its object `name`; InputError if that lacks an attribute of `needed`."""
+    """Run a Python file and return its object `name`; InputError if the object lacks an attribute of `needed`."""
     where = file_name(path)
     text = read_text(path)
     module = ModuleType(f"railslip_{name.lower()}_{path.stem}")
@@ -256,10 +256,10 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
         exec(compile(text, module.__file__, "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:  # the user's file is an input and may fail in any way
         raise InputError(failure(error, "running it")) from error
-    found = getattr(module, name, None)
-    missing = [attribute for attribute in needed if not hasattr(found, attribute)]
-    if found is None or missing:
-        lacking = f"has no {name}" if found is None else f"{name} has no {', '.join(missing)}"
+    record = getattr(module, name, None)
+    missing = [attribute for attribute in needed if not hasattr(record, attribute)]
+    if record is None or missing:
+        lacking = f"has no {name}" if record is None else f"{name} has no {', '.join(missing)}"
         wanted = f"an object with {', '.join(needed)}" if needed else "it"
         raise InputError(f"{where}: {lacking}; assign {wanted} to {name}")
-    return found
+    return record
