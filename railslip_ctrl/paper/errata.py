@@ -43,7 +43,7 @@ class Erratum:
 
     - where: equation, table or page of [Park2008].
     - printed_latex, derived_latex, difference_latex: in LaTeX; the difference is "0" if they agree.
-    - printed, derived: the same as plain text.
+    - printed, derived: printed and derived expression as plain text.
     - agrees: true if the difference is proved to be zero.
     - how: "symbolic": expressions compared; "computed": numbers; "argument": by the variables an expression depends on.
     - sign_and_size: the difference, computed with the paper's own numbers.
@@ -65,9 +65,10 @@ class Erratum:
 def compared(
     where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, text: str | None = None, **numbers: Any
 ) -> Erratum:
-    """Make an erratum by comparing expressions, one or a column of them.
+    """Make an erratum by comparing printed and derived expressions, one pair or a column of pairs.
 
-    Its text in `errata.toml` is called `text`, by default `where`, and is filled with the `numbers`.
+    - text: key of the erratum's text in `errata.toml`; by default `where`.
+    - numbers: values that are filled into the text.
     """
     differences = (a - b for a, b in zip(printed, derived, strict=True))
     difference = [sp.Integer(0) if vanishes(one) else sp.factor_terms(sp.expand(one)) for one in differences]
@@ -95,9 +96,13 @@ def column(entries: Sequence[sp.Expr]) -> str:
 def stated(
     where: str, how: How, numbers: Mapping[str, Any], *, by_column: Mapping[str, Mapping[str, Any]] | None = None
 ) -> Erratum:
-    """Make an erratum of a number or a claim that disagrees.
+    """Make an erratum of a printed number or claim that disagrees with the computed one.
 
-    `by_column` has further numbers for each column of a table; the size is given for each column, or once if all agree.
+    - where: place in [Park2008], the key of the text in `errata.toml`.
+    - how: kind of comparison, as in `Erratum`.
+    - numbers: values that are filled into the text.
+    - by_column: further numbers for each column of a table. The text gives the size of the difference for each column,
+      or once if all columns agree.
     """
     template = texts(__package__, "errata.toml")[where]
     printed, derived, explanation = (filled(template[name], numbers) for name in ("printed", "derived", "explanation"))
@@ -189,8 +194,8 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)
     equation = sp.Poly(sp.expand(beta * printed.bristle_g - (gamma - sigma)), sigma)
-    found = sp.solve(equation.coeffs(), [beta, gamma], dict=True)[0]
-    derived = tuple(_positive_first(found[name]) for name in (beta, gamma))
+    solution = sp.solve(equation.coeffs(), [beta, gamma], dict=True)[0]
+    derived = tuple(_positive_first(solution[name]) for name in (beta, gamma))
     law = published_law("bristle", Rail.DRY, 100.0, PARK2008.wheel_load)
     fitted = dict(zip(type(law).parameter_names(), law.parameters(), strict=True))
     beta_fitted = fitted["beta"]
@@ -220,7 +225,7 @@ def corrected_observer() -> sp.Expr:
 
 
 def passed_at_once(observer: sp.Expr) -> sp.Expr:
-    """Share of a step of Tb that appears in the estimate at once."""
+    """Fraction of a step of the brake torque Tb that appears in the observer's estimate immediately."""
     return sp.limit(sp.diff(observer, plant.Tb), printed.laplace, sp.oo)
 
 
@@ -369,7 +374,7 @@ def _bristle_maximum() -> Erratum:
 
 
 def _reference_slips() -> Erratum:
-    """Erratum of p. 46: the peak slips, compared with the reference slips that are assumed to be there."""
+    """Erratum of p. 46: the slips of highest adhesion differ from the reference slips."""
     v, load = printed.SPEEDS_KMH[0] * KMH, PARK2008.wheel_load
     peaks = {
         f"{name} {rail}": peak(published_law(name, rail, wheel_load=load), v, load).slip

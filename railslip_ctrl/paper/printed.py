@@ -1,7 +1,7 @@
 """Equations and numbers of [Park2008] exactly as printed, including misprints.
 
 `errata` compares them with the derivation; the law does not use them. The source's sigma_d' is the symbol sigma_d_rate,
-its undefined Tm is read as Ta, and theta_tilde as theta - theta_hat.
+its undefined Tm is read as Ta, and theta_tilde is theta - theta_hat.
 """
 
 from __future__ import annotations

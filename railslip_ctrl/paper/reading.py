@@ -85,7 +85,7 @@ READING = _rules()  #: the rules, in the order of `reading.toml`
 
 
 Change = Callable[[tables.Setup], tables.Setup | None]
-"""Change of a column's setup from the reading to an alternative; None if the alternative does not affect it."""
+"""Function that changes a column's setup from the reading to an alternative; None if the column is not affected."""
 
 _LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
 _FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such a torque, so it is no limit
@@ -93,7 +93,7 @@ _FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m; no controller commands such 
 
 @dataclass(frozen=True)
 class Alternative:
-    """An alternative to a rule of the reading: the rule's name, the alternative's name, and the change of a setup."""
+    """Alternative to a rule of the reading: name of the rule, name of the alternative, change of the setup."""
 
     rule: str
     name: str
@@ -101,7 +101,7 @@ class Alternative:
 
 
 class _HalvedCurve(Curve):
-    """Curve whose wet force is half the dry one at every slip: alpha is halved too, so the peak slip stays."""
+    """Curve with half the dry force on wet rail at every slip; alpha is halved too, so the peak slip is unchanged."""
 
     __module__ = Curve.__module__  # uses the generated code of the curve, as the equations are the same
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": 0.5, "beta": 2.0})
@@ -186,7 +186,7 @@ _ANTI_WINDUP = {"torque_min": 0.0, "anti_windup": True}
 # --- the alternatives ----------------------------------------------------------------------------------------------
 
 ALTERNATIVES = (
-    Alternative("inertia scale", "SI: M, J and B as they are", _plant(as_published=False)),
+    Alternative("inertia scale", "SI: M, J and B unchanged", _plant(as_published=False)),
     Alternative("energy unit", "energy in joules", lambda setup: replace(setup, energy_in_joules=True)),
     Alternative("plant law", "beam law in all columns", _plant(adhesion="beam")),
     Alternative("plant law", "beam law in the beam columns", _plant(("beam",), adhesion="beam")),
@@ -255,7 +255,7 @@ class SensitivityRow:
 
     @property
     def not_stopped(self) -> dict[str, int]:
-        """Number of runs that did not stop, by column; columns without any are left out."""
+        """Number of runs that did not stop, by column; columns in which every run stopped are left out."""
         return {one.setup.case.name: len(one.failures) for one in self.results if one.failures}
 
 
@@ -279,7 +279,12 @@ def sensitivity(
     alternatives: Sequence[Alternative] = ALTERNATIVES,
     progress: tables.Progress | None = None,
 ) -> Sensitivity:
-    """Run the reading and each alternative to one of its rules, with 2 to `MOST_SEEDS` seeds."""
+    """Run the reading and each alternative to one of its rules, and compare both with Table 5.
+
+    - seeds: runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
+    - alternatives: alternatives to run.
+    - progress: function that is called with a line of text for each alternative done.
+    """
     tables.checked_seeds(seeds)
     base = tables.run_setups([tables.published_setup(case) for case in tables.CASES], seeds)
     rows = []

@@ -94,7 +94,11 @@ def published_setup(case: TableColumn) -> Setup:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Runs of a setup: `values`, a row of `QUANTITIES` for each, NaN if it did not stop; `failures`: those outcomes."""
+    """Runs of a setup.
+
+    - values: (runs, 4), the `QUANTITIES` of each run, NaN if it did not stop.
+    - failures: outcomes of the runs that did not stop.
+    """
 
     setup: Setup
     values: Floats
@@ -124,7 +128,7 @@ def checked_seeds(seeds: int) -> int:
 def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None = None) -> tuple[CaseResult, ...]:
     """Run each setup with seeds 0, 1, ... on all cores; a setup without random force runs once.
 
-    All setups use the same seeds, so that differences between them are not noise. `progress` is called after each.
+    All setups use the same seeds, so that differences between setups are not noise. `progress` is called after each.
     """
     results = []
     with ThreadPoolExecutor(cpu_count()) as pool:  # threads suffice, as a run releases the interpreter's lock
@@ -142,7 +146,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int = 0) -> dict[str, Run]:
-    """Record one run of each column of Table 5; returned by name, with a row every 20 steps."""
+    """Simulate one run of each column of Table 5 with a `seed`; return the runs by name, with a row every 20 steps."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=20) for s in setups}
 
@@ -173,7 +177,7 @@ class Row:
 
     @property
     def deviation_percent(self) -> float:
-        """Obtained over published number, less 1, %."""
+        """Relative deviation of the obtained from the published number, %."""
         return 100.0 * (self.obtained / self.published - 1.0)
 
     @property
@@ -184,7 +188,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table5:
-    """Comparison with Table 5: rows by column and quantity, the runs by column, and the number of seeds."""
+    """Comparison with Table 5: rows for each column and quantity, runs of each column, and number of seeds."""
 
     rows: tuple[Row, ...]
     results: tuple[CaseResult, ...]
@@ -249,8 +253,9 @@ class Table3:
     """Means and improvements that follow from the printed errors of the adhesion coefficient (ratios).
 
     - beam_mean, bristle_mean: means of the printed rows.
-    - improvement_percent: of bristle over beam, from these means; likewise improvement_of_printed_means_percent, and
-      improvement_in_adhesion_regime_percent from the errors while adhesion rises with slip.
+    - improvement_percent: improvement of bristle over beam, computed from these means.
+    - improvement_of_printed_means_percent: the same improvement from the printed means.
+    - improvement_in_adhesion_regime_percent: the same improvement from the errors while adhesion rises with slip.
     - not_reproducible: statement on the numbers that cannot be recomputed.
     """
 
@@ -264,7 +269,7 @@ class Table3:
 
     @property
     def improvement_follows_from_printed_means(self) -> bool:
-        """True if the printed improvement is that of the printed means, to its last digit."""
+        """True if the printed improvement follows from the printed means, to its last digit."""
         return abs(self.improvement_of_printed_means_percent - printed.TABLE3_IMPROVEMENT) <= 0.05
 
 
@@ -321,9 +326,13 @@ def model_curves(
 ) -> tuple[ModelCurve, ...]:
     """Adhesion curves of [Park2008] Figs. 13 to 15, at the rig's wheel load.
 
-    They are ordered by law, then initial speed (km/h, 30 to 140), then rail. Each goes from slip 0 to `largest_slip`,
-    or to just before the end of its law's domain. InputError for an unknown law, or a speed out of range;
-    MissingParametersError for a law without published parameters.
+    - laws: names of the laws.
+    - speeds_kmh: initial speeds v0, km/h, 30 to 140.
+    - rails: rail conditions.
+    - largest_slip: upper end of the slip ratio; a curve ends earlier if the domain of its law does.
+
+    The curves are ordered by law, then initial speed, then rail. InputError for an unknown law, or a speed out of
+    range; MissingParametersError for a law without published parameters.
     """
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 
@@ -353,10 +362,10 @@ def wet_and_dry() -> tuple[ModelCurve, ...]:
 
 
 SLIDING_SHARES = (0.65, 0.85)
-"""Range of the time share with s s' < 0 that counts as about three quarters: not sliding (1), not random (1/2)."""
+"""Range of the share of time with s s' < 0 that counts as about three quarters; 1 is sliding, 1/2 is random."""
 
 SLOW = 3.0
-"""Ratio of braking times with and without adaptation beyond which the adaptation counts as failed."""
+"""Ratio of braking times with and without adaptation above which the adaptation counts as failed."""
 
 LATE_SHARE = 0.5  #: locking counts as late within this last share of the braking time
 
@@ -365,7 +374,7 @@ _SEED = 0  # of the runs with noise
 
 @dataclass(frozen=True)
 class Fact:
-    """A fact about the published runs: the statement, the numbers found, whether it holds, and the method."""
+    """Fact about the published runs: statement, computed numbers, whether it holds, and method."""
 
     name: str
     statement: str
@@ -375,7 +384,7 @@ class Fact:
 
 
 def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """Determine further facts of the published runs; takes some seconds."""
+    """Compute further facts of the published runs, in some seconds; `progress` is called for each fact."""
     facts = []
     for decide in (pi_margins, no_sliding, reaching_fails, wet_rail_unknown, adaptation_unstable, si_stops_early):
         facts.append(decide())
@@ -385,7 +394,7 @@ def published_facts(*, progress: Progress | None = None) -> tuple[Fact, ...]:
 
 
 def pi_loop(column: Column, inertia_scale: float) -> Assessment:
-    """Assess a column's PI loop with actuator, on the dry bristle model at 100 km/h and the column's reference slip."""
+    """Assess the PI loop of a column with actuator, on the dry bristle model at 100 km/h and its reference slip."""
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = published_law("bristle", Rail.DRY)
     slip = published_reference(column).dry
