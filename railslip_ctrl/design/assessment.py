@@ -50,7 +50,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class PadeRow:
-    """Margins of a loop with a Pade approximation of the dead time; `margins` is None if that is unstable."""
+    """Margins of a loop with a Pade approximation of the dead time; `margins` is None if that loop is unstable."""
 
     order: int
     margins: Margins | None
@@ -58,7 +58,7 @@ class PadeRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Assessment of one loop; printed, it is the report.
+    """Assessment of one loop at one operating point; `print` shows it as a report.
 
     - label: name of the controller.
     - plant, controller, actuator: parts of the loop, SI.
@@ -146,6 +146,7 @@ def slip_responses(
 ) -> tuple[TimeResponse, TimeResponse]:
     """Return the responses of the slip velocity, m/s, to a step of its reference and to a step of torque at the wheel.
 
+    - controller, plant, actuator: parts of the loop, as for `assess`.
     - times: times of the responses, s.
     - reference, torque: sizes of the steps, m/s and N*m.
 
@@ -182,7 +183,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     Returns limits, the six rightmost closed-loop poles (1/s, 1-D), margins (None for an unstable loop), Pade rows and
     verdict. InputError: an argument of wrong type.
     """
-    controller = getattr(controller, "controller", controller)  # a design has the attribute
+    controller = getattr(controller, "controller", controller)  # a design contains its controller
     if isinstance(controller, Controller):
         controller = controller.believing(plant.point.vehicle)
     loop = wheel_slip_loop(plant, controller, actuator)

@@ -1,10 +1,10 @@
 """Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
 
 The project's own controllers hold the reference slip without knowing the adhesion curve. `design.tuning` found their
-gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. Those of the
-published vehicle are stored here in both readings of the units, and a test tunes them again. For any other vehicle they
-are tuned on request. Without a given period all are sampled at every step of the scenario, because [Park2008] states no
-sampling period. All use the backward difference, with which their numbers were computed.
+gains over `design_points`: the largest ki with Ms <= `MS_MAX` and a lead that cancels the brake's lag. The gains of the
+published vehicle are stored here in both readings of the units, and a test tunes them again. The gains of any other
+vehicle are tuned on request. By default every controller is sampled at each step of the scenario, because [Park2008]
+states no sampling period. All controllers use the backward difference, with which their numbers were computed.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def published_controller(
       0.132, 0.092).
     - knows_rail: for the ASMC, whether its adhesion model follows a change of the rail; the reference always does.
     - adaptive: for the ASMC, the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
-    - reference: another reference slip.
+    - reference: reference slip; by default that of the column.
     - period: sampling period, s; by default every step of the scenario.
 
     InputError: an unknown kind or column, or an option of the ASMC with the PI.
@@ -153,13 +153,13 @@ def recommended_pi_lead(
     the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017; the best of Table 5 needs
     581 m and 50.7 s with 0.027.
 
-    - vehicle: the quarter car; for another vehicle the lead cancels its own lag, and the gains are tuned, which takes
-      some seconds.
-    - gains: other gains with the lead for the vehicle's brake.
+    - vehicle: quarter car, by default the published one. For another vehicle the lead cancels the lag of its brake, and
+      the gains are tuned, which takes some seconds.
+    - gains: gains in place of the stored or tuned ones; the lead is that for the vehicle's brake.
     - reference: reference slip; by default the bristle column's, 0.132 dry and 0.092 wet.
     - period: sampling period, s; by default every step of the scenario.
 
-    InfeasibleDesignError: no gains have Ms <= `MS_MAX` for that vehicle, and none are given.
+    InfeasibleDesignError: `gains` is not given, and no gains have Ms <= `MS_MAX` for this vehicle.
     """
     car = published_vehicle() if vehicle is None else vehicle
     lead, lead_filter = lead_of(car)
@@ -184,7 +184,10 @@ def recommended_pi_lead(
 def recommended_schedule(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> Scheduled:
-    """Return `recommended_pi_lead` with gains over speed and rail, tuned on the static curve; arguments as there."""
+    """Return `recommended_pi_lead` with gains over speed and rail, tuned on the static curve.
+
+    - vehicle, reference, period: as in `recommended_pi_lead`.
+    """
     car = published_vehicle() if vehicle is None else vehicle
     return Scheduled.for_vehicle(
         car,
@@ -207,7 +210,7 @@ def is_published(vehicle: Vehicle) -> bool:
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
-    """Return True if a named controller has to be tuned for the vehicle: no gains are stored here or given."""
+    """Return True if a named controller must be tuned for a vehicle, because no gains are stored or given for it."""
     stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
     return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
 
@@ -215,7 +218,7 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
     """Return lead and lead filter, s, of `recommended_pi_lead`; the lead cancels the brake's lag.
 
-    The published vehicle keeps its lead when another brake is given. Without a lag there is no lead: 0, 0.
+    The published vehicle keeps its lead with any brake. Lead and filter are 0 for a brake without lag.
     """
     lag = vehicle.actuator.lag
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
@@ -233,9 +236,10 @@ def design_points(vehicle: Vehicle) -> list[LinearPlant]:
 
 
 def margins_over_points(control: PI | Scheduled, vehicle: Vehicle | None = None) -> BatchMargins:
-    """Return the exact margins of a linear controller at each of the vehicle's `design_points`, in their order.
+    """Return the exact margins of a linear controller at each of the `design_points` of a vehicle, in their order.
 
-    A scheduled controller has its gains of each point. The default vehicle is the published one as published.
+    - control: controller; a scheduled controller is used with its gains at each point.
+    - vehicle: quarter car; by default the published one in the as-published reading.
     """
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
@@ -272,10 +276,14 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 
 
 def begun(kind: type[Controller], at: Sequence[LinearPlant] | LinearControl, reference: ReferenceSlip) -> Controller:
-    """Return the first controller of a kind for a design by hand.
+    """Return the controller of a kind with which a design by hand begins.
 
-    It follows from the rule of its kind; for a PI from SIMC for J/r over s, [Skogestad2003] Table 1, with a lead on the
-    brake's lag. `at` are the plants that it is for, or a linear controller to convert to a ratio of polynomials.
+    Its parameters follow from the rule of the kind. For a PI this is SIMC for J/r over s, [Skogestad2003] Table 1, with
+    a lead at the brake's lag.
+
+    - kind: class of the controller.
+    - at: plants to be controlled, or a linear controller to convert to a ratio of polynomials.
+    - reference: reference slips.
 
     InfeasibleDesignError, InputError: the kind has no controller for the vehicle.
     """
@@ -324,8 +332,8 @@ def held_reference(
 ) -> ReferenceSlip | None:
     """Return the reference slips of a controller of `NAMES`; None if it has none.
 
-    They are the given slip, or those of a column of Table 4, or those of the adhesion law. InputError if there are
-    none, or if an argument is not used; `dashes` come before the names of arguments in the message.
+    They are `slip`, or those of a `column` of Table 4, or those of the adhesion law. InputError if none of the three
+    exists, or if the controller does not use an argument. Messages put `dashes` before the names of arguments.
     """
     if not _holds_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
@@ -359,9 +367,10 @@ def controller_named(
     """Return a controller of `NAMES` for a vehicle; a loaded vehicle gets the gains of the empty one.
 
     - name: "pi" and "asmc" are those of [Park2008] Table 4 (see `published_controller`), the others this project's.
+    - vehicle: quarter car to control.
     - column: {"beam", "bristle"}; column of Table 4 for the gains of "pi" and "asmc", and the reference slip of all.
-    - gains: other gains for "pi" or "pi-lead".
-    - reference: another reference slip; for a kind without one it defines the slip error.
+    - gains: gains for "pi" or "pi-lead" in place of their own.
+    - reference: reference slip in place of the column's. For a kind without a reference it defines the slip error.
     - knows_rail, adaptive, period: as in `published_controller`.
 
     InputError: an unknown name, or an option that the controller does not have.

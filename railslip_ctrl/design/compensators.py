@@ -68,7 +68,11 @@ class Compensator:
 def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensator:
     """Return the classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), with C0 designed without dead time.
 
-    With an unstable plant it is unstable for every C0: C has a zero at each plant pole, and D is a factor of the
+    - plant: G without dead time.
+    - dead_time: tau, s, >= 0.
+    - controller: C0.
+
+    With an unstable plant the loop is unstable for every C0: C has a zero at each plant pole, and D is a factor of the
     characteristic function D (D0 D + N0 N). `reason` reports this. InputError if C0 G is not strictly proper.
     """
     plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
@@ -89,10 +93,15 @@ def filtered_smith_predictor(
 
     F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), with F(p_i) = exp(p_i tau) at the m
     plant poles right of the axis. G (1 - F q) then has none of these poles and is realised without them (a finite-time
-    integral), so that there is no unstable hidden mode. Nominally T = F q N0 N/(D0 D + N0 N).
+    integral). Therefore the loop has no unstable hidden mode. Nominally T = F q N0 N/(D0 D + N0 N). The nominal poles
+    are those of the loop with C0 and G, those of F, and the stable poles of G.
 
-    The nominal poles are those of C0 G, of F, and the stable ones of G. A larger `filter_time`, s, > 0, gives more
-    robustness and slower rejection of disturbances; `roll_off` is the number of additional poles of F against noise.
+    - plant: G without dead time.
+    - dead_time: tau, s, >= 0.
+    - controller: C0.
+    - filter_time: time constant of F, s, > 0; a larger one gives more robustness and slower rejection of disturbances.
+    - roll_off: number of additional poles of F, against noise.
+
     InputError if C0 G is not strictly proper, or unstable poles coincide.
     """
     number("filter time", filter_time, "s", gt=0)
@@ -130,7 +139,7 @@ def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, r
 def observer_compensator(
     plant: Any, dead_time: float, *, feedback_poles: Sequence[complex], observer_poles: Sequence[complex]
 ) -> Compensator:
-    """Return state feedback with observer, prediction over the dead time and integral action.
+    """Return state feedback with observer, prediction over the `dead_time` (tau, s, >= 0) and integral action.
 
     u(t) = -K [x^(t + tau); integral of y], where x^(t + tau) = exp(A tau) x^ + integral over 0..tau of
     exp(A s) B u(t - s) ds is exact ([ManitiusOlbrot1979], [Artstein1982]; the integral state is predicted with it) and

@@ -206,7 +206,9 @@ _SAME = 1e-12  # relative distance below which two boundaries are equal; roundin
 def stable_intervals(
     critical: CriticalGains, scale: float, count: Callable[[float], RootCount], *, signed: bool
 ) -> Intervals:
-    """Return the intervals between critical gains in which the root count is 0, over all reals or only those > 0.
+    """Return the intervals between critical gains in which the root count is 0.
+
+    `count` gives the root count at a gain, `scale` is a typical gain. If `signed`, gains may be negative.
 
     Only boundaries marked leftward can lower the count, each by at most 2; all others raise it. With n unstable poles
     the count is needed again only after (n + 1)//2 leftward boundaries, and after a stable interval at the next one.

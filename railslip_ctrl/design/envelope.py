@@ -1,20 +1,20 @@
 """The design envelope: every operating point that a design must hold, and the tolerances around each.
 
-In a vehicle's TOML file, or in one of its own; what is left out has the default:
+The table is in the vehicle's TOML file, or in a file of its own. Every key is optional; these are the defaults:
 
     [envelope]
     rails = ["dry", "wet"]
-    laws = ["bristle", "curve"]           # or files, relative to this one
+    laws = ["bristle", "curve"]           # or files, relative to this file
     speeds = [10, 20, 40, 60, 80, 100]    # km/h
     loads = ["empty", "loaded"]           # mass and wheel load together
     slip = [0.6, 1.0, 1.25]               # factors on the reference slip
     dead_time = [0.7, 1.0, 1.3]           # factors
     lag = [0.7, 1.0, 1.3]
     radius = [0.94, 1.0]                  # worn wheel
-    torque_gain = [1.0]                   # acting torque over the one commanded
-    speed_scale = [1.0]                   # measured train speed over the true one
-    believed_radius = [1.0]               # radius that the controller believes over the true one
-    reference = { dry = 0.132, wet = 0.092 }    # left out: each law's own
+    torque_gain = [1.0]                   # acting torque over commanded torque
+    speed_scale = [1.0]                   # measured train speed over true train speed
+    believed_radius = [1.0]               # radius assumed by the controller over true radius
+    reference = { dry = 0.132, wet = 0.092 }    # by default the reference slips of each law
     initial_speed = 100                   # km/h; v0 of the laws that are published over it, at most 140
 """
 
@@ -49,7 +49,7 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, with_laws_beside
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]
 HeldSlip = Callable[[AdhesionLaw, float, float], float]
-"""Function that gives the slip ratio held on a rail, from its law, the train's speed, m/s, and the wheel load, N."""
+"""Function of adhesion law, train speed (m/s) and wheel load (N) that returns the slip ratio to hold."""
 
 ERRORS = ("torque_gain", "speed_scale", "believed_radius")
 _FACTORS = ("slip", "dead_time", "lag", "radius", *ERRORS)
@@ -66,14 +66,15 @@ class Envelope(Record):
     """Operating points that a design must hold: each list of values is combined with every other.
 
     Operating points are at the reference slip, with the actuator and the wheel as given. Around each, the factors of
-    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. Such an error makes a
-    controller hold another slip than it measures, unless it finds its slip. A gradient is a constant force and changes
-    no loop. "loaded" is the vehicle's loaded mass and wheel load; published laws follow the load, laws of files keep
-    mu. A given reference slip replaces that of every law. A value left out is that of the table [envelope] in the
-    vehicle's file, or the default; default speeds go up to the vehicle's speed limit, if it has one.
+    `slip`, `dead_time`, `lag`, `radius` and the errors of sensors and brake are combined. With an error of a sensor or
+    of the brake, a controller holds a slip other than the measured one, unless it finds the slip by itself. A gradient
+    is a constant force and changes no loop. "loaded" is the vehicle's loaded mass and wheel load; published laws follow
+    the load, laws of files keep mu. A given `reference` replaces the reference slip of every law. A field that is not
+    given has the value of the table [envelope] in the vehicle's file, or the default. Default speeds go up to the
+    vehicle's speed limit, if it has one.
 
-    InputError: a list that is empty or too long, a value that is not finite and positive (dead time and lag may be 0),
-    or of another kind; an unknown law; a factor with which the reference slip would be 1 or more.
+    InputError: a list that is empty or too long; a value of wrong type, or not finite and positive (dead time and lag
+    may be 0); an unknown law; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -84,11 +85,13 @@ class Envelope(Record):
     slip: tuple[float, ...] = quantity("1", "factors on the reference slip", default=(0.6, 1.0, 1.25))
     dead_time: tuple[float, ...] = quantity("1", "factors on the actuator's dead time", default=(0.7, 1.0, 1.3))
     lag: tuple[float, ...] = quantity("1", "factors on the actuator's lag", default=(0.7, 1.0, 1.3))
-    radius: tuple[float, ...] = quantity("1", "factors on the wheel's radius, which is known", default=(0.94, 1.0))
+    radius: tuple[float, ...] = quantity("1", "factors on the radius, which the controller knows", default=(0.94, 1.0))
     torque_gain: tuple[float, ...] = quantity("1", "factors on the commanded torque", default=(1.0,))
     speed_scale: tuple[float, ...] = quantity("1", "factors on the measured train speed", default=(1.0,))
-    believed_radius: tuple[float, ...] = quantity("1", "factors on the believed radius", default=(1.0,))
-    reference: ReferenceSlip | None = Field(None, description="slip ratios held, in place of the laws' own")
+    believed_radius: tuple[float, ...] = quantity(
+        "1", "factors on the radius assumed by the controller", default=(1.0,)
+    )
+    reference: ReferenceSlip | None = Field(None, description="reference slips in place of those of the laws")
     initial_speed: float = quantity("km/h", "v0, at which the brake is applied", gt=0, default=INITIAL_SPEED_KMH)
 
     def __init__(self, vehicle: Vehicle = PARK2008, /, **values: Any) -> None:
@@ -143,7 +146,7 @@ class Envelope(Record):
         return values
 
     @model_validator(mode="after")
-    def _laws_are_had_and_slips_below_1(self) -> Self:
+    def _laws_and_slips_are_valid(self) -> Self:
         """Check laws and slips; laws in files are checked when they are read."""
         self._check([law for law in self.laws if not _is_file(law)])
         return self
@@ -159,27 +162,27 @@ class Envelope(Record):
 
     @property
     def law_speed(self) -> float:
-        """v0 of the published laws, km/h: the initial speed, but within their range if that is the speed limit."""
+        """Speed v0 of the published laws, km/h: the initial speed, clipped to their range if it is the speed limit."""
         low, high = INITIAL_SPEED_RANGE_KMH
         limit = self.vehicle.speed_limit
         follows = limit is not None and math.isclose(self.initial_speed, limit / KMH, rel_tol=1e-6)
         return min(max(self.initial_speed, low), high) if follows else self.initial_speed
 
     def check_files(self) -> None:
-        """Read the laws in files, so that their errors come now and not from `points`."""
+        """Read the laws that are given as files, and raise their errors now instead of in `points`."""
         self._check([law for law in self.laws if _is_file(law)])
 
     def _check(self, laws: list[Any]) -> None:
         for rail, law in product(self.rails, laws):
             try:
-                found = _law(law, rail, self.vehicle, self)
+                law_on_rail = _law(law, rail, self.vehicle, self)
             except MissingParametersError as error:
                 raise InputError(str(error)) from None
-            if self.reference is not None or found.reference_slip(rail) is not None:
-                _reference(self, found, rail)
+            if self.reference is not None or law_on_rail.reference_slip(rail) is not None:
+                _reference(self, law_on_rail, rail)
 
     def at(self, **changes: Any) -> Envelope:
-        """Copy with other values of some fields, checked."""
+        """Return a checked copy of the envelope with the fields in `changes` changed."""
         return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
 
     def table(self) -> dict[str, Any]:
@@ -198,28 +201,30 @@ class Envelope(Record):
         }
 
     def points(self, *, nominal: bool = False, held: HeldSlip | None = None) -> EnvelopePoints:
-        """Cases in the order rails, laws, loads, speeds, radii, slips, errors, dead times, lags.
+        """Return all cases, ordered by rail, law, load, speed, radius, slip, errors, dead time and lag.
 
-        `nominal` gives the operating points alone; `held` replaces the reference slip. A case without linear plant
-        (outside the law's domain, or at a kink) is left out, with the reason. InputError if no case is left, a law
-        cannot be read, or no reference slip is known.
+        - nominal: if true, only the operating points, without tolerances.
+        - held: function that gives the slip to hold, in place of the reference slip.
+
+        A case without linear plant (outside the law's domain, or at a kink) is skipped, and the reason is recorded.
+        InputError if no case remains, a law cannot be read, or no reference slip is known.
         """
         return _points(self, nominal, held)
 
     def knife_edges(self) -> tuple[str, ...]:
         """Warning for each law and rail whose reference slip is within 5 % of the adhesion peak at some speed.
 
-        There the slip pole changes its sign, so margins at the reference do not show those at nearby slips.
+        Near the peak the slip pole changes its sign, and the margins at nearby slips differ much.
         """
         warnings: dict[str, str] = {}
         for rail, law, _, load in _laws(self):
-            held = _reference(self, law, rail)
+            slip = _reference(self, law, rail)
             for speed in self.speeds:
                 top = peak(law, speed * KMH, load.wheel_load).slip
-                if abs(held / top - 1) <= _KNIFE_EDGE:
+                if abs(slip / top - 1) <= _KNIFE_EDGE:
                     warnings.setdefault(
                         f"{law.name}, {rail}",
-                        f"{law.name}, {rail} rail: the reference slip {held:.4g} is {_beside(held, top)} the adhesion "
+                        f"{law.name}, {rail} rail: the reference slip {slip:.4g} is {_beside(slip, top)} the adhesion "
                         f"peak at {top:.4g}: small changes of slip change the margins; choose a smaller reference slip",
                     )
         return tuple(warnings.values())
@@ -235,7 +240,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     """Read the table `[envelope]` of a TOML file, speeds in km/h; a vehicle's file without it gives the default.
 
     - path: a vehicle's file, or a file with the envelope alone. Paths of laws are relative to it.
-    - vehicle: left out, the vehicle of the file.
+    - vehicle: quarter car; by default the vehicle of the file.
 
     InputError, with file, key and value in one line: a file that cannot be read, or has neither an envelope nor a
     vehicle.
@@ -251,7 +256,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     if not of_vehicle and (vehicle is None or len(content) > 1):
         key = next((key for key in content if key != "envelope"), None)
         raise InputError(
-            f"{where}: {'has no vehicle; give one too' if key is None else f'{key}: unknown key; remove it'}"
+            f"{where}: {'has no vehicle; pass a vehicle too' if key is None else f'{key}: unknown key; remove it'}"
         )
     car = load_vehicle(path) if vehicle is None else vehicle
     table = content.get("envelope", {})
@@ -270,9 +275,10 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
 class Case:
     """One case of an envelope: an operating point with its tolerances.
 
-    `point` has a vehicle with the load, wheel radius and actuator of the case. `load` is "empty" or "loaded",
-    `slip_factor` the slip over the reference slip. `errors` are torque gain, scale of the train's speed, and believed
-    over true radius.
+    - point: operating point; its vehicle has the load, wheel radius and actuator of the case.
+    - load: "empty" or "loaded".
+    - slip_factor: slip over reference slip.
+    - errors: torque gain, scale of the train's speed, and assumed over true radius.
     """
 
     point: OperatingPoint
@@ -327,13 +333,14 @@ class Case:
 class EnvelopePoints:
     """Cases of an envelope: linear plants, each with all its actuators.
 
-    - plants, loads, slip_factors: of each linearised plant; its vehicle has the load and the radius of the case.
-    - errors: of each plant, as in `Case`.
-    - actuators: the first one is the vehicle's.
+    - plants, loads, slip_factors: linearised plants, with load and slip factor of each; the vehicle of a plant has the
+      load and the radius of the case.
+    - errors: errors of each plant, as in `Case`.
+    - actuators: actuators; the first is that of the vehicle.
     - plant, actuator: (n,), index of plant and actuator of each case.
     - operating: (n,), whether the case is an operating point, all factors 1.
     - skipped: cases without linear plant, with the reason.
-    - made: results of `system`, shared with subsets of these cases.
+    - made: cached results of `system`, shared with subsets of these cases.
     """
 
     vehicle: Vehicle
@@ -389,7 +396,7 @@ class EnvelopePoints:
 
 def _points(envelope: Envelope, nominal: bool, held: HeldSlip | None) -> EnvelopePoints:
     car = envelope.vehicle
-    # a factor of 1 that is not in the given list is for the operating points alone
+    # if the given list lacks the factor 1, that factor is used for the operating points alone
     lags, dead_times, radii, slips = (
         (1.0,) if nominal else tuple(dict.fromkeys((1.0, *getattr(envelope, name))))
         for name in ("lag", "dead_time", "radius", "slip")
@@ -460,8 +467,8 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
     """Law on a rail under a load.
 
-    A law that is not published keeps the mu of the load at which it was found: that of the empty vehicle, unless its
-    file or the law states another.
+    A law that is not published keeps the mu of the wheel load at which it was identified. This is the wheel load of the
+    empty vehicle, unless the law or its file states another.
     """
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):
@@ -474,7 +481,7 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
 
 
 def _law_of_file(path: Path, envelope: Envelope) -> tuple[AdhesionLaw, float | None]:
-    """Law in a file, and the wheel load, N, at which it was found, if the file states it."""
+    """Law in a file, and the wheel load, N, at which it was identified, if the file states it."""
     try:
         return load_law(path, initial_speed_kmh=envelope.initial_speed), wheel_load_in(path)
     except InputError as error:

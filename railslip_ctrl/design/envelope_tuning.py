@@ -40,7 +40,7 @@ Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 class Design:
     """Controller with its `judgement` over an envelope; `simulate`, `campaign` and `judge` accept it.
 
-    `reason` states why it does not have the required Ms at the speeds that it controls; empty if it has.
+    `reason` states why the required Ms is not met at the speeds that the controller controls; empty if it is met.
     """
 
     controller: Controller
@@ -56,9 +56,9 @@ class Design:
         return f"{self.controller.described()}\n{self.judgement}"
 
     def save(self, path: str | Path) -> None:
-        """Write the TOML file that every command accepts with --controller.
+        """Write the controller to the TOML file `path`, which every command accepts with --controller.
 
-        InputError if it cannot be written, or if the laws of the envelope have different reference slips.
+        InputError if the file cannot be written, or if the laws of the envelope have different reference slips.
         """
         if self.controller.reference is None and self.controller.follows_reference:
             raise InputError(
@@ -78,7 +78,11 @@ def by_rule(
 ) -> Design:
     """Return the controller of a kind whose parameters follow from the vehicle, with its judgement.
 
-    If its Ms is larger than `ms_max`, the result has a `reason`.
+    - kind: class of the controller.
+    - envelope: operating points and tolerances for the judgement.
+    - ms_max: required Ms, a ratio, > 1; a `Design` with a larger Ms has a `reason`.
+    - nominal: if true, judge without tolerances.
+    - period: sampling period, s; by default that of the kind's rule.
     """
     fields = {} if period is None else {"period": check_period(period)}
     control = kind.for_vehicle(envelope.vehicle, **fields)
@@ -90,10 +94,10 @@ def by_rule(
 
 
 def hand_over_of(judgement: Judgement) -> float:
-    """Return the hand-over speed, km/h, below which the design does not control the slip.
+    """Return the hand-over speed, km/h, below which the design does not control the slip, from its `judgement`.
 
-    It is the lowest speed at which the design is robust, or if there is none, stable with every tolerance. 0 (no
-    hand-over) for an envelope with a single speed.
+    It is the lowest speed at which the design is robust. If the design is robust nowhere, it is the lowest speed at
+    which the design is stable with every tolerance. It is 0 (no hand-over) for an envelope with a single speed.
     """
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
@@ -129,13 +133,12 @@ def tune(
     - minimise_ms, ki_min: minimise the worst Ms instead, at an integral gain of at least `ki_min`, N*m/m.
     - nominal: judge without tolerances.
     - lead, lead_filter: time constants of the lead, s; by default the actuator's lag, and a tenth of the lead.
-    - period: sampling period, s, or twice the lead's filter if that is less; by default 10 ms, or that of the kind's
-      rule.
+    - period: sampling period, s; by default 10 ms, or that of the kind's rule. It is at most twice the lead's filter.
 
     Returns the controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, with tolerances.
-    InfeasibleDesignError: no gains meet the specification; the message has the lowest speed (km/h) above which some do,
-    also with a smaller reference slip and a faster brake. InputError: an unknown structure, a number out of its range,
-    `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without points.
+    InfeasibleDesignError: no gains meet the specification. The message has the lowest speed (km/h) above which it can
+    be met, also with a smaller reference slip and a faster brake. InputError: an unknown structure, a number out of
+    range, `ki_min` or `minimise_ms` alone, an argument that the structure does not use, or an envelope without points.
     """
     specification, kind = Specification(ms_max, phase_min, delay_min), structure_named(structure)
     if not issubclass(kind, PI):
@@ -169,9 +172,10 @@ def tune_over(
     nominal: bool = False,
     period: float | None = None,
 ) -> tuple[TunedCases, Design | None]:
-    """Tune as `tune` for any specification; an infeasible one is a result with its reason, and no design.
+    """Tune as `tune`, for any specification; if it is infeasible, return no design but the reason.
 
-    The design is judged only at the operating points if `nominal`.
+    The arguments are those of `tune`, with the class `kind` as structure. If `nominal`, the design is judged only at
+    the operating points.
     """
     hold = PERIOD if period is None else check_period(period)
     points = envelope.points(nominal=nominal)
@@ -215,8 +219,8 @@ def sampled_below(
 ) -> SampledController:
     """Return the sampled controller of a design, with ki reduced until no sampled loop has a larger Ms than `ms_max`.
 
-    The design was tuned with the delay of the hold. If the limit is not reached in a few steps, the last controller is
-    returned, and its judgement shows the Ms.
+    The `design` was tuned for `plants` and `actuator` with the delay of the hold. `period` is the sampling period, s.
+    If the limit is not reached in a few steps, the last controller is returned, and its judgement shows the Ms.
     """
     step, critical = _KI_STEP, list(plants)
     for _ in range(_KI_STEPS):
@@ -240,7 +244,7 @@ def judged_design(
     slips: ReferenceSlip | None,
     nominal: bool = False,
 ) -> Design:
-    """Return a tuned controller of a kind with its judgement."""
+    """Return the `Design` of a tuned controller, as an instance of `kind` with its judgement over the envelope."""
     judgement = judge_points(envelope, run, points, nominal=nominal)
     operating = [plant.point for plant in operating_plants(points)]
     hand_over = hand_over_of(judgement)
@@ -283,7 +287,7 @@ def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], 
 
 
 def _violating(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> list[LinearPlant]:
-    """Return up to `_JOINING` plants that violate the specification, or the minimised Ms, most with a design."""
+    """Return up to `_JOINING` plants at which a design exceeds the specification, or the minimised Ms, most."""
     assert tuned.design is not None
     if not plants:
         return []
@@ -297,7 +301,7 @@ def _violating(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actua
 
 
 def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> float | None:
-    """Return the lowest speed, km/h, above which the specification is feasible, by bisection; None without one."""
+    """Return the lowest speed, km/h, above which the specification is feasible; None if no speed is feasible."""
     speeds = sorted({plant.point.speed_kmh for plant in plants})
 
     def feasible(speed: float) -> bool:
@@ -312,25 +316,26 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
 
 
 def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
-    """Yield the lowest feasible speed, also with a smaller reference slip and with a faster brake, as text."""
+    """Yield remedies for an infeasible specification as text: the lowest speed, a smaller slip, a faster brake."""
     brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
     plants, slips, delayed = operating_plants(points), held_slips(envelope, points), _with_hold(brake, period)
     lowest = _feasible_from(tuned_at, plants, delayed)
-    yield "no speed of the envelope meets it" if lowest is None else f"it can be met from {lowest:g} km/h up"
+    yield "no speed meets the specification" if lowest is None else f"it can be met from {lowest:g} km/h up"
     for factor in _REMEDY_FACTORS:
         if slips is None:
             break
         less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
         lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), delayed)
         if lowest is not None:
-            yield f"with {factor:g} of the reference slip from {lowest:g} km/h up"
+            yield f"with {factor:g} of the reference slip it can be met from {lowest:g} km/h up"
             break
     for factor in _REMEDY_FACTORS:
         faster = Actuator(dead_time=factor * brake.dead_time, lag=factor * brake.lag)
         delayed = _with_hold(faster, period)
         lowest = _feasible_from(partial(tuned_at, actuator=delayed), plants, delayed)
         if lowest is not None:
-            yield f"with dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s from {lowest:g} km/h up"
+            brake_text = f"dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s"
+            yield f"with {brake_text} it can be met from {lowest:g} km/h up"
             break
 
 
@@ -392,9 +397,9 @@ class StructureChoice:
     - reference_factor: factor on the envelope's reference slips.
     - reach_s: longest time, s, in which the integral builds up the torque of the reference slip, over the operating
       points of highest speed.
-    - stop_s: stopping time there, s, with the adhesion of the reference slip.
-    - adhesion_share: adhesion at the reference slips relative to that at the envelope's, the smallest over the
-      operating points.
+    - stop_s: stopping time from the highest speed, s, with the adhesion of the reference slip.
+    - adhesion_share: adhesion at the candidate's reference slips over adhesion at the envelope's reference slips, the
+      smallest over the operating points.
     - lead_filter: time constant of the lead's filter, s.
     """
 
@@ -414,7 +419,7 @@ class StructureChoice:
 
     @property
     def tier(self) -> tuple[bool, float, float]:
-        """First part of the criterion of `select`, which follows from the judgement alone; smaller is better."""
+        """Sort key for the first three lines of the criterion of `select`; smaller is better."""
         if self.design is None:
             return True, math.inf, math.inf
         judgement = self.design.judgement
@@ -535,8 +540,8 @@ def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
 def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
     """Return the time to build up the torque of the reference slip, and the stopping time, s.
 
-    They are those of the point where their ratio is worst. For a rolling wheel the error is the whole reference slip
-    velocity. The initial torque is safe on every rail.
+    Both belong to the operating point at which their ratio is largest. For a rolling wheel the error is the whole
+    reference slip velocity. The initial torque is safe on every rail.
     """
     operating = [plant.point for plant in operating_plants(points)]
     start = SURE_SHARE * min(point.brake_torque for point in operating)
@@ -617,7 +622,7 @@ class _Search:
         for result in ranked:
             if result is slowest:
                 break
-            # check all hard cases, because those left out may be critical here
+            # check all hard cases, because a case that was left out may be critical here
             checked, _ = self.at(result.integral_time, hardest)
             if checked is not None and checked.rank[:2] <= slowest.rank[:2]:
                 return self.faster(checked, times, hardest, few)
@@ -626,9 +631,10 @@ class _Search:
     def faster(
         self, start: _Result, times: list[float], points: EnvelopePoints, few: EnvelopePoints
     ) -> tuple[PIController, float | None]:
-        """Return the same as `best`, with a shorter integral time than in `start` if that is not worse.
+        """Return controller and lowest speed as `best`, with a shorter integral time if that is not worse.
 
-        Integral times down to the next one tried are searched by halving at a few cases, and checked at all.
+        Integral times between that of `start` and the next shorter of `times` are bisected at the `few` cases; the
+        results are checked at all `points`.
         """
         end = max((time for time in times if time < start.integral_time), default=start.integral_time)
         results, ratio = [start], (end / start.integral_time) ** 0.5 if is_robust(start.ms) else 1.0

@@ -1,7 +1,7 @@
 """Map of the gains with Ms below a level at every operating point, and of Ms over any two parameters of a controller.
 
-The ends of a row are exact: they follow from the gains that each frequency excludes (`tuning_search`), and the exact
-root count decides whether the loop between them is stable.
+The map consists of rows of equal ki. The ends of the intervals of a row are exact: they follow from the gains that each
+frequency excludes (`tuning_search`). The exact root count decides whether the loop is stable between two ends.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ Row = tuple[float, list[Interval]]
 
 @dataclass(frozen=True)
 class GainLevel:
-    """Gains with an Ms of at most `ms`, or all stabilising gains if that is None.
+    """Gains with an Ms of at most `ms`, or all stabilising gains if `ms` is None.
 
-    `rows` have ki, N*m/m, ascending, each with its intervals of kp, N*m/(m/s).
+    Each of the `rows` has a ki, N*m/m, and the intervals of kp, N*m/(m/s), at this ki; ki ascends.
     """
 
     ms: float | None
@@ -61,9 +61,12 @@ class GainLevel:
 
 
 def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) -> tuple[GainLevel, ...]:
-    """Return the map of a PI's gains with its lead: the stabilising gains, then each of `LEVELS` that some gains meet.
+    """Return the gains of a PI that stabilise all plants, then those that meet each of `LEVELS` at all plants.
 
-    All plants count. Empty if no gains stabilise.
+    - control: PI, whose lead is kept.
+    - plants, actuator: the loops; every plant must meet a level.
+
+    Levels that no gains meet are left out. The result is empty if no gains stabilise.
     """
     shape = PIController(PIGains(kp=1.0, ki=0.0), control.lead, control.lead_filter).transfer_function
     systems = [shape * actuated_plant(plant, actuator) for plant in plants]
@@ -90,7 +93,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
         return intervals
 
     def row(ki: float, ms: float | None) -> list[Interval]:
-        """Return the intervals of kp; with finite Ms no pole is on the axis, so that a whole gap is stable or not."""
+        """Return the intervals of kp at one ki; finite Ms excludes poles on the axis, so one loop decides each."""
         if ms is None or not stable(ki):
             return stable(ki)
         gaps = family.forbidden.gaps(ki, Specification(ms), ki)
@@ -113,7 +116,7 @@ def gain_levels(control: PI, plants: Sequence[LinearPlant], actuator: Actuator) 
 
 
 def _top(met: Callable[[float], bool], begin: float) -> float:
-    """Return a ki slightly above the largest that meets a condition."""
+    """Return a ki slightly above the largest ki that meets a condition; the search starts at `begin`."""
     ki, ratio = begin, 2.0
     while ratio > _NEAR_TOP:
         higher = met(ki)
@@ -141,7 +144,11 @@ def ms_cells(
     plants: Sequence[LinearPlant],
     actuator: Actuator,
 ) -> tuple[list[float], list[float], Floats]:
-    """Return the worst Ms over two parameters of a controller: values of each parameter `around` one, and Ms.
+    """Return the values of two parameters of a controller, and the worst Ms over all plants at each pair of values.
+
+    - control_at: function of the two parameters that returns the controller.
+    - around, count: central value and number of values of each parameter.
+    - plants, actuator: the loops.
 
     Ms is inf if a loop is unstable, and NaN if `control_at` has no controller for the values.
     """
@@ -165,7 +172,7 @@ def ms_cells(
 
 
 def _around(value: float, count: int) -> list[float]:
-    """Return values around one in equal ratios; around 0 from -1 to 1."""
+    """Return `count` values around `value` in equal ratios; from -1 to 1 if `value` is 0."""
     share = np.linspace(-1.0, 1.0, count)
     return [float(x) for x in (value * _SPAN**share if value else share)]
 
@@ -188,7 +195,7 @@ class Screen:
 
     - omega: frequencies, rad/s, (m,).
     - responses: frequency responses of brake and wheel, (n, m).
-    - right: number of their poles right of the axis, counting those on the axis by half, (n,).
+    - right: number of poles of brake and wheel right of the axis, (n,); a pole on the axis counts as half.
     - speeds: train speeds, km/h, (n,).
     - poles: fastest pole of each plant, 1/s, (n,).
     """
@@ -201,7 +208,7 @@ class Screen:
 
     @classmethod
     def of(cls, points: EnvelopePoints) -> Screen:
-        """Make the record for the plants of some points, with the vehicle's own actuator."""
+        """Make the screen for the plants of `points`, with the vehicle's own actuator."""
         brake = points.vehicle.actuator
         loops = [DeadTimeLoop(actuated_plant(plant, brake), brake.dead_time) for plant in points.plants]
         low, high = zip(*(loop.feature_band() for loop in loops), strict=True)
@@ -215,9 +222,10 @@ class Screen:
         )
 
     def hardest(self, system: Any, from_kmh: float = 0.0) -> int:
-        """Return the index of the hardest plant at or above a speed for a continuous linear system.
+        """Return the index of the plant that is hardest to control at or above a speed.
 
-        Without a system (None) it is the plant with the fastest pole.
+        - system: continuous linear controller. If None, the hardest plant is that with the fastest pole.
+        - from_kmh: lowest speed, km/h.
         """
         above = self.speeds > from_kmh * (1 - 1e-9)
         allowed = above if above.any() else ~above

@@ -40,10 +40,10 @@ _ENGINES_AGREE = 1e-6  # relative difference of Ms by the batch and by the scala
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None if it is unstable.
+    """Worst case of a controller, with its loop and its margins by the scalar engine (None for an unstable loop).
 
-    `run_case`, `as_run` and `sampled` are the same for the worst sampled loop, if a continuous controller states its
-    sampling; otherwise `as_run` and `sampled` are None.
+    `run_case`, `as_run` and `sampled` are the case, the loop and the margins of the worst sampled loop. `as_run` and
+    `sampled` are None unless a continuous controller states its sampling.
     """
 
     case: Case
@@ -88,9 +88,9 @@ class WorstCase:
     def table(self) -> dict[str, Any]:
         """Ms, phase (deg) and delay margin (s) with the case for JSON; null if unstable or unbounded."""
         m = self.margins
-        found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
+        values = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
-        table: dict[str, Any] = {**dict(zip(names, found, strict=True)), "case": self.case.table()}
+        table: dict[str, Any] = {**dict(zip(names, values, strict=True)), "case": self.case.table()}
         if self.as_run is not None:
             table["sampled"] = {"period_s": self.as_run.period, "ms": None if self.sampled is None else self.sampled.ms}
             if self.run_case is not self.case:
@@ -109,7 +109,7 @@ class MsMap:
     Ms is that of the sampled loop if it is larger.
 
     `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
-    and NaN where there is none.
+    and NaN at a speed and load without a case.
     """
 
     speeds_kmh: Floats
@@ -127,11 +127,12 @@ class MsMap:
 class Judgement:
     """A controller over an envelope; see `judge`.
 
-    - controller: the linear system.
-    - envelope: with the reference slip of the verdict.
+    - controller: linear system that was judged.
+    - envelope: envelope with the reference slips at which the controller was judged.
     - nominal: whether only the operating points were judged.
-    - points: the cases; `margins` has one entry for each, NaN if the loop is unstable. Gain margins, and for a discrete
-      controller all margins but Ms, are known at the operating points alone, NaN elsewhere; a seeking one has only Ms.
+    - points: cases of the envelope.
+    - margins: margins of each case, NaN for an unstable loop. Gain margins are known only at the operating points, NaN
+      elsewhere, as are all margins but Ms of a discrete controller. A seeking controller has only Ms.
     """
 
     controller: Any
@@ -148,43 +149,44 @@ class Judgement:
 
     @cached_property
     def ms(self) -> Floats:
-        """Ms of each case, inf if the loop is unstable, (n,); that of the sampled loop if `as_it_runs`."""
+        """Ms of each case, inf if the loop is unstable, (n,); Ms of the sampled loop if `as_it_runs`."""
         return np.where(self.stable, self.margins.ms, np.inf)
 
     @cached_property
     def sampled_ms(self) -> Floats:
         """Ms of the sampled loop, inf if it is unstable, (n,), for a continuous controller that states its sampling.
 
-        A kind with its own loop has all cases. Other kinds have every operating point, and at every speed the cases of
-        largest Ms and of least delay margin, which sampling affects most; NaN elsewhere.
+        If the kind of controller builds its own loop, Ms is known for all cases. Otherwise it is known at every
+        operating point, and at each speed for the cases of largest Ms and of least delay margin, which sampling affects
+        most. It is NaN elsewhere.
         """
-        found = np.full(len(self.points), np.nan)
+        ms = np.full(len(self.points), np.nan)
         if self.as_it_runs:
             return self.ms
         if getattr(self.controller, "as_run", None) is None:
-            return found
-        asked = self.points.operating.copy()
+            return ms
+        computed = self.points.operating.copy()
         for speed in np.unique(self.points.speed_kmh):
             cases = np.flatnonzero(self.points.speed_kmh == speed)
-            asked[cases[np.argsort(self.ms[cases])[-_LOOKED_AT:]]] = True
-            asked[cases[np.argmin(np.where(self.stable[cases], self.margins.delay_s[cases], 0.0))]] = True
-        for i in np.flatnonzero(asked).tolist():
+            computed[cases[np.argsort(self.ms[cases])[-_LOOKED_AT:]]] = True
+            computed[cases[np.argmin(np.where(self.stable[cases], self.margins.delay_s[cases], 0.0))]] = True
+        for i in np.flatnonzero(computed).tolist():
             plant, actuator = _of(self.points, i)
             loop = loop_as_run(plant, self.controller, actuator)
-            found[i] = np.nan if loop is None else sampled_peak(loop)
-        return found
+            ms[i] = np.nan if loop is None else sampled_peak(loop)
+        return ms
 
     @cached_property
     def run_ms(self) -> Floats:
-        """Larger of `ms` and `sampled_ms`, if that is known, (n,)."""
+        """Larger of `ms` and `sampled_ms` of each case, (n,); `ms` if `sampled_ms` is NaN."""
         return np.fmax(self.ms, self.sampled_ms)
 
     @property
     def verdict(self) -> str:
         """Verdict: "robust", "fragile" or "unstable", also for the sampled loop if the controller states its sampling.
 
-        Robust is Ms <= 2 at every operating point and stable with every tolerance; fragile is stable at every operating
-        point.
+        A robust controller has Ms <= 2 at every operating point and is stable with every tolerance. A fragile
+        controller is stable at every operating point.
         """
         return self._verdict(np.ones(len(self.points), dtype=bool))
 
@@ -200,7 +202,7 @@ class Judgement:
 
     @cached_property
     def worst(self) -> WorstCase:
-        """Operating point of largest Ms from `usable_from_kmh` up; of all speeds if that is None."""
+        """Operating point of largest Ms from `usable_from_kmh` up; over all speeds if no speed is usable."""
         return self._worst(self._usable & self.points.operating)
 
     @cached_property
@@ -225,14 +227,14 @@ class Judgement:
 
     @cached_property
     def _rough(self) -> dict[str, Floats]:
-        """Margins of the operating points on a grid of frequencies, to select those to compute exactly, (n,)."""
-        found = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
+        """Approximate margins, (n,), from a grid of frequencies, to select the points to compute exactly."""
+        margins_by_name = {name: np.full(len(self.points), np.nan) for name in _ROUGH}
         for i in np.flatnonzero(self.points.operating).tolist():
             plant, actuator = _of(self.points, i)
             margins = _rough_margins(wheel_slip_loop(plant, self.controller, actuator))
             for name, value in zip(_ROUGH, margins, strict=True):
-                found[name][i] = value
-        return found
+                margins_by_name[name][i] = value
+        return margins_by_name
 
     @cached_property
     def map(self) -> MsMap:
@@ -249,7 +251,7 @@ class Judgement:
         return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
 
     def by_axis(self) -> dict[str, dict[Any, tuple[float, float]]]:
-        """For each axis of the envelope and each value: share of stable loops, and worst Ms of these."""
+        """For each axis of the envelope and each of its values: share of stable loops, and worst Ms of these loops."""
         plants, actuators = self.points.plants, self.points.actuators
         of_plants = {
             "law": [plant.point.adhesion for plant in plants],
@@ -304,10 +306,10 @@ class Judgement:
         if not finds_slip(self.controller):
             return self.envelope.knife_edges()
         points = [plant.point for plant in self.points.plants]
-        found = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
+        slips = [one.slip for one, factor in zip(points, self.points.slip_factors, strict=True) if factor == 1]
         past = sum(one.slip > peak(one.law, one.speed, one.vehicle.wheel_load).slip for one in points)
         return (
-            f"judged at the slip that the controller finds, {min(found):.3g} to {max(found):.3g} by rail and speed, "
+            f"judged at the slip that the controller finds, {min(slips):.3g} to {max(slips):.3g} by rail and speed, "
             f"and at the envelope's factors on it; {100 * past / len(points):.0f} % of these slips are past the peak",
         )
 
@@ -349,7 +351,7 @@ class Judgement:
         )
 
     def _decided(self, cases: Flags) -> str:
-        """Verdict over some cases with the deciding case: an operating point, or a tolerance with an unstable loop."""
+        """Verdict over the chosen `cases` with its deciding case: an operating point, or an unstable tolerance case."""
         verdict = self._verdict(cases)
         tolerances = verdict == "fragile" and not self._stable(cases)
         worst = self._worst(cases if tolerances else cases & self.points.operating)
@@ -370,25 +372,25 @@ class Judgement:
         return bool(np.isfinite(self.run_ms[cases]).all())
 
     def _lowest(self, holds: Any) -> float | None:
-        speeds, found = self.points.speed_kmh, None
+        speeds, lowest = self.points.speed_kmh, None
         for speed in np.unique(speeds)[::-1].tolist():
             if not (holds(speeds == speed) and self._in_use[speeds == speed].all()):
                 break
-            found = speed
-        return found
+            lowest = speed
+        return lowest
 
     def _worst(self, chosen: Flags) -> WorstCase:
-        """Chosen cases of largest Ms and of largest sampled Ms, by the scalar engine, which must agree."""
+        """Cases of largest Ms and of largest sampled Ms among `chosen`; the scalar engine must confirm them."""
         index = self._largest(self.ms, chosen)
         known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
         run_index = self._largest(self.sampled_ms, chosen) if known else index
         case = self.points.case(index)
         run_case = case if run_index == index else self.points.case(run_index)
         (loop, margins), (run, sampled) = self._loop(index, wheel_slip_loop), self._loop(run_index, loop_as_run)
-        found = WorstCase(case, loop, margins, run_case, run, sampled)
-        ms = found.run_ms if self.as_it_runs else found.ms
+        worst = WorstCase(case, loop, margins, run_case, run, sampled)
+        ms = worst.run_ms if self.as_it_runs else worst.ms
         assert ms == self.ms[index] or math.isclose(ms, self.ms[index], rel_tol=_ENGINES_AGREE)
-        return found
+        return worst
 
     @cached_property
     def as_it_runs(self) -> bool:
@@ -396,7 +398,7 @@ class Judgement:
         return isinstance(self.controller, Controller) and type(self.controller).loop is not Controller.loop
 
     def _loop(self, index: int, made: Callable[..., Any]) -> tuple[Any, Margins | None]:
-        """Loop of a case, made once, and its margins; None if it is unstable or there is no loop."""
+        """Loop of a case, cached, and its margins; None if the loop is unstable or does not exist."""
         key = made, int(self.points.plant[index]), int(self.points.actuator[index])
         if key not in self._loops:
             plant, actuator = _of(self.points, index)
@@ -405,7 +407,7 @@ class Judgement:
         return self._loops[key]
 
     def _largest(self, ms: Floats, chosen: Flags) -> int:
-        """Chosen case of largest Ms; among unstable ones that with the largest product of pole and brake time."""
+        """Index of the chosen case of largest Ms; if loops are unstable, of the largest pole times brake time."""
         unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
             return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
@@ -419,15 +421,15 @@ class Judgement:
 def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgement:
     """Judge a linear controller over an envelope, the dead times exact.
 
-    - envelope: what the controller must hold.
+    - envelope: operating points and tolerances.
     - controller: linear system from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes
-      it. A continuous one that does not state its sampling is sampled every 10 ms by Tustin's rule. The `reference`
-      (slip ratios) of a controller is used unless the envelope has one; a controller that finds its slip, such as a
-      seeking one, is judged at that of each law.
+      it. A continuous system that does not state its sampling is sampled every 10 ms by Tustin's rule. Slips are those
+      of the envelope's `reference`, or else of the controller's. A controller that finds the slip by itself, such as
+      the seeking controller, is judged at the slip that it finds with each law.
     - nominal: whether to judge the operating points alone, without tolerances.
 
-    Returns the verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
-    every case; printing it shows the verdict. InputError: a controller without margins, or an envelope without points.
+    Returns the verdict, the lowest speed (km/h) at which the controller may be used, the worst cases, and the margins
+    of every case; `print` shows the verdict. InputError: a controller without margins, or an envelope without points.
     """
     controller = getattr(controller, "controller", controller)  # the controller of a design
     if is_kind(controller):
@@ -445,26 +447,28 @@ def judge(envelope: Envelope, controller: Any, nominal: bool = False) -> Judgeme
 
 
 def envelope_for(envelope: Envelope, controller: Any) -> Envelope:
-    """Envelope for judging a controller: at the slips that the controller holds, unless the envelope has its own.
+    """Envelope with the reference slips of the controller, unless the envelope has reference slips of its own.
 
-    If the controller finds its slip, the reference is not used; the speeds at which its loop changes are added.
+    If the controller finds the slip by itself, no reference is used; the speeds at which its loop changes are added.
     """
-    held = getattr(controller, "reference", None)
+    reference = getattr(controller, "reference", None)
     if finds_slip(controller):
         own = [round(speed / KMH, 9) for speed in controller.speeds_to_judge()]
         inside = [speed for speed in own if min(envelope.speeds) < speed < max(envelope.speeds)]
         return envelope.at(speeds=sorted({*envelope.speeds, *inside}))
-    return envelope if envelope.reference or not isinstance(held, ReferenceSlip) else envelope.at(reference=held)
+    if envelope.reference or not isinstance(reference, ReferenceSlip):
+        return envelope
+    return envelope.at(reference=reference)
 
 
 def bounds_over(points: EnvelopePoints, over: MsMap) -> Floats:
-    """Smallest Ms that any controller can have at a speed and load of a map, (m, n): a theorem, see `limits`."""
-    found = np.ones((over.speeds_kmh.size, len(over.loads)))
+    """Smallest Ms that any linear controller can have at each speed and load of a map, (m, n); see `limits`."""
+    bounds = np.ones((over.speeds_kmh.size, len(over.loads)))
     for plant, load in zip(points.plants, points.loads, strict=True):
         poles, zeros = (roots[roots.real > 0] for roots in (plant.poles, plant.zeros))
         at = int(np.argmin(np.abs(over.speeds_kmh - plant.point.speed_kmh))), over.loads.index(load)
-        found[at] = max(found[at], least_peak(poles, zeros, points.vehicle.actuator.dead_time))
-    return found
+        bounds[at] = max(bounds[at], least_peak(poles, zeros, points.vehicle.actuator.dead_time))
+    return bounds
 
 
 def finds_slip(controller: Any) -> bool:
@@ -473,26 +477,26 @@ def finds_slip(controller: Any) -> bool:
 
 
 def judge_points(envelope: Envelope, controller: Any, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
-    """Judge a controller at points made before by `Envelope.points`; see `judge`."""
+    """Judge a controller as `judge`, at the `points` of an envelope, which the caller has computed."""
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
 def margins_at(
     controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
 ) -> BatchMargins:
-    """Margins of every case; the loop of a plant is made once and combined with each actuator in arrays.
+    """Margins of a controller at every case; the loop of a plant is made once for all actuators.
 
-    With `factors` on the loop gain the entries are (factors, cases), flattened. Gain margins are computed at the
-    operating points, or everywhere if `gain_margins`; Ms is then left out.
+    - factors: factors on the loop gain; the margins are then ordered by factor, then by case.
+    - gain_margins: true computes gain margins of every case and no Ms; by default only operating points have them.
     """
     if isinstance(controller, Controller):
         own = controller.stable_and_ms(
             [plant.point for plant in points.plants], points.actuators, (points.plant, points.actuator)
         )
         if own is not None:
-            found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
-            found["stable"], found["ms"] = own
-            return BatchMargins(**found)
+            columns = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
+            columns["stable"], columns["ms"] = own
+            return BatchMargins(**columns)
     used = np.unique(points.plant).tolist()
     if callable(linear_of(controller)):
         designs = [linear_controller(controller, points.plants[i].point) for i in used]
@@ -505,11 +509,11 @@ def margins_at(
     times = factors if factors is not None else np.ones(1)
     lags = np.array([one.lag for one in points.actuators])[points.actuator]
     dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
-    found = {one.name: np.full((times.size, len(points)), np.nan) for one in fields(BatchMargins)}
+    columns = {one.name: np.full((times.size, len(points)), np.nan) for one in fields(BatchMargins)}
     shapes = np.array([(c.zeros.size + g.zeros.size, c.poles.size + g.poles.size) for c, g in loops])
     loop_of = np.searchsorted(used, points.plant)
-    asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
-    kinds = product(np.unique(shapes, axis=0).tolist(), (lags > 0, lags == 0), asked)
+    groups = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
+    kinds = product(np.unique(shapes, axis=0).tolist(), (lags > 0, lags == 0), groups)
     for shape, braked, kind in kinds:
         alike = (shapes == shape).all(axis=1)
         mine = np.flatnonzero(alike[loop_of] & braked & kind)
@@ -531,14 +535,14 @@ def margins_at(
             gain_margins=gain_margins or (factors is None and bool(points.operating[mine[0]])),
             peaks=not gain_margins,
         )
-        for name, column in found.items():
+        for name, column in columns.items():
             column[:, mine] = getattr(part, name).reshape(n, mine.size)
-    flat = {name: column.ravel() for name, column in found.items()}
+    flat = {name: column.ravel() for name, column in columns.items()}
     return BatchMargins(**{**flat, "stable": flat["stable"] == 1})
 
 
 def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
-    """Margins `_ROUGH` of a stable loop on a grid of frequencies."""
+    """Margins named in `_ROUGH` of a stable loop, approximate, from a grid of frequencies."""
     low, high = loop.feature_band()
     omega = np.geomspace(low, high, _ROUGH_GRID)
     response = loop.response(omega)
@@ -556,7 +560,7 @@ def _rough_margins(loop: Any) -> tuple[float, float, float, float]:
 
 
 def _at_zero(values: Floats, others: Floats, at: Any) -> Floats:
-    """Values of `others` at the zeros of `values`, which are between the samples `at` and the next ones."""
+    """Values of `others` at the zeros of `values`, by interpolation between each sample `at` and the next."""
     share = values[at] / (values[at] - values[at + 1])
     return np.asarray(others[at] + share * (others[at + 1] - others[at]))
 
@@ -568,15 +572,15 @@ def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
     """Stability and Ms of sampled loops, which have no batch, and all margins at the operating points."""
-    found = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
+    columns = {one.name: np.full(len(points), np.nan) for one in fields(BatchMargins)}
     for index in range(len(points)):
         plant, actuator = _of(points, index)
         loop = wheel_slip_loop(plant, controller, actuator)
         assert isinstance(loop, SampledLoop), "as its controller is discrete"
-        found["ms"][index] = sampled_peak(loop)
-        found["stable"][index] = math.isfinite(found["ms"][index])
-        if points.operating[index] and found["stable"][index]:
+        columns["ms"][index] = sampled_peak(loop)
+        columns["stable"][index] = math.isfinite(columns["ms"][index])
+        if points.operating[index] and columns["stable"][index]:
             margins = loop.margins()
-            for name in found.keys() - {"stable"}:
-                found[name][index] = getattr(margins, name, np.nan)
-    return BatchMargins(**{**found, "stable": found["stable"] == 1})
+            for name in columns.keys() - {"stable"}:
+                columns[name][index] = getattr(margins, name, np.nan)
+    return BatchMargins(**{**columns, "stable": columns["stable"] == 1})

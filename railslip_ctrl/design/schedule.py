@@ -62,9 +62,15 @@ def schedule_gains(
     lead: float = 0.0,
     lead_filter: float = 0.0,
 ) -> GainSchedule:
-    """Tune a PI (with one lead for all, s) at each speed and rail, for the empty and the loaded vehicle.
+    """Tune a PI at each speed and rail, for the empty and the loaded vehicle, and return the gains over speed.
 
-    At each entry ki is maximised with Ms <= ms_max; between the entries Ms may be slightly larger.
+    - speeds_kmh: speeds of the entries, km/h.
+    - law: name of a published law with a reference slip.
+    - vehicle: quarter car with its empty and loaded mass.
+    - rails: rail conditions.
+    - ms_max: largest Ms at the entries, a ratio, > 1; ki is maximised. Between entries Ms may be slightly larger.
+    - lead, lead_filter: time constants of a lead and its filter, common to all entries, s; 0 for none.
+
     InfeasibleDesignError, with rail and speed, if an entry is infeasible; InputError without speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
@@ -101,7 +107,9 @@ def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
         def stable(speed_kmh: float, rail: Rail = rail) -> bool:
             return all(loop.is_stable() for loop in loops(rail, speed_kmh))
 
-        lowest = max(lowest, _lowest(stable, min(_LOWEST_KMH, top / 2), top, "this schedule is unstable"))
+        lowest = max(
+            lowest, _lowest(stable, min(_LOWEST_KMH, top / 2), top, "the loop with this gain schedule is unstable")
+        )
     return replace(draft, lowest_speed_kmh=lowest, worst_ms=worst)
 
 
@@ -113,10 +121,14 @@ def lowest_held_speed(
     ms_max: float = math.inf,
     low_kmh: float = _LOWEST_KMH,
 ) -> float:
-    """Return the lowest speed, km/h, above which the loop is stable up to 100 km/h (with Ms <= ms_max if given).
+    """Return the lowest speed, km/h, from which the loop is stable with Ms <= `ms_max` up to 100 km/h.
 
-    `plant` gives the linear plant at a speed in km/h. The result is at least `low_kmh`. InfeasibleDesignError if the
-    loop is not stable at 100 km/h.
+    - plant: function of the speed, km/h, that returns the linear plant.
+    - controller, actuator: the other parts of the loop.
+    - ms_max: largest Ms, a ratio; by default only stability is required.
+    - low_kmh: lower end of the search, km/h, which the result cannot fall below.
+
+    InfeasibleDesignError if the loop is unstable, or has a larger Ms, at 100 km/h.
     """
 
     def stable(speed_kmh: float) -> bool:
@@ -129,9 +141,11 @@ def lowest_held_speed(
 def lowest_stabilisable_speed(
     plant: Callable[[float], LinearPlant], actuator: Actuator, *, lead: float = 0.0, lead_filter: float = 0.0
 ) -> float:
-    """Return the lowest speed, km/h, at which some PI (with this lead) stabilises the loop, by the exact set of gains.
+    """Return the lowest speed, km/h, at least 0.5, at which some PI stabilises the loop, by the exact set of gains.
 
-    The result is at least 0.5 km/h.
+    - plant: function of the speed, km/h, that returns the linear plant.
+    - actuator: dead time and lag of the brake.
+    - lead, lead_filter: time constants of a lead in series with the PI, s; 0 for none.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
 
@@ -185,7 +199,13 @@ def sweep_speed(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Return margins over train speed (km/h) at the law's reference slip."""
+    """Return the margins of controllers over train speed at the reference slip of an adhesion law.
+
+    - controllers: by name, each fixed or a function of the speed, km/h.
+    - speeds_kmh: train speeds, km/h.
+    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
+    - vehicle: quarter car.
+    """
     plants = [plant_at(law, vehicle, rail, speed, initial_speed_kmh) for speed in speeds_kmh]
     slip = plants[0].point.slip if plants else math.nan
     title = f"{law}, {rail} rail, slip {slip:g}, M {vehicle.mass:g} kg"
@@ -202,7 +222,14 @@ def sweep_slip(
     vehicle: Vehicle = PARK2008,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
 ) -> MarginSweep:
-    """Return margins over slip ratio at one train speed (km/h), through the adhesion peak."""
+    """Return the margins of controllers over slip ratio at one train speed, also beyond the adhesion peak.
+
+    - controllers: by name, each fixed or a function of the slip ratio.
+    - slips: slip ratios.
+    - law, rail, initial_speed_kmh: name, rail condition and v0 (km/h) of the published law.
+    - speed_kmh: train speed, km/h.
+    - vehicle: quarter car.
+    """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     plants = [linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail)) for slip in slips]
     title = f"{law}, {rail} rail, {speed_kmh:g} km/h, M {vehicle.mass:g} kg"

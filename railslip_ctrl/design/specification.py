@@ -20,7 +20,7 @@ _ROUNDING = 1e-6  # relative tolerance for a design that was tuned to the limit
 
 
 def is_robust(ms: float) -> bool:
-    """Return True if Ms is at most `ROBUST_MS`, with a tolerance for rounding."""
+    """Return True if `ms` is at most `ROBUST_MS`, with a tolerance for rounding."""
     return ms <= ROBUST_MS * (1.0 + _ROUNDING)
 
 
@@ -90,7 +90,7 @@ class Worst:
 def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
     """Return the margins of loops of any structures, in their order; NaN if a loop is unstable.
 
-    Without `gain_margins` or `peaks` (Ms, Mt, disk margin) these are NaN, which saves time.
+    If `gain_margins` or `peaks` (Ms, Mt, disk margin) is false, these margins are NaN, which saves time.
     """
     columns: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}

@@ -146,20 +146,22 @@ class Region(ABC):
         """
 
     def certified_contains(self, kp: float, ki: float) -> bool:
-        """Return the same as `contains`, with every step of the root count in ball arithmetic."""
+        """Return True if (kp, ki) stabilises, with every step of the root count in ball arithmetic; see `contains`."""
         responses = [Response(loop.system, loop.dead_time) for loop in self.loops(kp, ki)]
         return ki >= 0 and all(root_count(response, certain=True).stable for response in responses)
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Return True if ball arithmetic shows that all gains of a closed rectangle, ki > 0, stabilise.
+        """Return True if ball arithmetic shows that all gains of a closed rectangle stabilise.
+
+        - kp, ki: lowest and highest gain of the rectangle; ki > 0.
 
         InputError for ends that are not finite or not ascending.
         """
 
     @abstractmethod
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
-        """Return the loop of each plant with these gains, stable or not. InputError for a gain that is not finite."""
+        """Return the loop of each plant with gains kp and ki, stable or not; InputError unless both are finite."""
 
     @property
     @abstractmethod
@@ -223,7 +225,12 @@ class StabilizingRegion(Region):
         return ki >= 0 and self._count(kp, ki).stable
 
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Return the same as for `Region`. InputError also for a PID with a derivative part."""
+        """Return True if ball arithmetic shows that all gains of a closed rectangle stabilise; see `Region`.
+
+        - kp, ki: lowest and highest gain of the rectangle; ki > 0.
+
+        InputError as for `Region`, and for a PID with a derivative part.
+        """
         if self.decomposition.derivative_filter:
             raise InputError(
                 "certified rectangle: a PID with a derivative part is not supported; use certified_contains"
@@ -582,7 +589,10 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
 def region_map(
     region: Region, kp_limit: float = math.inf, ki_limit: float = math.inf
 ) -> tuple[tuple[Strip, ...], MarginGrid]:
-    """Return a region's `outline` up to limits of kp and ki, and the margins over a grid within it.
+    """Return the `outline` of a region and the margins over a grid within it.
+
+    - region: stabilising gains of one or several plants.
+    - kp_limit, ki_limit: largest gains to draw, > 0; by default the whole region.
 
     InputError for an empty region, with the reason, and for an unbounded region without a limit.
     """

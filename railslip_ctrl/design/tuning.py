@@ -107,7 +107,11 @@ def _tuned(family: Family, specification: Specification, ki_min: float | None) -
 
 @checked
 def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
-    """Return (kp, ki) with exactly |L(j crossover)| = 1 and arg L = -180 deg + phase margin there.
+    """Return (kp, ki) with exactly |L| = 1 and arg L = -180 deg + phase margin at a crossover.
+
+    - plant, dead_time: plant without dead time, and dead time, s, >= 0.
+    - crossover: frequency, rad/s, > 0.
+    - phase_margin_deg: phase margin at this frequency, deg.
 
     InfeasibleDesignError: this PI does not stabilise the plant, needs ki < 0, or has a smaller phase margin at another
     crossover.
@@ -225,7 +229,7 @@ def _searched(tuned: Callable[[float | None], TunedCases], lag: float) -> TunedC
     tried: dict[float, TunedCases] = {}
 
     def cost(log_time: float) -> float:
-        """Return Ms, or minus ki."""
+        """Return the worst Ms if it is minimised, else minus ki."""
         cases = tried[log_time] = tried.get(log_time) or tuned(math.exp(log_time))
         if cases.design is None:
             return 1e30
@@ -484,8 +488,11 @@ def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
 def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
     """Return the SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
 
-    `closed_loop_time` is tau_c, s, > -theta; by default theta ("tight control"). InputError for an unstable plant, for
-    a model without dead time and no tau_c, or as in `first_order_model`.
+    - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
+    - closed_loop_time: tau_c, s, > -theta; by default theta ("tight control").
+
+    InputError for an unstable plant, for a model without dead time if `closed_loop_time` is missing, or as in
+    `first_order_model`.
     """
     model = first_order_model(plant, dead_time)
     if model.kind is Kind.UNSTABLE:
@@ -509,10 +516,14 @@ def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = No
 def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
     """Return a PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
 
-    With lambda the closed-loop time, s, > 0, and alpha = lambda (lambda/T + 2), the PI has kp = T alpha/(k lambda^2)
-    and integral time alpha, which without dead time gives T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly. The PID is the
-    same in series with (theta s/2 + 1). The formulas are derived as in the source. With dead time only an interval of
-    lambda stabilises, which the source gives as a graph.
+    - plant, dead_time: plant without dead time, and dead time, s, as in `first_order_model`.
+    - closed_loop_time: lambda, s, > 0.
+    - derivative: true for a PID, false for a PI.
+
+    With alpha = lambda (lambda/T + 2) the PI has kp = T alpha/(k lambda^2) and integral time alpha. Without dead time
+    this gives T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly. The PID is this PI in series with (theta s/2 + 1). The
+    formulas are derived as in the source. With dead time only an interval of lambda stabilises; the source gives it as
+    a graph.
 
     InputError for a plant that is not unstable, or whose model no controller of the structure stabilises (theta >= T
     for a PI, >= 2 T for a PID), a lambda that is not > 0, or as `first_order_model`.

@@ -1,6 +1,6 @@
 """Controllers shaped by hand over an envelope: the first controller of each kind, and controllers by their parameters.
 
-Operating points and results from them are cached, because every change of a parameter needs them again.
+Operating points and their results are cached, because every change of a parameter needs them again.
 """
 
 from __future__ import annotations
@@ -78,19 +78,19 @@ class Workbench:
         return first.with_design_numbers(values, **({"reference": slips} if first.follows_reference else {}))
 
     def with_ratio_of(self, control: Controller) -> dict[str, Controller]:
-        """Return `kinds` in which the entry of transfer functions is the given linear controller."""
+        """Return `kinds` with the given linear controller as the entry of the kind "transfer function"."""
         if not isinstance(control, LinearControl) or control.kind == TransferFunction.kind:
             return self.kinds
         return {**self.kinds, TransferFunction.kind: begun(TransferFunction, control, self.reference)}
 
     def points(self, control: Controller, *, nominal: bool = True) -> tuple[Envelope, EnvelopePoints]:
         """Return the envelope over which a controller is judged, and its cases."""
-        held = cast(HeldSlip, control.held_slip) if control.finds_slip else None
-        own = (control.kind, control.slip_numbers()) if held else getattr(control, "reference", None)
+        slip_of = cast(HeldSlip, control.held_slip) if control.finds_slip else None
+        own = (control.kind, control.slip_numbers()) if slip_of else getattr(control, "reference", None)
 
         def made() -> tuple[Envelope, EnvelopePoints]:
             envelope = envelope_for(self.envelope, control)
-            return envelope, envelope.points(nominal=nominal, held=held)
+            return envelope, envelope.points(nominal=nominal, held=slip_of)
 
         cases: tuple[Envelope, EnvelopePoints] = self._cached((own, nominal), made)
         return cases
