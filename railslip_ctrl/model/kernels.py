@@ -90,14 +90,15 @@ _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTI
 
 
 def scalar_source(law: type[AdhesionLaw]) -> str:
-    """Text of a law's functions, marked for compilation in a kernel."""
+    """Text of the numeric functions of an adhesion law, marked for compilation in a kernel."""
     return re.sub(r"^def ", "@compiled\ndef ", plain(source(law)), flags=re.MULTILINE)
 
 
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """Text of a kernel module: the functions of a law, then the parts; for Numba if `compiled`, else for Python.
+    """Text of a kernel module: the functions of an adhesion law, then the parts.
 
-    Parts are texts as `plain` returns them. Python calls the function named `run`, which is marked `entry`.
+    - parts: texts as `plain` returns them. Python calls the function `run`, which is marked `entry`.
+    - compiled: true for Numba, false for plain Python.
     """
     head = _HEAD.format(law=law.name, marker=COMPILED if compiled else _INTERPRETED)
     return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
@@ -156,7 +157,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """Module of a kernel text (see `module_text`), ready to run; `compiled` as for the text."""
+    """Load a kernel text as a module; `compiled` must be the same as in `module_text`."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)
@@ -177,11 +178,11 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
 @cache
 def _log_compiling(folder: Path) -> None:
     """Log, once per process, that the simulation is being compiled."""
-    logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
+    logger.warning("compiling the simulation, which takes some seconds per law and controller (stored in %s)", folder)
 
 
 def _stored(name: str, text: str) -> Path:
-    """Write a kernel's text to the cache folder unless it is there; returns its path."""
+    """Write the text of a kernel to the cache folder unless it exists; return its path."""
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
         with staged(path.parent) as new:  # another process may write the same text at the same time

@@ -28,7 +28,7 @@ STATES = ("v", "sigma", "z")
 INPUTS = ("brake_torque",)
 OUTPUTS = ("sigma", "lambda", "error")
 
-# Largest residual: a difference of cancelling accelerations over their size; rounding gives a few 1e-16.
+# Largest residual: sum of cancelling accelerations relative to their size; rounding gives a few 1e-16.
 _LARGEST_RESIDUAL = 1e-12
 
 # Relative distance at which a slip counts as being at a kink: far above rounding, a few 1e-16.
@@ -36,7 +36,7 @@ _KINK_TOLERANCE = 1e-9
 
 _SAME_LOAD = 1e-6  # relative difference within which two wheel loads are equal: rounding in text or by a factor
 
-# Slip from which the limit of the Jacobian at slip 0 is extrapolated; the error is of order slip^2.
+# Slip ratio for the extrapolation of the Jacobian to slip 0; the error is of order slip^2.
 _NEXT_TO_ZERO = 1e-7
 _LIMIT_TOLERANCE = 1e-6  # largest relative difference between the Jacobian at slip 0 and its limit
 
@@ -53,7 +53,7 @@ class OperatingPoint:
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
     - gain: ratio of acting to commanded torque, times that of measured to true slip velocity; 1 without errors.
-    - residual: larger of |lambda'| and |z'| in the equations of motion, as a share of the terms that cancel in them.
+    - residual: larger of |lambda'| and |z'| in the equations of motion, relative to the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -85,7 +85,7 @@ class OperatingPoint:
 
     @property
     def place(self) -> str:
-        """Description of the point without the law."""
+        """Description of the point without the law: rail, speed, slip and mass."""
         return f"{self.rail} rail, {self.speed_kmh:g} km/h, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
 
     @property
@@ -115,8 +115,8 @@ def operating_point(
     - vehicle: quarter car, SI.
     - speed: v, m/s, > 0.
     - slip: lambda, a ratio, 0 <= slip < 1; positive in braking.
-    - rail: label; by default the law's own rail condition.
-    - initial_speed_kmh: label; initial speed v0 of the law's parameters, km/h.
+    - rail: rail condition, used only as a label; by default that of the law.
+    - initial_speed_kmh: initial speed v0 of the law's parameters, km/h, used only as a label.
 
     Returns speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m. InputError: an
     argument of another kind, or a published law for another wheel load. DomainError: the speed is not finite and
@@ -158,7 +158,7 @@ def operating_point(
 
 
 def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
-    """Residual of an operating point (v, sigma, z, Tb); see `OperatingPoint`."""
+    """Residual of the equations of motion at an operating point (v, sigma, z, Tb); see `OperatingPoint`."""
     v, sigma, z, torque = state
     v_rate, sigma_rate, z_rate = (float(rate) for rate in functions.rates(v, sigma, z, torque, 0.0, 0.0, p))
     force = float(functions.force(v, sigma, z, 0.0, 0.0, 0.0, p))
@@ -239,10 +239,14 @@ def _polynomial(roots: Complexes) -> Floats:
 def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> LinearPlant:
     """Linearise about free rolling at a speed (m/s): slip 0, and z = 0 for a dynamic law.
 
-    Every braking starts at this point. A dynamic law without damping at rest, as the railway bristle model, then acts
-    as a spring between wheel and rail with poles at +-j sqrt(alpha (r^2/J + 1/M)); only the loop damps the wheel.
-    InputError as in `operating_point`; DomainError for a speed that is not finite and positive; KinkError if the law
-    has no derivative at slip 0.
+    - law: adhesion law with parameters for the rail condition in question.
+    - vehicle: quarter car, SI.
+    - speed: v, m/s, > 0.
+
+    Every braking run starts at this point. A dynamic law without damping at rest, as the railway bristle model, then
+    acts as a spring between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)). Only the control loop damps
+    the wheel. InputError as in `operating_point`; DomainError for a speed that is not finite and positive; KinkError if
+    the law has no derivative at slip 0.
     """
     if not law.has_state:
         return linearize(operating_point(law, vehicle, speed, 0.0))
@@ -277,7 +281,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     if point.slip == 0.0:
         step = _NEXT_TO_ZERO * point.speed
         limit = 2.0 * _jacobian(point, step) - _jacobian(point, 2.0 * step)
-        # they differ if the law's equations contain sign(sigma)
+        # Jacobian and limit differ if the law's equations contain sign(sigma)
         if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
             raise KinkError(
                 f"slip: 0 at {point.speed_kmh:g} km/h is a kink of the equations of adhesion {law.name!r}; linearise "

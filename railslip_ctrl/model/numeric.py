@@ -2,7 +2,7 @@
 
 `make generate` writes the modules to `_generated/`, so that numeric evaluation does not import SymPy. Each contains a
 hash of its sources (`plant.py`, `notation.toml`, the law's file). If the hash does not match, the functions are
-generated in memory: an edited plant or a new law works at once, only slower.
+generated in memory. An edited plant or a new law therefore works without `make generate`, but starts more slowly.
 
 The functions have the names of the fields of `plant.ClosedPlant` and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m,
 N*m three times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In
@@ -39,9 +39,10 @@ NumericPlant: TypeAlias = ModuleType  #: module with the numeric functions of a 
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) -> tuple[float, ...]:
-    """Flat tuple `p` of parameters: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI.
+    """Parameters `p` of the numeric functions: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then those of the law; SI.
 
-    Fr0 includes the weight along a `gradient`, rise over length; the inertia scale does not apply to the weight.
+    Fr0 includes the weight component along the track for a `gradient`, rise over length. The inertia scale does not
+    apply to this force.
     """
     inertias = (vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction)
     along = vehicle.resistance.constant + vehicle.mass * GRAVITY * gradient
@@ -51,7 +52,7 @@ def plant_parameters(law: AdhesionLaw, vehicle: Vehicle, gradient: float = 0.0) 
 
 @cache
 def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
-    """Numeric functions of a law: the committed module if it matches its sources, else generated now."""
+    """Numeric functions of an adhesion law: the committed module if it matches its sources, else a generated one."""
     if _is_committed(law):
         return importlib.import_module(f"{__package__}._generated.{law.name}")
     module = ModuleType(f"generated_{law.name}")
@@ -61,7 +62,7 @@ def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
 
 @cache
 def source(law: type[AdhesionLaw]) -> str:
-    """Text of the numeric module of a law: the committed one if it matches its sources, else generated now."""
+    """Text of the numeric module of an adhesion law: the committed text if it matches its sources, else a new one."""
     if _is_committed(law):
         return (GENERATED / f"{law.name}.py").read_text(encoding="utf-8")
     return generate(law)
@@ -95,6 +96,7 @@ def sources_hash(law: type[AdhesionLaw]) -> str:
 def adhesion_coefficient(law: AdhesionLaw, speed: float, slip: ArrayLike, wheel_load: float) -> Floats | np.float64:
     """Adhesion coefficient mu = Fa/N with the adhesion state at rest.
 
+    - law: adhesion law with its parameters.
     - speed: v, m/s, > 0.
     - slip: slip ratios, any shape.
     - wheel_load: N, > 0.
@@ -128,7 +130,7 @@ class Peak:
 def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     """Peak of mu over the slip ratio within the law's domain, at a speed in m/s and a wheel load in N.
 
-    For a law that falls from slip 0 on (bristle, Dahl, LuGre) it is at the lowest slip of the grid, 1e-6.
+    If adhesion falls with slip from slip 0 on (bristle, Dahl, LuGre), the peak is at the lowest slip of the grid, 1e-6.
     """
     from scipy.optimize import minimize_scalar
 
@@ -138,13 +140,13 @@ def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     best = int(np.argmax(values))
     if best == 0:
         return Peak(float(grid[0]), float(values[0]))
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda slip: -adhesion_coefficient(law, speed, slip, wheel_load),
         bounds=(grid[best - 1], grid[min(best + 1, _PEAK_GRID - 1)]),
         method="bounded",
         options={"xatol": 1e-10},
     )
-    return Peak(float(found.x), -float(found.fun))
+    return Peak(float(optimum.x), -float(optimum.fun))
 
 
 TABLE_INTERVALS = 4096
@@ -153,15 +155,15 @@ TABLE_INTERVALS = 4096
 
 @lru_cache(maxsize=32)  # the controllers of a campaign share the rails; a table costs as much as half a run
 def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
-    """Table of the law's force over slip ratios 0 to 1 at a wheel load, N, for a law without a closed form.
+    """Table of the force of a law without closed form, over slip ratios 0 to 1 at a wheel load, N.
 
-    Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) alternately.
-    A law in closed form needs no table and gets a single zero. If the law's domain ends before slip 1, the table ends
-    there too.
+    Layout: number of nodes per unit of slip, then for each node the value (N) and the slope (N per unit slip, times
+    the node distance). The table ends where the domain of the law ends. The result for a law in closed form, which
+    needs no table, is a single zero.
     """
     if not has_table(type(law)):
         return np.zeros(1)
-    speed = 1.0  # m/s, any: the force depends only on the slip ratio
+    speed = 1.0  # m/s; any speed would do, because the force depends only on the slip ratio
     last = min(1.0, law.domain_limit(speed)[0] * (1.0 - 1e-6))
     slip = np.linspace(0.0, last, TABLE_INTERVALS + 1)
     functions, p = numeric_plant(type(law)), (*_NO_VEHICLE, wheel_load, *law.parameters())

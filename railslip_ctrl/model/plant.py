@@ -94,8 +94,8 @@ def trim_torque() -> sp.Expr:
 def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
     """Power, W, that each energy sink of `numeric.WORKS` takes from the kinetic energy of train and wheel.
 
-    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td; the power of each is its
-    part with the opposite sign.
+    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td. Each power is
+    minus the respective term.
     """
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
@@ -140,7 +140,7 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
 
 
 def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
-    """Derivative without the Dirac terms of jumps; the law has a kink at a jump."""
+    """Derivative of an expression without the Dirac terms of jumps; at a jump the law has a kink."""
     return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 
@@ -247,7 +247,7 @@ def _flatten(value: Any) -> list[Any]:
 
 
 def _nested_text(value: Any, printed: Any) -> str:
-    """Text of a nested tuple, with printed expressions taken in order."""
+    """Text of a nested tuple in which each expression is replaced by the next printed one."""
     if not isinstance(value, tuple):
         return str(next(printed))
     return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"

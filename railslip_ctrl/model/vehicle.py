@@ -26,7 +26,7 @@ _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def documented(record: type[BaseModel]) -> str:
-    """Docstring of a record with a list of its described fields: meaning, unit, range, default."""
+    """Return the docstring of a record with a list of its fields: meaning, unit, range and default of each."""
     entries = [f"- {name}: {_sentence(info)}" for name, info in record.model_fields.items() if info.description]
     own = inspect.cleandoc(record.__doc__ or "")
     return "\n".join([own, "", *entries, ""]) if entries else own
@@ -48,14 +48,14 @@ def _sentence(info: FieldInfo) -> str:
 # --- records --------------------------------------------------------------------------------------------------------
 
 GRAVITY = 9.80665  #: standard acceleration of free fall, m/s^2 (exact, CGPM 1901)
-_MASS_ALONE = "M alone was changed: the wheel load stayed at"
+_MASS_ALONE = "M alone was changed: the wheel load is still"
 
 
 class Rail(StrEnum):
     """Rail condition, given as a member or its name; `AdhesionLaw.wet` changes the parameters for wet rail.
 
-    - DRY: "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
-    - WET: "wet": those parameters times the law's own factors, or a published set of their own.
+    - DRY: "dry": parameters as identified ([Park2008] Table 1, (30)-(32)).
+    - WET: "wet": dry parameters times the factors of the law, or a published set for wet rail.
     """
 
     DRY = "dry"
@@ -63,7 +63,7 @@ class Rail(StrEnum):
 
     @classmethod
     def of(cls, value: str) -> Rail:
-        """The condition named `value`, "dry" or "wet", or a member itself; InputError for anything else."""
+        """Rail condition named `value`, "dry" or "wet", or `value` itself if it is a member; otherwise InputError."""
         try:
             return cls(value)
         except ValueError:
@@ -73,11 +73,11 @@ class Rail(StrEnum):
 class Record(BaseModel):
     """Base class of the parameter records: immutable, without unknown keys or non-finite numbers.
 
-    Numbers are SI, or text with a unit ("3.5 t"). Text without a unit ("3500") and booleans are not numbers; numbers
-    are not booleans.
+    A number is given in SI, or as text with a unit ("3.5 t"). Text without a unit ("3500") and booleans are refused for
+    a number, and numbers for a boolean.
 
-    InputError: an unknown or missing key; a value of another kind or dimension, or outside its range; setting a field
-    of an existing record.
+    InputError: an unknown or missing key; a value of wrong type or dimension, or outside its range; an attempt to set a
+    field of an existing record.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -114,7 +114,7 @@ class Record(BaseModel):
             raise InputError(one_line(error, cls.__name__, model=cls)) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy the record with the fields in `update` changed, without checks; values may be outside their range.
+        """Copy the record with the fields in `update` changed; the new values are not checked.
 
         - update: new values by field name.
         - deep: true copies the field values too.
@@ -254,23 +254,23 @@ class Vehicle(Record):
         return self.inertia_scale * self.wheel.viscous_friction
 
     def loaded(self) -> Vehicle:
-        """The vehicle with its loaded mass and wheel load in use."""
-        found = self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
-        if (found.mass, found.wheel_load) != (self.mass, self.wheel_load):
-            BaseModel.__setattr__(found, "_empty", (self.mass, self.wheel_load))
-        return found
+        """Vehicle whose mass and wheel load are those of the loaded vehicle."""
+        vehicle = self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+        if (vehicle.mass, vehicle.wheel_load) != (self.mass, self.wheel_load):
+            BaseModel.__setattr__(vehicle, "_empty", (self.mass, self.wheel_load))
+        return vehicle
 
     def empty(self) -> Vehicle:
-        """The vehicle with the mass and the wheel load that it had before `loaded`."""
+        """Vehicle with the empty mass and wheel load, which it had before `loaded`."""
         mass, wheel_load = self._empty or (self.mass, self.wheel_load)
-        found = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
-        BaseModel.__setattr__(found, "_empty", None)
-        return found
+        vehicle = self.model_copy(update={"mass": mass, "wheel_load": wheel_load})
+        BaseModel.__setattr__(vehicle, "_empty", None)
+        return vehicle
 
     def with_mass(self, mass: float) -> Vehicle:
-        """The vehicle with another `mass`, kg, and unchanged wheel load.
+        """Vehicle with another `mass`, kg, and unchanged wheel load.
 
-        A note records this, unless mass and wheel load are those of the empty or of the loaded vehicle.
+        A note records the change, unless mass and wheel load are those of the empty or of the loaded vehicle.
         """
         changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
         if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
@@ -279,11 +279,11 @@ class Vehicle(Record):
 
     @property
     def mass_alone(self) -> str:
-        """The note added by `with_mass`, or empty text."""
+        """Note that `with_mass` has added to the vehicle; empty text if there is none."""
         return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
-        """The vehicle as it is, and `loaded` if the loaded mass differs."""
+        """Load cases: the vehicle itself, and `loaded` if the loaded mass differs."""
         return (self,) if self.mass == self.mass_loaded else (self, self.loaded())
 
 

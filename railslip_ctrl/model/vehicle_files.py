@@ -66,7 +66,7 @@ def load_vehicle(path: str | Path) -> Vehicle:
     """Load the quarter car described by a file.
 
     - path: `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
-      vehicle. A YAML file alone is completed by the published wheel and brake and by four axles.
+      vehicle. A YAML file is completed by the published wheel and brake and by four axles.
 
     Returns the vehicle in SI; its `notes` have one sentence for each assumption. The table [envelope] of the file is
     the default of `design.envelope.Envelope`. InputError: one line with the file, the key, the value and the bound.
@@ -184,7 +184,7 @@ def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: li
 
 
 def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:
-    """Values of a table, completed by published values; a note lists these."""
+    """Values of a table, completed by published values; a note lists the published values that are used."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     values: dict[str, float] = published.model_dump()
     units = type(published).units()
@@ -202,7 +202,7 @@ def _first(given: float | None, otherwise: float) -> float:
 
 
 _DEEPEST = 20
-"""Most levels of nesting; the schema has four, and thousands overflow the stack of libyaml's recursive composer."""
+"""Largest depth of nesting; the schema has four levels, and thousands overflow the stack of libyaml."""
 
 _REFERENCE_SPEED = 100.0 * KMH  # m/s, speed unit of the schema's resistance coefficients
 _MOST_IDS_SHOWN = 10  # vehicle ids listed in an error message
@@ -218,7 +218,7 @@ class RollingStock(Record):
     coefficient is None ([railtoolkit] schema 2022.05).
     """
 
-    # a foreign schema: its other keys are ignored, not errors of the user
+    # the schema is not of this package: other keys are ignored, not reported as errors
     model_config = ConfigDict(extra="ignore")
     # PyYAML reads 4e1 as text, and the schema defines the unit of each number
     text_needs_unit: ClassVar[bool] = False
@@ -234,7 +234,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, of m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """Running resistance of `mass` (kg) of the vehicle, in SI; a missing coefficient is 0."""
+        """Running resistance of the part of the vehicle with a `mass`, kg, in SI; a missing coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),
@@ -249,7 +249,7 @@ def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str 
     - vehicle_id: id of the vehicle; not needed if the file has only one.
     - where: beginning of error messages; by default the path.
 
-    InputError: a file that cannot be read, no such vehicle, or a key, value or bound of it that is not allowed.
+    InputError: the file cannot be read or lacks the vehicle, or a key or value of the vehicle is not allowed.
     """
     where = where or file_name(path)
     vehicles = _vehicles(_parse(read_text(path, where=where), where), where)
@@ -313,10 +313,12 @@ def _choose(vehicles: list[dict[Any, Any]], vehicle_id: str | None, where: str) 
                 f"{where}: contains {len(vehicles)} vehicles; give vehicle_id in a TOML file, one of {listed}"
             )
         return vehicles[0]
-    found = [one for one, its_id in zip(vehicles, ids, strict=True) if its_id == vehicle_id]
-    if not found:
+    matches = [one for one, its_id in zip(vehicles, ids, strict=True) if its_id == vehicle_id]
+    if not matches:
         near = close_match(vehicle_id, [one for one in ids if isinstance(one, str)])
         raise InputError(f"{where}: vehicle_id: no vehicle {shown(vehicle_id)}; {near}the file has {listed}")
-    if len(found) > 1:
-        raise InputError(f"{where}: vehicle_id: {len(found)} vehicles have the id {shown(vehicle_id)}; make it unique")
-    return found[0]
+    if len(matches) > 1:
+        raise InputError(
+            f"{where}: vehicle_id: {len(matches)} vehicles have the id {shown(vehicle_id)}; make it unique"
+        )
+    return matches[0]

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "3613dfa1f5cdcc8da9a2f85b10ea00d697449e7c7d26ac55ef6fb47f19c824e3"
+SOURCES_SHA256 = "c54fb1b544d5cda32e6a8e6c729af75e346d4e4c318e863f12e1abac3e2558dc"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

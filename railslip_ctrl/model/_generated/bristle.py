@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0e92f59bedfc1ba8fe67cd6b42c3232015308e92d8c76cd0c71e814b9574a37a"
+SOURCES_SHA256 = "ea95c9b6ba5e7263786b97b14563b2373cec8e33b9d3cc015e787fa7c7d8802c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "bfc08f6e6cf8017f3a6f144cdc6ef004bb2bea27acfa623808957e0ec8423868"
+SOURCES_SHA256 = "c1c6432683b5867084c3cae9fceb82cfea26ca7c413cdd8f37c5a2b9395921c8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

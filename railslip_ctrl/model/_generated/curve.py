@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "7fbf96bfef8aa694169e7a0138fffeb053ae3c8ae20721620ca088ffc12911cb"
+SOURCES_SHA256 = "90fef6e22192ed38335b9f6c6764a8c5bb2327627a671c3c7db894027d9502a8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

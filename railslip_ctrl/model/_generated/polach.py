@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c648da4bb0252d88a607439d7a739bbf9b93582580829b7e3666e045cf8f4d0a"
+SOURCES_SHA256 = "6795f5db5613aa4e2087561d2e75229c68676d55a454a6fca15cf0980719f126"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "1d817b79f93925be4ed3b4098e99ee11a2a7a351b1d5789849078a3d0aca0767"
+SOURCES_SHA256 = "ba6ba635acf41336aef9097608892a881fe73d18ab08d9dc63b0b729fcedde89"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

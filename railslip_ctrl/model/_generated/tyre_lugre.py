@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b59fc9694af3686909c8e110d0957871033f00b435471cac24909e211f57aeeb"
+SOURCES_SHA256 = "6b69ae30739c52c86e3fad74c5170bb78b7e6d6537746074fe331e863d0b23af"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

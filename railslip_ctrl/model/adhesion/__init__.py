@@ -75,9 +75,9 @@ def published_law(
     - name: one of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1),
       "bristle" ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); each law names its `source`.
     - rail: rail condition of the parameters: "dry" or "wet".
-    - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140: a parameter of the run, not the present
-      speed. Laws that are not published over v0 do not use it.
-    - wheel_load: wheel load N, N, > 0. `operating_point` refuses the law for a vehicle with another wheel load.
+    - initial_speed_kmh: speed v0 at which braking starts, km/h, 30 to 140; not the present speed. A law whose published
+      parameters do not depend on v0 ignores it.
+    - wheel_load: wheel load N, newtons, > 0. `operating_point` refuses the law for a vehicle with another wheel load.
 
     Returns a frozen record of the law, its fields in SI, with the reference slips if the source has them.
     InputError: an unknown name or rail condition, or a number outside its range. MissingParametersError: the source
@@ -91,10 +91,11 @@ def published_law(
 def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
     """The published adhesion law `name` on dry rail for the wheel load of a vehicle.
 
+    - vehicle: quarter car, whose wheel load and inertia scale are used.
     - initial_speed: v0, m/s, within 30 to 140 km/h.
 
-    In the as-published reading the stiffness of a dynamic law, N/m, is scaled like M, J and B, as the change of units
-    requires. Errors as in `adhesion.published_law`.
+    In the as-published reading the stiffness of a dynamic law, N/m, is multiplied by 3.6 like M, J and B, as the change
+    of units requires. Errors as in `adhesion.published_law`.
     """
     v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
     return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
@@ -194,7 +195,7 @@ def law_of(keys: Any, where: str, initial_speed_kmh: float | None = None) -> Adh
         cls = law_class(keys.law)
     except InputError as error:
         raise InputError(f"{where}: law: {error}") from None
-    for table in ("parameters", "polynomials"):  # checked here: the record of the law has other fields too
+    for table in ("parameters", "polynomials"):  # checked here, because the record of the law has more fields
         for name in getattr(keys, table).keys() - set(cls.parameter_names()):
             raise InputError(f"{where}: {table}.{name}: unknown key; allowed: {', '.join(cls.parameter_names())}")
     values = {**keys.parameters, "rail": keys.condition, "file": where}

@@ -96,11 +96,11 @@ class AdhesionLaw(Record):
     @field_validator("of_wheel_load", mode="before")
     @classmethod
     def _in_newtons(cls, value: object) -> object:
-        """Convert to N here: a field made by `units.quantity` would be a parameter of the law."""
+        """Convert the wheel load to N; a field made by `units.quantity` would count as a parameter of the law."""
         return None if value is None else to_unit(value, "N", text_needs_unit=True)
 
     def __eq__(self, other: object) -> bool:
-        """True for the same law with the same numbers; file and `of_wheel_load` may differ."""
+        """True if both are the same law with the same parameters; file and `of_wheel_load` may differ."""
         if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
             return NotImplemented
         ignored = {"file": None, "of_wheel_load": None}
@@ -143,7 +143,7 @@ class AdhesionLaw(Record):
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
-        """Names of `parameters` in generated functions; a starred last name takes all remaining values."""
+        """Names of the parameters in generated functions; a starred last name stands for all remaining values."""
         return cls.parameter_names()
 
     @classmethod
@@ -155,7 +155,7 @@ class AdhesionLaw(Record):
         return tuple(sp.Symbol(name, **{"positive" if _is_positive(one) else "real": True}) for name, one in bounds)
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
-        """Value (SI) and unit of each parameter by name, in order; a table's column is a tuple of pure numbers."""
+        """Value (SI) and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""
         return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
@@ -163,7 +163,7 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """The law on wet rail: published dry parameters become the wet ones, others are multiplied by `wet_factors`."""
+        """Law on wet rail: published dry parameters are replaced by wet ones, others multiplied by `wet_factors`."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -173,7 +173,7 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """The law with its adhesion scaled by `factor` (> 0); `wet_factors` gives the parameters for one half."""
+        """Law with its adhesion scaled by `factor`, > 0, by means of `wet_factors`, which halve the adhesion."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
             raise InputError(
@@ -191,14 +191,14 @@ class AdhesionLaw(Record):
             file = "" if self.file is None else f" of {self.file}"
             raise InputError(
                 f"adhesion {self.name!r}{file}: its parameters are for wet rail and do not determine those for dry "
-                "rail; choose wet rail only"
+                "rail; choose wet rail, or give a law with parameters for dry rail"
             )
         return self.wet() if rail is Rail.WET else self
 
     def at_wheel_load(self, factor: float) -> Self:
-        """The law at `factor` times the wheel load with the same mu: forces scale, stresses and lengths do not.
+        """Law at `factor` times the wheel load, with unchanged mu: forces are scaled, stresses and lengths are not.
 
-        This is the project's assumption for a law known at one wheel load.
+        This is the project's assumption for a law that was identified at one wheel load.
 
         - factor: > 0, finite; InputError otherwise.
         """

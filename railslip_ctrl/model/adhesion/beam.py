@@ -44,9 +44,9 @@ class Beam(AdhesionLaw):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The law with the parameters of Table 1, mu_max interpolated in v0.
+        """The law with the parameters of Table 1, mu_max interpolated in v0; arguments as in `AdhesionLaw.published`.
 
-        The project's assumption for a wheel load other than the rig's 34 500 N: Kx grows with the load, so that
+        For a wheel load other than the rig's 34 500 N the project assumes that Kx grows with the load, so that
         mu(lambda) does not change.
         """
         check_published_range(initial_speed_kmh, wheel_load)
@@ -59,7 +59,7 @@ class Beam(AdhesionLaw):
         return dry.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip at which the friction coefficient mu_max - a sigma vanishes."""
+        """Slip ratio at speed `v`, m/s, at which the friction coefficient mu_max - a sigma vanishes, and the reason."""
         limit = self.mu_max / (self.a * v) if self.a > 0.0 else np.inf
         return float(limit), "the friction coefficient mu_max - a sigma is no longer positive"
 

@@ -46,7 +46,7 @@ class Burckhardt(AdhesionLaw):
     c3: float = quantity("1", "slope of the fall with slip", ge=0)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip at which mu vanishes; for every published set it is above 1, so that it is no limit."""
+        """Slip ratio at which mu vanishes, at every speed `v`, and the reason; above 1 for every published set."""
         reason = "the adhesion coefficient is no longer positive"
         if self.c3 == 0.0:
             return math.inf, reason

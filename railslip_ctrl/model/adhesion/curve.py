@@ -48,7 +48,7 @@ class Curve(AdhesionLaw):
         return law.on(rail)
 
     def domain_limit(self, v: float) -> tuple[float, str]:
-        """Slip ratio at which the slip velocity lambda v0 of the ramp reaches gamma."""
+        """Slip ratio at which the slip velocity lambda v0 of the ramp reaches gamma, at every speed `v`; the reason."""
         return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, at which its adhesion vanishes"
 
     @classmethod
@@ -119,18 +119,18 @@ def _each_alone(s: Floats, c: float, gamma: float) -> Floats:
     """Integral of t exp(Phi(t) - Phi(s)) over t from 0 to each s, (m/s)^2; shape (n,)."""
     room = gamma - s
     half = 0.5 * np.log((gamma - _start_of_integration(s, c, gamma)) / room)
-    found = np.empty(s.size)
+    integrals = np.empty(s.size)
     for first in range(0, s.size, _BLOCK):
         part = slice(first, first + _BLOCK)
         grown = half[part, None] * (1.0 - _NODES)  # ln((gamma - t)/(gamma - s))
         back = room[part, None] * np.expm1(grown)  # s - t
         value = (s[part, None] - back) * np.exp(grown - c * (gamma * grown - back))
-        found[part] = value @ _WEIGHTS
-    return np.asarray(half * room * found)
+        integrals[part] = value @ _WEIGHTS
+    return np.asarray(half * room * integrals)
 
 
 def _close_together(s: Floats, c: float, gamma: float) -> int:
-    """Number of first slip velocities that rise from 0 in gaps short enough for `_in_steps`."""
+    """Number of slip velocities, counted from the first, whose gaps are short enough for `_in_steps`."""
     if s.size < 2 or s[0] != 0:
         return 0
     gap = np.diff(s)
@@ -142,7 +142,7 @@ def _close_together(s: Floats, c: float, gamma: float) -> int:
 
 
 def _in_steps(s: Floats, c: float, gamma: float) -> Floats:
-    """Integral as in `_each_alone` at slip velocities close together, each from the one before and the gap."""
+    """Integral as in `_each_alone` at slip velocities close together, each from its predecessor and the gap."""
     if s.size < 2:
         return np.zeros(s.size)
     gap, end = np.diff(s), s[1:]
