@@ -99,7 +99,9 @@ def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, 
     if len(shapes) > 1:
         raise InputError(f"loops: (zeros, poles) counts {sorted(shapes)} differ; stack loops of one structure only")
     if np.ndim(dead_times) > 0 and np.shape(dead_times) != (len(loops),):
-        raise InputError(f"dead times: shape {np.shape(dead_times)} for {len(loops)} loops; give one value, or one per loop")
+        raise InputError(
+            f"dead times: shape {np.shape(dead_times)} for {len(loops)} loops; give one value, or one per loop"
+        )
     mz, mp = shapes.pop() if shapes else (0, 1)
     zeros = np.array([g.zeros for g in loops], dtype=complex).reshape(len(loops), mz)
     poles = np.array([g.poles for g in loops], dtype=complex).reshape(len(loops), mp)
@@ -210,17 +212,17 @@ def _solve(
     results["stable"][index], results["unstable_poles"][index] = stable, unstable
     if not stable.any():
         return delicate
-    found = _crossover_margins(crossovers, n)
+    margins = _crossover_margins(crossovers, n)
     if any(requested):
-        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # the bound of a piece holds on its parts
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]  # a bound holds on the parts too
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
     for part in (part for part, wanted in zip((_gain_margins, _peaks), requested, strict=True) if wanted):
         values, doubtful = part(loops, points, bent, spans, n)
-        found |= values
+        margins |= values
         delicate |= doubtful
-    for name, column in found.items():
+    for name, column in margins.items():
         results[name][index[stable]] = column[stable]
     return delicate
 
@@ -579,7 +581,7 @@ def _repeated(bent: Floats, at: Indices) -> Indices:
 
 def bends(loops: Loops, points: Points) -> Floats:
     """Bounds on |d^2 ln L/d omega^2| and on its imaginary part over each piece, (2, N)."""
-    found = np.empty((2, points.omega.size))
+    bounds_on_bend = np.empty((2, points.omega.size))
     for start in range(0, points.omega.size, _BLOCK):
         part = slice(start, start + _BLOCK)
         low, one = points.omega[part], points.row[part]
@@ -589,10 +591,10 @@ def bends(loops: Loops, points: Points) -> Floats:
         far = np.maximum(np.abs(imag - low), np.abs(imag - high))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             each = 1 / (square + near * near)
-            found[0, part] = each.sum(axis=0)
+            bounds_on_bend[0, part] = each.sum(axis=0)
             # the term of each root has the imaginary part 2 real offset/distance^4
-            found[1, part] = (each * np.fmin(2 * np.abs(real) * far * each, 1)).sum(axis=0)
-    return found
+            bounds_on_bend[1, part] = (each * np.fmin(2 * np.abs(real) * far * each, 1)).sum(axis=0)
+    return bounds_on_bend
 
 
 def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:

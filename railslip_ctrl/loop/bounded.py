@@ -190,8 +190,8 @@ class BoundedLoop(Loop):
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
         """Loop-gain factors that put a pole on the stability boundary, each with its frequency, by frequency."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
-        found = self._roots(nodes, sideways, lambda value: value.imag)
-        limits = list(zip((1 / np.abs(self.response(found))).tolist(), found.tolist(), strict=True))
+        crossovers = self._roots(nodes, sideways, lambda value: value.imag)
+        limits = list(zip((1 / np.abs(self.response(crossovers))).tolist(), crossovers.tolist(), strict=True))
         return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
 
     def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> Peaks:
@@ -222,9 +222,9 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
         # expand 1 + L in L, or as L (1 + 1/L) in 1/L: the smaller bound holds
         plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
         minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
-        found = [
+        rests = [
             np.fmin(plus, rest + plus_inverse),
             np.fmin(rest + plus, plus_inverse),
             np.fmin(plus + minus, plus_inverse + minus_inverse),
         ]
-    return np.asarray(np.where(np.isnan(found), np.inf, found))
+    return np.asarray(np.where(np.isnan(rests), np.inf, rests))

@@ -368,16 +368,16 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
 def _between(low: _End, high: _End) -> arb:
     """A frequency, rad/s, that divides a part."""
     if not low.omega > 0:
-        found = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
+        middle = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
     elif not high.omega.is_finite():
-        found = low.omega.mid() * _STEP_OUT
+        middle = low.omega.mid() * _STEP_OUT
     else:
-        found = (low.omega * high.omega).sqrt().mid()
-        if not (low.omega < found < high.omega):
+        middle = (low.omega * high.omega).sqrt().mid()
+        if not (low.omega < middle < high.omega):
             raise _TooWideError
-    if not _FARTHEST > found > 1 / _FARTHEST:
+    if not _FARTHEST > middle > 1 / _FARTHEST:
         raise _TooWideError
-    return found
+    return middle
 
 
 # -- loops with internal delays: mean-value bounds on parts of the axis ---------------------------------------------
@@ -600,10 +600,10 @@ class _Delayed:
             (nearest_double(tau), [nearest_double(c) for c in reversed(one.coeffs())] or [0.0])
             for tau, one in self._den.derivatives[0]
         ]
-        found = self._den
-        while found.at(arb(0))[0].is_zero():
-            found = _Sum(terms, found.removed + 1)
-        return found
+        reduced = self._den
+        while reduced.at(arb(0))[0].is_zero():
+            reduced = _Sum(terms, reduced.removed + 1)
+        return reduced
 
     def _closed(self, omega: arb) -> acb:
         """Characteristic function D + N at j omega."""

@@ -229,9 +229,9 @@ class ExactLoop:
 
         Newton's method from `start` minimises the square of the inverse, nearly a parabola even for a sharp peak.
         """
-        delay, below, found, above = arb(self._dead_time), arb(low), arb(start), arb(high)
+        delay, below, omega, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
-            s = acb(0, found)
+            s = acb(0, omega)
             (n, d), (n1, d1), (n2, d2) = ([one(s) for one in pair] for pair in self._balls)
             turn = (s * -delay).exp()
             e, e1, e2 = n * turn, (n1 - delay * n) * turn, (n2 - delay * (2 * n1 - delay * n)) * turn
@@ -241,16 +241,16 @@ class ExactLoop:
             second = (d2 + e2 - 2 * first * size1 - inverse * size2) / size
             slope = -(inverse.conjugate() * first).imag
             curvature = abs(first) ** 2 - (inverse.conjugate() * second).real
-            below, above = (found, above) if slope < 0 else (below, found)
-            new = (found - slope / curvature).mid()
-            step = new - found
+            below, above = (omega, above) if slope < 0 else (below, omega)
+            new = (omega - slope / curvature).mid()
+            step = new - omega
             if not (below < new < above and curvature > 0):
-                new = ((below + above) / 2).mid() if above.is_finite() else 2 * found
-            elif abs(step) < _HALF_OF_THE_DIGITS * found and abs(step * slope) < _NOTHING_GAINED * abs(inverse) ** 2:
-                found = new
+                new = ((below + above) / 2).mid() if above.is_finite() else 2 * omega
+            elif abs(step) < _HALF_OF_THE_DIGITS * omega and abs(step * slope) < _NOTHING_GAINED * abs(inverse) ** 2:
+                omega = new
                 break
-            found = new
-        return found, self.size_at(a, b, found)
+            omega = new
+        return omega, self.size_at(a, b, omega)
 
     def peaks(self) -> list[tuple[arb, float]]:
         """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and their frequencies, rad/s."""
@@ -351,8 +351,8 @@ class Response:
     @cached_property
     def scales(self) -> Floats:
         """Nonzero sizes of zeros, poles and gain crossovers, and 1/dead time, rad/s; 1 if there are none."""
-        found = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
-        return found[found > 0] if np.any(found > 0) else np.ones(1)
+        sizes = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
+        return sizes[sizes > 0] if np.any(sizes > 0) else np.ones(1)
 
     @cached_property
     def crossover_phases(self) -> list[tuple[float, float]]:

@@ -419,13 +419,13 @@ class DeadTimeLoop(Loop):
         It contains 1 if the loop is stable; otherwise it is the interval nearest to 1 in ratio. A lower end 0 means
         stable at every small gain; the upper end may be inf.
         """
-        found = self._range_within(self._gain_limits)
-        if found is None or self.is_stable():
-            return found
+        interval = self._range_within(self._gain_limits)
+        if interval is None or self.is_stable():
+            return interval
         # a loop with even powers of s only has poles on the axis on both sides of a limit: check inside
-        low, high = found
+        low, high = interval
         inside = min(1.0, high / 2) if low == 0 else math.sqrt(low * high) if high < math.inf else 2 * low
-        return found if self.scaled(inside).is_stable() else None
+        return interval if self.scaled(inside).is_stable() else None
 
     def _range_within(self, limits: list[GainLimit]) -> tuple[float, float] | None:
         count = self.root_count
@@ -434,8 +434,8 @@ class DeadTimeLoop(Loop):
         # the loop is on a limit, beyond the neutral limit, or beyond unlisted limits: count below the smallest limit
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)
         at_low = count_right_of(self.system * low, self.dead_time)
-        found = stabilizing_range([g._replace(factor=g.factor / low) for g in limits], at_low.right)
-        return None if found is None or at_low.marginal else (found[0] * low, found[1] * low)
+        interval = stabilizing_range([g._replace(factor=g.factor / low) for g in limits], at_low.right)
+        return None if interval is None or at_low.marginal else (interval[0] * low, interval[1] * low)
 
     def margins(self) -> Margins:
         if not self.is_stable():
@@ -546,7 +546,7 @@ class FrequencyCurve:
 
 @checked
 def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
-    """Sample a loop with exact dead time between two frequencies, rad/s; gain crossovers are among the points."""
+    """Sample a loop with exact dead time from `low` to `high`, rad/s; gain crossovers are among the points."""
     _check_band(low, high)
     omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
     return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
@@ -568,7 +568,7 @@ class GangOfFour:
 
 @checked
 def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
-    """Compute the gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with exact dead time."""
+    """Compute the gang of four from `low` to `high`, rad/s; `controller` is C(s), `plant` P with exact dead time."""
     _check_band(low, high)
     omega = np.geomspace(low, high, _POINTS)
     p, c = plant(1j * omega), controller(1j * omega)

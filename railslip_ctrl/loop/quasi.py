@@ -86,8 +86,8 @@ class QuasiPolynomial:
     @cached_property
     def slope(self) -> QuasiPolynomial:
         """Derivative dF/ds as a quasi-polynomial."""
-        found = self._alone.slope()
-        return QuasiPolynomial([c[0] for c in found.terms], self.delays, found.removed)
+        derivative = self._alone.slope()
+        return QuasiPolynomial([c[0] for c in derivative.terms], self.delays, derivative.removed)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0, least: Floats | float = 0.0) -> Floats:
         """Bound on |F| for least <= |s| <= radius and Re s >= -left, in 1/s, of one shape."""
@@ -313,9 +313,9 @@ class DelayedLoop(BoundedLoop):
         return np.geomspace(low, high, 2 + int(math.log(high / low) / math.log(_CELL_RATIO)))
 
     def _first_phase(self, omega: Floats) -> Floats:
-        found = np.angle(self.response(omega))
+        phase = np.angle(self.response(omega))
         # an unstable pole gives -180 deg, an integrator -90 deg; the zeros have not turned L yet
-        return np.where(found > np.pi / 4, found - 2 * np.pi, found) if self.dc_gain else found
+        return np.where(phase > np.pi / 4, phase - 2 * np.pi, phase) if self.dc_gain else phase
 
     def _added_delay(self) -> tuple[float, float]:
         angle = np.mod(np.angle(-self.response(self.gain_crossovers)), 2 * np.pi)

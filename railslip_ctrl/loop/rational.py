@@ -74,14 +74,14 @@ def coefficients(ascending: Iterable[float | str]) -> fmpq_poly:
 
 def expanded(roots: Iterable[complex], gain: float) -> fmpq_poly:
     """Polynomial gain prod(s - roots); the upper root of a conjugate pair stands for both."""
-    found = fmpq_poly([fraction(gain)])
+    product = fmpq_poly([fraction(gain)])
     for root in roots:
         a, b = fraction(root.real), fraction(root.imag)
         if root.imag == 0:
-            found *= fmpq_poly([-a, 1])
+            product *= fmpq_poly([-a, 1])
         elif root.imag > 0:
-            found *= fmpq_poly([a * a + b * b, -2 * a, 1])
-    return found
+            product *= fmpq_poly([a * a + b * b, -2 * a, 1])
+    return product
 
 
 def characteristic_polynomial(a: Floats, *column_and_row: Floats) -> fmpq_poly:
@@ -121,8 +121,8 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
 def rounded_roots(polynomial: fmpq_poly) -> Complexes:
     """All roots as doubles; roots on the axis stay on it, and pairs are exact conjugates."""
     with ctx.workprec(DOUBLE_BITS):
-        found = [complex(root.mid()) for root in complex_roots(polynomial)]
-    return np.array(sorted(found, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
+        roots = [complex(root.mid()) for root in complex_roots(polynomial)]
+    return np.array(sorted(roots, key=lambda root: (abs(root), root.real, root.imag)), dtype=np.complex128)
 
 
 def without(factor: fmpq_poly, polynomial: fmpq_poly) -> fmpq_poly:
@@ -144,8 +144,8 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
         return []  # Descartes' rule: without a sign change no positive root
     if changes == 1 and (only := _only_root(polynomial)):
         return [(only.sqrt(), 1)]
-    found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
-    return [(root.sqrt(), count) for root, count in sorted(found, key=lambda pair: pair[0].mid())]
+    roots = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
+    return [(root.sqrt(), count) for root, count in sorted(roots, key=lambda pair: pair[0].mid())]
 
 
 def _only_root(polynomial: fmpq_poly) -> arb | None:
@@ -471,13 +471,13 @@ def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
 def _zero_multiplicity(a: Floats) -> int:
     """Algebraic multiplicity of the eigenvalue 0, from the nullity of powers of the matrix."""
     order, size = int(a.shape[0]), float(np.linalg.norm(a, 2))
-    power, found = np.eye(order), 0
-    while size and found < order:
+    power, multiplicity = np.eye(order), 0
+    while size and multiplicity < order:
         power = power @ a / size
         nullity = int(np.count_nonzero(np.linalg.svd(power, compute_uv=False) <= _LEVEL * order))
-        if nullity == found:
-            return found
-        found = nullity
+        if nullity == multiplicity:
+            return multiplicity
+        multiplicity = nullity
     return order
 
 
@@ -553,9 +553,7 @@ def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
             left.insert(0, root)
             break
     if left:
-        raise InputError(
-            f"transfer function: {name} contain {left[0]:g} without its conjugate; give both of each pair"
-        )
+        raise InputError(f"transfer function: {name} contain {left[0]:g} without its conjugate; give both of each pair")
     return real, upper
 
 
