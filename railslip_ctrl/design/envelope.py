@@ -256,7 +256,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
     if not of_vehicle and (vehicle is None or len(content) > 1):
         key = next((key for key in content if key != "envelope"), None)
         raise InputError(
-            f"{where}: {'has no vehicle; pass a vehicle too' if key is None else f'{key}: unknown key; remove it'}"
+            f"{where}: {'has no vehicle; give one too' if key is None else f'{key}: unknown key; remove it'}"
         )
     car = load_vehicle(path) if vehicle is None else vehicle
     table = content.get("envelope", {})

@@ -53,7 +53,7 @@ class OperatingPoint:
     - brake_torque: Tb with lambda' = 0, N*m; Td = Tr = 0.
     - initial_speed_kmh: initial speed v0 of the law's parameters, km/h; None if they do not depend on it.
     - gain: ratio of acting to commanded torque, times that of measured to true slip velocity; 1 without errors.
-    - residual: larger of |lambda'| and |z'| in the equations of motion, relative to the terms that cancel in them.
+    - residual: larger of |lambda'| and |z'| in the equations of motion over the terms that cancel in them, a ratio.
     """
 
     law: AdhesionLaw
