@@ -1,9 +1,9 @@
 """Which part of the published sliding-mode law controls the slip: feed-forward, gain or switching?
 
-[Park2008] Table 4 (ASMC, bristle column) in (45), with the inferred units of the gains. The equivalent control has the
-adhesion torque as feed-forward and (J/r) rho as a proportional gain on e; D and K are the robust part. The script
-compares K with the least K of the reaching condition (40) for the published disturbances, at the reference and over
-the whole run, in SI and in the as-published reading (M, J and B times 3.6).
+The law is (45) of [Park2008] with the gains of Table 4 (ASMC, bristle column) in their inferred units. The equivalent
+control has the adhesion torque as feed-forward and (J/r) rho as proportional gain on e; D and K are the robust part.
+The script compares K with the least K of the reaching condition (40) for the published disturbances, at the reference
+and over the whole run, in SI and in the as-published reading (M, J and B times 3.6).
 
     python designs/asmc_published.py [FOLDER for the picture]
 """
@@ -20,17 +20,21 @@ from railslip_ctrl import plots, reaching
 KMH = 1 / 3.6  # m/s
 SPEED = 100.0 * KMH  # m/s
 SLIP = 0.132  # dry reference, bristle column
-START = SLIP * SPEED  # m/s: s of a free rolling wheel when the brake is applied
+START = SLIP * SPEED  # m/s: s of a rolling wheel when the brake is applied
 
 
 @dataclass(frozen=True)
 class Reading:
     """The law in one reading of the units.
 
-    feed_forward: N m, torque that holds the reference slip; proportional_gain: (J/r) rho + D, N m/(m/s), on e, of which
-    `from_surface` is (J/r) rho; integral_gain: D rho, N m/m; pi_gain: Table 4's Kp; least_K, least_K_run: N m, 1 and 3
-    sigma, at the reference slip and 100 km/h, and over the whole run; reaching_time: s from free rolling without
-    disturbances.
+    - feed_forward: torque that holds the reference slip, N m
+    - proportional_gain: gain (J/r) rho + D on e, N m/(m/s); `from_surface` is its part (J/r) rho
+    - integral_gain: D rho, N m/m
+    - pi_gain: Kp of the PI in Table 4, N m/(m/s)
+    - K: gain of the switching term, N m
+    - least_K, least_K_run: least K by (40), N m, for disturbances of 1 and 3 sigma: at the reference slip and 100 km/h,
+      and over the whole run
+    - reaching_time: time from a rolling wheel to s = 0 without disturbances, s
     """
 
     inertia_scale: float
@@ -49,7 +53,7 @@ def read(inertia_scale: float) -> Reading:
     """Analyse one reading of the units."""
     vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     law = rs.law.PUBLISHED_LAW
-    # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
+    # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: the gains on e and on its integral.
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
     dry = rs.published_law("bristle", rs.Rail.DRY)
     held = rs.operating_point(dry, vehicle, SPEED, reaching.reference_slip(), rail=rs.Rail.DRY)
@@ -98,10 +102,10 @@ def main() -> None:
 
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
-    """Draw K of Table 4 beside the least K of (40), and the gains that act instead."""
+    """Draw K of Table 4 beside the least K of (40), and the gains on the slip velocity error."""
 
     figure = plots.style.new_figure(
-        3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and what does the work in its place"
+        3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and the gains on the slip velocity error"
     )
     switching, gains = plots.style.panels(figure, 1, 2)[0]
     asked = ("at the reference, 1 σ", "at the reference, 3 σ", "whole run, 1 σ", "whole run, 3 σ")
@@ -117,10 +121,10 @@ def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
     switching.set_yticks(range(5), ("K, Table 4", *(f"least by (40)\n{name}" for name in asked)))
     gains.set_xlabel("gain on the slip velocity error (N·m/(m/s))")
     gains.set_yticks(range(3), ("(J/r) ρ of the ASMC", "D of the ASMC", "Kp of the PI"))
-    switching.set_title("K and what (40) asks of it", fontsize=plots.style.TEXT)
+    switching.set_title("K, and the least K by (40)", fontsize=plots.style.TEXT)
     gains.set_title("Gains on the slip velocity error", fontsize=plots.style.TEXT)
     for axes in (switching, gains):
-        axes.margins(x=0.25)  # room for the numbers: D is too short to be seen beside the PI's gain
+        axes.margins(x=0.25)  # room for the printed numbers: the bar of D is too short to see
         axes.grid(visible=False, axis="y")
         axes.invert_yaxis()
     plots.style.legend_of_figure(figure, gains, columns=2)

@@ -1,11 +1,11 @@
 """How do the published PI, the best PI, known rules, PI-lead, Smith predictors and an observer compare?
 
 Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design the
-table has the true margins (of the plant, not of the model inside a predictor), the cost in noise and torque rate, and
-the limit of any controller. Unstable designs are in the table too, with the reason below it.
+table has the margins of the true loop (not of a predictor's model), the noise gain and the torque rate. Unstable
+designs are in the table, with the reason below. The script also prints the limits of any controller.
 
-The PI and the PI-lead are one gain set for both rails. The predictors, the observer and the rules are designed for each
-rail with its model; on the other rail their margins are worse.
+The PI and the PI-lead have one gain set for both rails. The predictors, the observer and the rules are designed for
+each rail; on the other rail their margins are worse.
 
     python designs/compare_designs.py [FOLDER for the pictures]
 """
@@ -27,13 +27,13 @@ KI_MIN = 5.0  # N*m/m
 ACTUATOR = PARK2008.actuator
 FEEDBACK_POLES = (-0.1, -1.0, -1.67, -8.6)  # 1/s: integrator, slip, actuator lag, bristles
 OBSERVER_POLES = (-30.0, -21.0, -8.6)
-RULE_TIME = 1.0  # s, closed-loop time constant asked of the Rotstein-Lewin rule
+RULE_TIME = 1.0  # s, closed-loop time constant for the Rotstein-Lewin rule
 KMH = 1 / 3.6
 
 
 @dataclass(frozen=True)
 class Row:
-    """One design on one rail; for an unstable design `margins` and `effort` are None, with the reason."""
+    """One design on one rail; if it is unstable, `margins` and `effort` are None and `reason` says why."""
 
     design: str
     rail: Rail
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Table, limits by rail, and for dry rail the step responses and every gang of four."""
+    """Rows of the table, limits by rail, and for dry rail the step responses and the gangs of four."""
 
     rows: tuple[Row, ...]
     limits: dict[Rail, rs.limits.Limits]
@@ -53,7 +53,7 @@ class Comparison:
     gangs: dict[str, deadtime.GangOfFour]
 
     def row(self, design: str, rail: Rail) -> Row:
-        """One row by name."""
+        """Return the row of a design on a rail."""
         return next(row for row in self.rows if (row.design, row.rail) == (design, rail))
 
 
@@ -63,7 +63,7 @@ def plants() -> dict[Rail, rs.Rational]:
 
 
 def best(both: list[rs.Rational], lead: float, lead_filter: float) -> PIController:
-    """The least worst Ms over both rails."""
+    """Return the PI, behind a lead, with the smallest worst Ms over both plants."""
     compensator = PIController(rs.PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     tuned = rs.tune_pi(both, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
     return PIController(rs.PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
@@ -79,7 +79,7 @@ def fixed_designs(both: list[rs.Rational]) -> dict[str, PIController]:
 
 
 def predictors(plant: rs.Rational, lead: rs.Rational) -> dict[str, Callable[[], rs.compensators.Compensator]]:
-    """Return the dead-time compensators; calling one designs it."""
+    """Return functions by name, each of which designs a dead-time compensator when it is called."""
     tau = ACTUATOR.dead_time
     return {
         "Smith predictor": lambda: rs.compensators.smith_predictor(plant, tau, lead),
@@ -91,7 +91,7 @@ def predictors(plant: rs.Rational, lead: rs.Rational) -> dict[str, Callable[[], 
 
 
 def rows_for(rail: Rail, plant: rs.Rational, fixed: dict[str, PIController]) -> list[Row]:
-    """Every design on one rail."""
+    """Return the rows of every design on one rail."""
     tau = ACTUATOR.dead_time
     rows = [plain_row(name, rail, plant, controller.transfer_function) for name, controller in fixed.items()]
     lead = fixed["PI-lead"].transfer_function
@@ -106,7 +106,7 @@ def rows_for(rail: Rail, plant: rs.Rational, fixed: dict[str, PIController]) -> 
 
 
 def tried(name: str, rail: Rail, make: Callable[[], Row]) -> Row:
-    """Return the row of a design, with the reason if it is unstable."""
+    """Return the row that `make` returns, or a row with the reason if the design is unstable."""
     try:
         return make()
     except (rs.InputError, rs.RailslipError) as error:
@@ -114,7 +114,7 @@ def tried(name: str, rail: Rail, make: Callable[[], Row]) -> Row:
 
 
 def plain_row(name: str, rail: Rail, plant: rs.Rational, controller: rs.Rational) -> Row:
-    """A design that is a transfer function."""
+    """Return the row of a design that is a transfer function."""
     loop = rs.DeadTimeLoop(controller * plant, ACTUATOR.dead_time)
     if not loop.is_stable():
         return Row(
@@ -125,16 +125,16 @@ def plain_row(name: str, rail: Rail, plant: rs.Rational, controller: rs.Rational
 
 
 def made_row(name: str, rail: Rail, plant: rs.Rational, design: rs.compensators.Compensator | tuning.RuleTuning) -> Row:
-    """Assess a rule or a dead-time compensator with the margins of its true loop."""
+    """Return the row of a rule or a dead-time compensator, with the margins of its true loop."""
     if isinstance(design, tuning.RuleTuning):
         return plain_row(name, rail, plant, design.transfer_function())
-    margins = design.margins()  # of an unstable one: UnstableLoopError with the reason
+    margins = design.margins()  # raises UnstableLoopError for an unstable design
     effort = rs.limits.control_effort(design.controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
     return Row(name, rail, margins, effort, "")
 
 
 def run() -> Comparison:
-    """The table and the responses."""
+    """Compute the table, the limits and the responses."""
     by_rail = plants()
     fixed = fixed_designs(list(by_rail.values()))
     rows = [row for rail, plant in by_rail.items() for row in rows_for(rail, plant, fixed)]
@@ -145,7 +145,7 @@ def run() -> Comparison:
     shown = {name: fixed[name].transfer_function for name in ("best PI", "PI-lead")}
     tau = ACTUATOR.dead_time
     compensators = {name: make() for name, make in predictors(by_rail[Rail.DRY], shown["PI-lead"]).items()}
-    kept = {name: one.controller for name, one in compensators.items() if one.is_stable()}
+    stable = {name: design.controller for name, design in compensators.items() if design.is_stable()}
     return Comparison(
         rows=tuple(rows),
         limits=limits,
@@ -159,7 +159,7 @@ def run() -> Comparison:
         },
         gangs={
             n: deadtime.gang_of_four(c, rs.DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0)
-            for n, c in {**shown, **kept}.items()
+            for n, c in {**shown, **stable}.items()
         },
     )
 
@@ -194,7 +194,7 @@ def main() -> None:
 
 
 def line(row: Row) -> str:
-    """The numbers of a row; empty if there are none."""
+    """Return the numbers of a row as text; empty for an unstable design."""
     if row.margins is None or row.effort is None:
         return ""
     m, e = row.margins, row.effort
@@ -205,7 +205,7 @@ def line(row: Row) -> str:
 
 
 def draw(result: Comparison, folder: Path) -> None:
-    """Draw the responses of the plain designs and the gang of four of all stable ones, dry rail."""
+    """Draw, on dry rail, the responses of best PI and PI-lead, and the gangs of four of all stable designs."""
 
     folder.mkdir(parents=True, exist_ok=True)
     title = "Bristle model, dry rail, 100 km/h, slip 0.132; dead time exact"

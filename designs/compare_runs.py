@@ -1,9 +1,9 @@
-"""Which controller stops the train best, and how far is it from the bound?
+"""Which controller has the shortest stop, and how far is it from the bound?
 
 The published PI and sliding-mode law ([Park2008] Table 4), this project's PI with a lead on the brake's lag, its gain
-schedule, and a rule-based slide protection run with the same seeds of the paper's scenario, as published (inertia scale
+schedule, and a rule-based slide protection run the paper's scenario with the same seeds, as published (inertia scale
 3.6) and in SI. The bound has the highest adhesion at every moment, through the same actuator. The sliding-mode law also
-runs with the dry curve after the rail has turned wet, as a controller that does not know the rail.
+runs with the dry curve on wet rail, as a controller that does not know the rail.
 
     python designs/compare_runs.py [FOLDER for the picture]
 """
@@ -25,7 +25,7 @@ SEEDS = range(32)
 
 @dataclass(frozen=True)
 class WorstMargins:
-    """Worst margins of a linear controller over the vehicle's design points; None where a point is unstable."""
+    """Worst margins of a linear controller over the vehicle's design points; valid if no point is unstable."""
 
     name: str
     unstable_points: int
@@ -38,7 +38,7 @@ class WorstMargins:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Both readings, and the margins of the linear designs in each."""
+    """Runs and margins of the linear designs, each as published and in SI."""
 
     runs: tuple[rs.RunComparison, rs.RunComparison]
     margins: tuple[tuple[WorstMargins, ...], tuple[WorstMargins, ...]]
@@ -81,7 +81,7 @@ def worst_margins(scenario: rs.Scenario, chosen: Mapping[str, Any]) -> tuple[Wor
 
 
 def run(seeds: range = SEEDS) -> Comparison:
-    """Every controller in both readings."""
+    """Compare every controller, as published and in SI."""
     scenarios = [rs.built_in_scenario(name) for name in ("park2008", "park2008-si")]
     chosen = [controllers(scenario) for scenario in scenarios]
     published, si = (rs.compare_runs(scenario, each, seeds) for scenario, each in zip(scenarios, chosen, strict=True))
@@ -90,7 +90,7 @@ def run(seeds: range = SEEDS) -> Comparison:
 
 
 def margins_text(rows: tuple[WorstMargins, ...]) -> str:
-    """A table of the worst margins."""
+    """Return a table of the worst margins, with a note."""
     lines = [
         "Margins, dead time exact, worst over rails, laws, loads and speeds of the designs",
         f"{'':20s} {'unstable':>8s} {'Ms':>7s} {'gain x':>7s} {'phase, deg':>10s} {'delay, s':>8s}",
@@ -100,8 +100,8 @@ def margins_text(rows: tuple[WorstMargins, ...]) -> str:
         if row.unstable_points == 0:
             lines[-1] += f" {row.ms:7.4g} {row.gain_increase:7.4g} {row.phase_deg:10.4g} {row.delay_s:8.4g}"
     note = (
-        "The relay of the ASMC and the valve of the slide protection have no such margins. Gains that are unstable at "
-        "the reference slip may still stop the train where the stop is over before the slip gets there."
+        "The ASMC and the slide protection switch and have no such margins. Gains that are unstable at the reference "
+        "slip may still stop the train, if the stop ends before the slip reaches the reference."
     )
     return "\n".join([*lines, *textwrap.wrap(note, 110), ""])
 

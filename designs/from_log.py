@@ -1,12 +1,12 @@
-"""Is a controller that is designed from a log good on the true adhesion law, which it never saw?
+"""Is a controller that is designed only from a log robust on the true adhesion law?
 
 The steps are observer, fit, operating points, robust design, margins and braking runs. The vehicle is a Siemens Desiro
 Classic (railtoolkit/rolling-stock-data, CC BY 4.0), and the virtual rig writes the log for its wheel. The design uses
-only the log, and has to hold for every law within the uncertainty of the fit.
+only the log, and must be robust for every law within the uncertainty of the fit.
 
-The brake starts at a torque that the dry rail takes. When the rail turns wet, half of it is too much. The brake reacts
-0.75 s late, so that no command can prevent a lock: the design is judged by how soon the wheel rolls again, and by the
-whole stop.
+The brake starts at a torque within the adhesion of the dry rail. Wet rail has half of this adhesion. The brake reacts
+0.75 s late, so no command can prevent a lock when the rail turns wet. The design is judged by the time until the wheel
+rolls again, and by the whole stop.
 
     python designs/from_log.py [FOLDER for the log, the fitted model and the pictures]
 """
@@ -27,16 +27,16 @@ KMH = 1 / 3.6  # m/s
 VEHICLE = Path(__file__).parent / "vehicles" / "desiro_classic.toml"
 TRUE_LAW = adhesion.law_class("burckhardt").model_validate(
     {"c1": 0.31, "c2": 24.0, "c3": 0.11}
-)  # the rig's, not the design's
+)  # used by the rig, unknown to the design
 INITIAL_SPEED = 100.0 * KMH
 RANDOM_SHARE = 431.0 / 34_500.0  # of the wheel load: [Park2008]'s random adhesion force
 TESTS = 12
 SPEEDS_KMH = (10.0, 30.0, 100.0)
-HELD_SHARE = 0.98  # of the highest adhesion: at the peak itself the least disturbance slides over it
+HELD_SHARE = 0.98  # share of the peak adhesion at the reference slip: at the peak a small disturbance starts a slide
 MS_MAX = 2.0  # the upper end of what [Astrom1998] calls reasonable
-INITIAL_SHARE = 0.9  # of the torque that the least of all laws within the uncertainty takes at the slip held
-FALLING = 1.5  # times the slip held: past the peak, where adhesion falls; the brake's first filling comes near it
-LEAD_FILTER = 0.1  # of the lead's time constant, which is the actuator's lag
+INITIAL_SHARE = 0.9  # share of the torque that the weakest law within the uncertainty allows at the reference slip
+FALLING = 1.5  # ratio to the reference slip, beyond the peak; the first filling of the brake comes near this slip
+LEAD_FILTER = 0.1  # ratio of the filter to the lead's time constant, which is the actuator's lag
 PERIOD = 0.02  # s, of the controller
 RAIN = 5.0  # s after the brake is applied
 SEEDS = (0, 1, 2)
@@ -52,13 +52,13 @@ class FromLog:
     plants: tuple[rs.LinearPlant, ...]  # of all laws within the uncertainty, at all operating points
     design: tuning.PIDesign
     controller: PIController
-    true_margins: tuple[rs.Margins, ...]  # with the law the design never saw
-    runs: tuple[rs.Run, ...]  # on that law
-    slowest_falling: float  # km/h, down to which the loop is stable past the peak too, for all laws within
+    true_margins: tuple[rs.Margins, ...]  # with the true law
+    runs: tuple[rs.Run, ...]  # with the true law
+    slowest_falling: float  # km/h, lowest speed at which the loop is stable beyond the peak for all those laws
 
 
 def rig_log(vehicle: rs.Vehicle, path: Path) -> Path:
-    """Return the log of the rig's tests with the vehicle's wheel."""
+    """Write the log of the rig's tests with the vehicle's wheel, and return its path."""
     test = virtual_rig.RigTest(
         vehicle, TRUE_LAW, INITIAL_SPEED, rate=8000.0, random_force=RANDOM_SHARE * vehicle.wheel_load, torque_noise=50.0
     )
@@ -67,7 +67,7 @@ def rig_log(vehicle: rs.Vehicle, path: Path) -> Path:
 
 
 def laws_within(fit: fits.Fit) -> list[adhesion.AdhesionLaw]:
-    """The fitted law, and those at the ends of the axes of its joint 99 % ellipsoid."""
+    """Return the fitted law, and the laws at the ends of the axes of its joint 99 % confidence ellipsoid."""
     from scipy.stats import chi2
 
     size, axes = np.linalg.eigh(fit.covariance)
@@ -77,7 +77,7 @@ def laws_within(fit: fits.Fit) -> list[adhesion.AdhesionLaw]:
 
 
 def held_slip(found: rs.Identification) -> rs.ReferenceSlip:
-    """Where the fitted law, rising, passes `HELD_SHARE` of its peak."""
+    """Return the slip below the peak at which the fitted law has `HELD_SHARE` of its peak adhesion."""
     law, load = found.chosen.fit.law, found.setting.wheel_load
 
     def slip(rail: Rail) -> float:
@@ -92,7 +92,7 @@ def held_slip(found: rs.Identification) -> rs.ReferenceSlip:
 def operating_plants(
     laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip
 ) -> tuple[rs.LinearPlant, ...]:
-    """At the slip that is held: rails, speeds, empty and loaded, for each law."""
+    """Return the plants of each law at the reference slip: both rails, all speeds, empty and loaded."""
     return tuple(
         rs.linearize(rs.operating_point(law.on(rail), each, speed=speed * KMH, slip=getattr(held, rail)))
         for law in laws
@@ -105,7 +105,7 @@ def operating_plants(
 def run(folder: Path | None = None) -> FromLog:
     """Go from the log to the runs; the log is written to `folder` or to a temporary one."""
     vehicle = rs.load_vehicle(VEHICLE)
-    # 1. The log, and what is found in it.
+    # 1. The log, and the laws fitted to it.
     with tempfile.TemporaryDirectory() as scratch:
         log = rig_log(vehicle, (folder or Path(scratch)) / "rig.csv")
         found = rs.identify(log, vehicle)
@@ -141,12 +141,12 @@ def run(folder: Path | None = None) -> FromLog:
 
 
 def past_peak(law: adhesion.AdhesionLaw, vehicle: rs.Vehicle, held: rs.ReferenceSlip, speed: float) -> rs.LinearPlant:
-    """On dry rail at a slip where the adhesion falls, at a speed in m/s."""
+    """Return the plant on dry rail beyond the peak, at a speed in m/s."""
     return rs.linearize(rs.operating_point(law, vehicle, speed=speed, slip=FALLING * held.dry))
 
 
 def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip) -> float:
-    """Return a torque that the dry rail takes, N*m."""
+    """Return a torque within the adhesion of the dry rail for all laws, N*m."""
     takes = [float(numeric.adhesion_coefficient(law, INITIAL_SPEED, held.dry, vehicle.wheel_load)) for law in laws]
     return INITIAL_SHARE * min(takes) * vehicle.wheel_load * vehicle.wheel.radius
 
@@ -154,7 +154,7 @@ def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: 
 def slowest_falling(
     laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip
 ) -> float:
-    """Return the lowest speed at which the loop is stable beyond the peak, where the pole grows as the train slows."""
+    """Return the lowest speed, km/h, down to which the loop is stable beyond the peak for all laws."""
     actuator = vehicle.actuator
     for speed in np.arange(100.0, 0.0, -2.0):
         for law in laws:
@@ -165,15 +165,15 @@ def slowest_falling(
 
 
 def extremes(plants: tuple[rs.LinearPlant, ...]) -> list[rs.LinearPlant]:
-    """Return the plants at the ends of the range of their pole p of r/J/(s - p), and some between."""
+    """Return the plants r/J/(s - p) with the smallest and the largest pole p, and some between."""
     by_pole = sorted(plants, key=lambda plant: float(plant.poles[0].real))
     return [by_pole[i] for i in np.unique(np.linspace(0, len(by_pole) - 1, 9).astype(int))]
 
 
 def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip, begin: float) -> rs.Simulator:
-    """From 100 km/h on the true law, the rail turning wet on the way; the random force with the wheel load.
+    """Return the simulator of a stop from 100 km/h on the true law; the rail turns wet during the stop.
 
-    `begin` is the torque asked for at once, N*m. The anti-windup tracks as fast as the integral acts.
+    `begin` is the first torque, N*m. The tracking time of the anti-windup is kp/ki, that of the integral.
     """
     scenario = rs.Scenario(
         name="from-log",
@@ -183,7 +183,7 @@ def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSli
         events=(rs.Event(time=RAIN, rail=Rail.WET),),
         disturbances=rs.Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
     )
-    limit = vehicle.wheel.radius * vehicle.wheel_load  # mu = 1 is more than any rail gives
+    limit = vehicle.wheel.radius * vehicle.wheel_load  # an adhesion coefficient of 1, more than any rail has
     control = rs.linear_control(
         controller,
         reference=held,
@@ -227,9 +227,9 @@ def main() -> None:
 
 
 def draw(result: FromLog, folder: Path) -> None:
-    """The log's curve with its models, the stop, and the law as a file for `--adhesion`."""
+    """Draw the fitted models and the stop, and write the law as a file for `--adhesion`."""
 
-    held = replace(result.found, reference=result.held)  # the slip that the design holds goes with the law
+    held = replace(result.found, reference=result.held)  # the file has the design's reference slip
     (folder / "model.toml").write_text(rs.model_toml(held), encoding="utf-8")
     plots.save_figure(plots.adhesion_figure((result.found,)), folder / "from_log_adhesion.png")
     plots.save_figure(result.runs[0].plot(), folder / "from_log_stop.png")

@@ -1,4 +1,4 @@
-"""How does a PID with filter and notch on a coach do, from its transfer function to 200 braking runs?
+"""Is a PID with filter and notch robust on a coach, and how does it brake in 200 runs?
 
 python designs/own_controller.py [FOLDER]
 """
@@ -12,7 +12,7 @@ import railslip_ctrl as rs
 
 S = ct.tf("s")
 PID = 1030 + 80 / S + 370 * S / (0.015 * S + 1)  # N*m/(m/s), from slip error to torque
-NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch, 80 rad/s
+NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at the pitch frequency of a bogie, 80 rad/s
 
 
 def run(runs: int = 200) -> dict:

@@ -1,8 +1,8 @@
 """How much margin can a PI leave on dry rail, and with which gains?
 
 At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s, behind an actuator
-with 0.6 s of lag and 0.15 s of dead time. The crossover goes where the loop has most phase. The integral corner lies
-far below, so that it costs little phase.
+with 0.6 s of lag and 0.15 s of dead time. The crossover is where the phase of the loop is largest. The integral corner
+lies far below, where it costs little phase.
 
     python designs/pi_dry.py [FOLDER for the picture]
 """
@@ -26,7 +26,7 @@ class DryDesign:
     proportional_range: tuple[float, float]  # kp that stabilises without ki, N*m/(m/s)
     crossover: float  # rad/s
     shaped: rs.Assessment
-    rounded: rs.Assessment  # the round gains of the report: 190 and 5
+    rounded: rs.Assessment  # rounded gains: kp 190, ki 5
 
 
 def run() -> DryDesign:
@@ -42,14 +42,14 @@ def run() -> DryDesign:
     proportional_range = loop.stabilizing_gain_range
     assert proportional_range is not None
 
-    # 3. Put the crossover where the loop has most phase: there the phase margin of a P controller is largest.
+    # 3. The crossover is where the phase of the loop is largest: there a P controller has its largest phase margin.
     crossover, _phase = rs.most_phase(loop)
     kp = rs.gain_for_crossover(loop, crossover)
 
-    # 4. Integral action, its corner well below the crossover.
+    # 4. The integral corner is well below the crossover.
     ki = kp * crossover * CORNER
 
-    # 5. Check this loop, and the one with rounded gains.
+    # 5. Check this loop, and the loop with rounded gains.
     return DryDesign(
         proportional_range=proportional_range,
         crossover=crossover,

@@ -1,8 +1,8 @@
 """How much robustness does a lead on the brake's lag give, and what does it cost in noise?
 
-The pneumatic lag of 0.6 s makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) cancels most of it, for a tenfold
-gain at high frequency. One gain set then has Ms below 1.5 at twelve operating points. The filter's time constant trades
-robustness for noise of the torque.
+The pneumatic lag of 0.6 s makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) cancels most of the lag and
+raises the gain at high frequency tenfold. One gain set then has Ms below 1.5 at twelve operating points. A smaller time
+constant of the filter gives more robustness and more noise of the torque.
 
     python designs/pi_lead.py [FOLDER for the pictures]
 """
@@ -18,7 +18,7 @@ from railslip_ctrl import PARK2008, PIController, PIGains, Rail, assessment, plo
 
 ACTUATOR = PARK2008.actuator
 KI_MIN = 5.0  # N*m/m
-DELAY_SHARE = 0.05
+DELAY_SHARE = 0.05  # share of the delay margin that the hold of the sampling period uses
 FILTERS = (0.02, 0.06, 0.12, 0.2, 0.3)  # s
 
 
@@ -29,14 +29,14 @@ class LeadDesign:
     design: tuning.PIDesign
     controller: PIController
     by_filter: dict[float, tuning.PIDesign]
-    period: float  # s, half of which, as the hold delays, takes `DELAY_SHARE` of the delay margin
+    period: float  # s; the delay of the hold, half a period, is `DELAY_SHARE` of the delay margin
     sampled_ms: float  # at the worst point
     speed_sweep: schedule.MarginSweep
     slip_sweep: schedule.MarginSweep
 
 
 def tune(lead_filter: float) -> tuning.PIDesign:
-    """Return the least worst Ms over the twelve points, with a lead on the actuator's lag."""
+    """Return the PI-lead with the smallest worst Ms over the twelve points."""
     plants = [
         rs.actuated_plant(rs.plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed), ACTUATOR)
         for rail in Rail
@@ -81,7 +81,7 @@ def main() -> None:
 
 
 def draw(result: LeadDesign, folder: Path) -> None:
-    """Margins against speed and against slip through the peak."""
+    """Draw the margins over speed and over slip, and the loops at the twelve points."""
 
     folder.mkdir(parents=True, exist_ok=True)
     figure = plots.sweep_figure(
@@ -92,7 +92,7 @@ def draw(result: LeadDesign, folder: Path) -> None:
 
 
 def draw_family(result: LeadDesign, folder: Path) -> None:
-    """Bode, Nyquist and Nichols of the design at all twelve operating points, empty and loaded side by side."""
+    """Draw the Bode, Nyquist and Nichols diagrams of the twelve operating points, empty beside loaded."""
 
     groups = []
     for mass in (3517.0, 5276.0):

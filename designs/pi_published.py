@@ -1,8 +1,8 @@
 """Do the published PI gains stabilise the loop?
 
 [Park2008] Table 4 prints its gains in "N-h" and "N"; they work only as N*m per km/h. This script converts them to SI
-and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact: once in SI, and
-once in the as-published reading (M, J and B times 3.6), in which the paper's results come out.
+and checks the loop at 100 km/h on dry and wet rail, with the actuator of p. 55 and its dead time exact. It does so in
+SI and in the as-published reading (M, J and B times 3.6), which reproduces the paper's results.
 
     python designs/pi_published.py [FOLDER for the pictures]
 """
@@ -35,7 +35,7 @@ def check(rail: Rail, inertia_scale: float) -> rs.Assessment:
     law = rs.published_law("bristle", rail)
     # 2. The operating point: the published reference slip and its holding torque.
     point = rs.operating_point(law, vehicle, SPEED, law.reference_slip(rail), rail=rail)
-    # 3. The plant there, the loop around it, its margins.
+    # 3. The linear plant, its loop and the margins.
     return rs.assess(rs.linearize(point), CONTROLLER, vehicle.actuator)
 
 

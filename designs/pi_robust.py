@@ -16,8 +16,8 @@ from typing import Any
 
 import railslip_ctrl as rs
 
-KI_MIN = 5.0  # N*m/m: without a least ki the integral action vanishes
-ENVELOPE = rs.Envelope(laws="bristle", speeds=(20, 60, 100))  # of the published car, whose load is mass alone
+KI_MIN = 5.0  # N*m/m: without a lower bound the optimum has no integral action
+ENVELOPE = rs.Envelope(laws="bristle", speeds=(20, 60, 100))  # published vehicle; a load changes only its mass
 DEAD_TIME = ENVELOPE.vehicle.actuator.dead_time  # s
 
 
@@ -25,7 +25,7 @@ DEAD_TIME = ENVELOPE.vehicle.actuator.dead_time  # s
 class RobustPI:
     """The design, its stabilising region, and the verdict on the bristle model and on two laws."""
 
-    design: Any  # of `tune_pi`
+    design: Any  # result of `tune_pi`
     least_without_integral: float
     region: rs.IntersectionRegion
     bristle: rs.Judgement
@@ -36,12 +36,12 @@ def run() -> RobustPI:
     """Compute the stabilising set, the optimum and the worst case."""
     points = ENVELOPE.points(nominal=True)
     plants = [rs.actuated_plant(plant, ENVELOPE.vehicle.actuator) for plant in points.plants]
-    # 1. Every PI that stabilises all twelve: the intersection of the exact sets.
+    # 1. Every PI that stabilises all twelve points: the intersection of the exact sets.
     region = rs.intersection([rs.stabilizing_pi(plant, dead_time=DEAD_TIME) for plant in plants])
     # 2. The least worst Ms, at ki = 5 and as ki vanishes.
     design = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=KI_MIN)
     limit = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=1e-6)
-    # 3. What happens to it over slip, actuator tolerance and speed, and on another law.
+    # 3. Its verdict over slip, actuator tolerance and speed, and on another adhesion law.
     controller = rs.PIController(rs.PIGains(kp=design.kp, ki=design.ki))
     return RobustPI(
         design=design,

@@ -1,7 +1,7 @@
-"""Does one gain set suffice, or do the gains have to follow speed and rail?
+"""Does one gain set suffice, or must the gains follow speed and rail?
 
-A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8, written as a schedule, and compared with
-the single gain set of least worst Ms over the same range. The script also finds the lowest speed at which any gains
+A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8. This schedule is compared with the single
+gain set that has the smallest worst Ms over the same range. The script also finds the lowest speed at which any gains
 stabilise the loop.
 
     python designs/pi_scheduled.py [FOLDER for the schedule and the picture]
@@ -19,13 +19,13 @@ from railslip_ctrl import plots
 SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 MS_MAX = 1.8
 LEAD, LEAD_FILTER = 0.6, 0.06  # s
-SINGLE = rs.PIController(rs.PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # of designs/pi_lead.py
+SINGLE = rs.PIController(rs.PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # result of designs/pi_lead.py
 ENVELOPE = rs.Envelope(speeds=SPEEDS_KMH, slip=(0.75, 0.9, 1.0, 1.1), laws="bristle")
 
 
 @dataclass(frozen=True)
 class ScheduledDesign:
-    """The schedule, the single gain set on the same range, and the lowest speeds."""
+    """The schedule, the verdict on the single gain set, and the lowest speeds with a stable loop."""
 
     schedule: rs.schedule.GainSchedule
     single: rs.Judgement
@@ -55,7 +55,7 @@ def run() -> ScheduledDesign:
 
 
 def main() -> None:
-    """Print the schedule and the verdicts; with a file name, write the schedule."""
+    """Print the schedule and the verdicts; with a folder, write the schedule and draw the margins."""
     result = run()
     print("rail  speed   kp N*m/(m/s)   ki N*m/m   worst Ms")
     for e in result.schedule.entries:
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def draw(result: ScheduledDesign, folder: Path) -> None:
-    """Margins of the schedule and of the single gain set against speed, dry and wet."""
+    """Draw the margins of the schedule and of the single gain set over speed, dry and wet."""
 
     speeds = [SPEEDS_KMH[0] + (SPEEDS_KMH[-1] - SPEEDS_KMH[0]) * i / 40 for i in range(41)]
     sweeps = [

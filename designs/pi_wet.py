@@ -1,7 +1,7 @@
 """Is a PI that is shaped for wet rail good on dry rail?
 
 On wet rail the adhesion curve falls half as steeply, so the unstable pole is half as fast and the loop is easier to
-stabilise. But the rail may dry at any moment: a PI shaped for wet rail must also be judged on dry rail, and vice versa.
+stabilise. But the rail may dry at any moment. A PI shaped for wet rail must therefore also be judged on dry rail.
 
     python designs/pi_wet.py [FOLDER for the picture]
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 import railslip_ctrl as rs
 
 SPEED = 100 / 3.6  # m/s
-CORNER = 1 / 25  # integral corner over crossover, as in pi_dry.py
+CORNER = 1 / 25  # ratio of the integral corner to the crossover, as in pi_dry.py
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ def run() -> WetDesign:
     """Design the PI step by step."""
     actuator = rs.PARK2008.actuator
     wet, dry = plant_on(rs.Rail.WET), plant_on(rs.Rail.DRY)
-    # 1. The crossover where the wet loop has most phase, and the integral corner below it.
+    # 1. The crossover where the phase of the wet loop is largest, and the integral corner below it.
     loop = rs.DeadTimeLoop(rs.actuated_plant(wet, actuator), actuator.dead_time)
     crossover, _phase = rs.most_phase(loop)
     kp = rs.gain_for_crossover(loop, crossover)
     controller = rs.PIController(rs.PIGains(kp=kp, ki=kp * crossover * CORNER))
-    # 2. The rail dries: the same controller there.
-    # 3. One PI for both, by the least worst Ms.
+    # 2. The rail dries: the same controller on dry rail.
+    # 3. One PI for both rails, with the smallest worst Ms.
     return WetDesign(
         wet=rs.assess(wet, controller, actuator),
         same_on_dry=rs.assess(dry, controller, actuator),

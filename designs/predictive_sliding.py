@@ -1,8 +1,8 @@
 """Does the predictive sliding-mode law slide behind the brake, and what is proved of it?
 
-The published vehicle, SI, holds its reference slips, on dry rail beyond the peak. The gains follow from rules, the loop
-of the boundary layer is exact, and the conditions are decided over a box of slips near the reference and speeds from 60
-km/h, without noise. The theory page "Sliding-mode laws" derives the law.
+The published vehicle, in SI, holds its reference slips; on dry rail the reference is beyond the peak. Rules give the
+gains. The loop of the boundary layer is exact. The conditions are decided without noise, for slips near the reference
+and speeds from 60 km/h. The theory page "Sliding-mode laws" derives the law.
 
 On dry rail noise locks the wheel at the end of the stop, at speeds that the proof and the certified release do not
 cover.
@@ -31,7 +31,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop from 100 to 5 km/h without and with noise, the certified torques, and the noisy run."""
+    """A stop from 100 to 5 km/h without and with noise, the no-lock region, and the noisy run against this region."""
 
     rail: str
     runs: tuple[rs.Run, rs.Run]
@@ -57,7 +57,7 @@ def run() -> Design:
     judgement = rs.judge(rs.Envelope(VEHICLE, laws=LAW), control)
     # 3. The conditions of the sliding mode, over a box of speed, slip and load, by interval arithmetic.
     proof = predictive.verify_predictive(VEHICLE, predictive.RailAdhesion(LAW))
-    # 4. Stops, and the torque from which a released wheel certainly does not lock.
+    # 4. Stops, and the torques from which a released wheel is proved not to lock.
     return Design(control, judgement, proof, tuple(braked(control, rail) for rail in RAILS))
 
 
@@ -98,7 +98,7 @@ def main() -> None:
 
 
 def draw(design: Design, folder: Path) -> None:
-    """Draw S and the slip over time, and the certified region with its runs."""
+    """Draw S and the slip over time, and the no-lock region with the runs."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = plots.style.new_figure(4.4, "Predictive sliding-mode law on its reference slip")
     axes, layer = plots.style.panels(figure, 2, 2, sharex="col", sharey="row"), design.control.layer / 1e3

@@ -1,7 +1,7 @@
-"""How good is a slip controller that knows neither rail nor mass nor curve: gains, margins and stops from the vehicle?
+"""Which margins and stops does a slip controller reach that knows neither rail nor mass nor adhesion curve?
 
-The published vehicle, SI. The gains follow from wheel and brake by rules. Is the loop robust with every tolerance at
-the slip that the controller finds, and how far from the bound does it stop? The theory page "A controller that seeks
+The published vehicle, in SI. Rules give the gains from wheel and brake. The loop is judged with every tolerance at the
+slip that the controller finds, and its stops are compared with the bound. The theory page "A controller that seeks
 the peak" has the parts and their equations.
 
     python designs/seeking.py [FOLDER for the picture]
@@ -17,7 +17,7 @@ import railslip_ctrl as rs
 from railslip_ctrl import bound, plots
 
 VEHICLE = rs.PARK2008
-ENVELOPE = rs.Envelope(VEHICLE, speeds=(20, 60, 100))  # it hands over below 14 km/h
+ENVELOPE = rs.Envelope(VEHICLE, speeds=(20, 60, 100))  # above the hand-over speed, 14 km/h
 LAWS, RAILS = ("curve", "bristle", "beam"), ("dry", "wet")
 SEED = 0
 
@@ -49,7 +49,7 @@ class Design:
 
 
 def run() -> Design:
-    """From the vehicle to the table."""
+    """Compute gains, verdict, certificate and stops from the vehicle."""
     # 1. The gains: kappa 0.27/theta, k 0.3/theta, K 0.23 N r/(theta + T), observer 0.34 theta, deceleration 0.52 theta.
     control = rs.Seeking.for_vehicle(VEHICLE)
     # 2. The exact loop at every point, with the delays of the brake and of its model, which differ by the tolerance.
@@ -62,17 +62,17 @@ def run() -> Design:
 
 
 def braked(control: rs.Seeking, law: str, rail: str) -> Row:
-    """One stop."""
+    """Simulate one stop, and compare it with the bound and the attainable stop."""
     scenario = rs.stop(VEHICLE, rail, adhesion=law)
     limited = scenario.with_changes(limits=rs.BrakeLimits(torque_max=control.torque_max))
     stopped = rs.simulate(limited, control, seed=SEED)
-    least, had = bound.clairvoyant_stop(limited), bound.attainable_stop(limited)
-    distances = least.braking_distance, had.braking_distance, stopped.braking_distance
+    least, attainable = bound.clairvoyant_stop(limited), bound.attainable_stop(limited)
+    distances = least.braking_distance, attainable.braking_distance, stopped.braking_distance
     return Row(law, rail, *distances, stopped.max_slip)
 
 
 def main() -> None:
-    """Print the way from the vehicle to the table; with a folder, draw the worst Ms."""
+    """Print gains, verdict and stops; with a folder, draw the worst Ms over speed and load."""
     design = run()
     control = design.control
     print(
@@ -93,7 +93,7 @@ def main() -> None:
 
 
 def draw(design: Design, folder: Path) -> None:
-    """Worst Ms over speed and load."""
+    """Draw the worst Ms over speed and load."""
     folder.mkdir(parents=True, exist_ok=True)
     plots.save_figure(design.judgement.map.plot(), folder / "seeking_map.png")
 

@@ -1,4 +1,4 @@
-"""Sphinx configuration; `make docs` runs `generate.py` first, then builds from disk without any network."""
+"""Sphinx configuration. `make docs` runs `generate.py` first; the build needs no network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "extensions"), str(HERE)]
 
-from railslip_ctrl import __version__  # noqa: E402  the path comes first
+from railslip_ctrl import __version__  # noqa: E402  import after the path is set
 
 project = "railslip_ctrl"
 author = "the railslip_ctrl developers"
@@ -35,7 +35,7 @@ suppress_warnings = [
 
 autodoc_default_options = {
     "members": True,
-    "exclude-members": "model_config",  # of pydantic, equal for every record
+    "exclude-members": "model_config",  # setting of pydantic, equal for every record
     "show-inheritance": True,
     "member-order": "bysource",
 }
@@ -44,13 +44,13 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = True
 napoleon_google_docstring = False
-napoleon_use_ivar = True  # attributes as a list below the class; as entries they would appear twice
+napoleon_use_ivar = True  # list attributes below the class; separate entries would appear twice
 napoleon_use_rtype = False
 default_role = "py:obj"  # links `name` in a docstring if the object exists, see extensions/docstrings.py
 toc_object_entries_show_parents = "hide"
 
 nitpicky = True
-# Objects of other projects: a build without network has no inventories of them.
+# Objects of other projects cannot be linked: their inventories need the network.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
     (r"py:.*", r"(pydantic\w*|annotated_types|http|click|markupsafe|rich|numba|flint|datetime|ast)\..*"),
@@ -59,16 +59,16 @@ nitpick_ignore_regex = [
     (
         r"py:class",
         r"(Markup|FrequencyResponseData|layout\.\w+|None\.\w+)",
-    ),  # imported only for type checkers, or under another name
+    ),  # names imported only for type checkers, or renamed on import
     (r"py:class", r"railslip_ctrl\..*\._\w+"),  # private bases of public classes
     (r"py:class", r"railslip_ctrl\.design\.tuning\.TunedCases"),
-    # type aliases of modules
+    # type aliases
     (
         r"py:class",
         r"(.*\.)?(Floats|Integers|Complexes|Bools|Booleans|Columns"
         r"|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)",
     ),
-    (r"py:class", r".*\[.*"),  # a type in words, which Sphinx splits at its commas
+    (r"py:class", r".*\[.*"),  # parts of a generic type, which Sphinx splits at its commas
 ]
 
 html_math_renderer = "mathml"

@@ -1,8 +1,8 @@
-"""Equations (1)-(49) of [Park2008], each from where the package states or derives it, in the order of the paper.
+"""Equations (1) to (49) of [Park2008] in the order of the paper, read from the code that states or derives them.
 
-The package's form comes first; where the print differs, the erratum (`railslip_ctrl.paper.errata`) follows. This module
-states only formulas that the package does not need: the names (1), (26), (29), (34), (38), and the beam's (7) and (8),
-which are inside `adhesion.beam.integrated_force`. `tests/test_docs.py` integrates these and compares.
+Each equation is in the form of the package. If the print differs, its erratum (`railslip_ctrl.paper.errata`) follows.
+This module itself states only formulas that the package does not use: (1), (26), (29), (34), (38), and (7) and (8) of
+the beam model. `tests/test_docs.py` integrates (7) and (8) and compares with `adhesion.beam.integrated_force`.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ _ADHESION_LATEX = {
 
 @dataclass(frozen=True)
 class Equation:
-    """One numbered equation as the package has it.
+    """One numbered equation in the form of the package.
 
-    `lines` are LaTeX, one formula each; `home` is the object of the package that states or derives it, or empty; `note`
-    warns a reader of the paper.
+    `lines` are LaTeX, one formula each. `home` is the object of the package that states or derives the equation, or
+    empty. `note` tells a reader of the paper about a difference.
     """
 
     number: int
@@ -62,25 +62,25 @@ class Equation:
         return [row for row in rows if self.number in numbers_in(row.where)]
 
     def prints(self, row: Erratum) -> bool:
-        """True if the printed formula of the row is this equation alone."""
+        """True if the printed formula of an erratum is a form of this equation only."""
         alone = re.fullmatch(rf"\({self.number}\)(, .*)?", row.where) is not None
         return alone or _PRINTED_IN.get(row.where) == self.number
 
 
 _PRINTED_IN = {"(22)-(24)": 24, "(38)-(39) with (41)": 39, "(47)-(48)": 48}
-"""Equation of the printed formula, for rows that name several equations."""
+"""Number of the equation in the printed formula, for errata that name several equations."""
 
 
 def numbers_in(where: str) -> set[int]:
-    """Return the equation numbers in a place of the paper: "(22)-(24)" is 22, 23 and 24."""
-    found = set()
+    """Return the equation numbers in a reference to the paper: "(22)-(24)" gives 22, 23 and 24."""
+    numbers = set()
     for first, last in re.findall(r"\((\d+)\)(?:-\((\d+)\))?", where):
-        found |= set(range(int(first), int(last or first) + 1))
-    return found
+        numbers |= set(range(int(first), int(last or first) + 1))
+    return numbers
 
 
 def tex(expression: sp.Basic) -> str:
-    """Return LaTeX in the source's letters."""
+    """Return an expression as LaTeX with the symbols of [Park2008]."""
     own = {sp.Symbol(name, **kind): text for name, text in _ADHESION_LATEX.items() for kind in ({}, {"positive": True})}
     sliding = {sliding_symbol(name): entry.latex for name, entry in SLIDING_NOTATION.items()}
     text = sp.latex(expression, symbol_names={**latex_names(), **own, **sliding})
@@ -124,7 +124,7 @@ def plant_equations() -> list[Equation]:
 
 @dataclass(frozen=True)
 class BeamParts:
-    """Equations (5) to (9) in SymPy; `mu_d` and `sticking` (lh) are stated here."""
+    """Right-hand sides of (5) to (9) in SymPy; `mu_d` is (7), `sticking` the length lh of (8)."""
 
     pressure: sp.Expr
     per_length: tuple[sp.Expr, sp.Expr]
@@ -134,7 +134,7 @@ class BeamParts:
 
 
 def beam_parts() -> BeamParts:
-    """Return the parts of the beam model; (6) has the branches that (9) and full sliding require."""
+    """Return the parts of the beam model; the branches of (6) follow from (9) and from full sliding."""
     mu_max, a, Kx = Beam.symbols()
     length, slip, x, N = printed.length, printed.slip, printed.xc, printed.wheel_load
     sticking = length * (1 - Kx * slip / (3 * mu_max * N))
@@ -204,7 +204,7 @@ def dynamic_equations() -> list[Equation]:
 
 
 def _in_the_rate(statement: object) -> sp.Expr:
-    """Return the force with z' as one symbol."""
+    """Return the adhesion force with the rate of z as one symbol."""
     return statement.force.subs(statement.state_rate, sp.Symbol(r"\dot{z}"))  # type: ignore[attr-defined]
 
 
@@ -270,7 +270,7 @@ def observer_equations() -> list[Equation]:
 
 
 def coefficient_equations() -> list[Equation]:
-    """Return (30) to (32), read back from the function that evaluates them."""
+    """Return (30) to (32), fitted to values of the function that evaluates them."""
     speeds = np.array([30.0, 85.0, 140.0])
     values = np.array([published_coefficients(v, PARK2008.wheel_load) for v in speeds]).T
     units = (("alpha", r"\mathrm{N/m}", 1.0), ("beta", r"\mathrm{(km/h)/N}", KMH), ("gamma", r"\mathrm{km/h}", KMH))
@@ -350,7 +350,7 @@ def adaptive_equations(d: Derivation) -> list[Equation]:
 
 
 def groups(d: Derivation) -> dict[str, list[Equation]]:
-    """Return all equations by the part of a page that shows them."""
+    """Return all equations, grouped by the name of the file that shows them."""
     return {
         "plant": plant_equations(),
         "beam": beam_equations(),

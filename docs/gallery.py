@@ -1,6 +1,6 @@
-"""The gallery: runs every script of designs/ and analysis/ and shows its pictures, output and text.
+"""Gallery pages: run every script of designs/ and analysis/, and show its pictures, output and code.
 
-A result is kept until the package or the script changes.
+The results of a script are stored until the package or the script changes.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pages import ROOT, package_digest
 
 FOLDERS = ("designs", "analysis")
 THUMBNAIL = (480, 360)
-"""Pixels into which a picture is fitted for the first page of the gallery."""
+"""Largest width and height, pixels, of a picture on the first page of the gallery."""
 
 NUMBERS = {
     **{"RUNS": "200", "SEEDS": "16", "CURVES": "8", "FIRST": "0", "SPREAD": "0"},
     **{"STOPS": "400", "POINTS": "100"},
 }
-"""Arguments of the scripts here: few runs, seeds and stops, so that the site is built in minutes, and no spread."""
+"""Values of the arguments in the usage lines of the scripts: small, so that the build of the site takes minutes."""
 
 _PRINTED = "printed.txt"
 _DONE = "done"
@@ -35,7 +35,7 @@ _DONE = "done"
 
 @dataclass(frozen=True)
 class Script:
-    """A script and the gallery folder with its results."""
+    """A script, and the folder of the gallery with its results."""
 
     path: Path
     folder: Path
@@ -47,19 +47,19 @@ class Script:
 
     @property
     def docstring(self) -> list[str]:
-        """Lines of the docstring; the first is the question."""
+        """Lines of the script's docstring; the first line is the question."""
         text = ast.get_docstring(ast.parse(self.path.read_text("utf-8")))
         assert text is not None, "every script has a docstring"
         return text.splitlines()
 
     @property
     def usage(self) -> str:
-        """Line of the docstring that shows the call."""
+        """Usage line of the docstring: `python designs/... [ARGUMENTS]`."""
         called = f"python {self.path.relative_to(ROOT)}"
         return next(line.strip() for line in self.docstring if line.strip().startswith(called))
 
     def arguments(self) -> list[str]:
-        """Arguments for this gallery, in the order of the usage line."""
+        """Return the arguments for the gallery's run, in the order of the usage line."""
         given = {**NUMBERS, "FOLDER": str(self.folder)}
         return [given[name] for name in re.findall(r"\[([A-Z]+)", self.usage)]
 
@@ -70,18 +70,18 @@ class Script:
 
     @property
     def fresh(self) -> bool:
-        """True if the results come from this script and this package."""
+        """True if the stored results come from the present script and package."""
         done = self.folder / _DONE
         return done.is_file() and done.read_text() == self.digest
 
     @property
     def pictures(self) -> list[Path]:
-        """Pictures of the script, sorted by name."""
+        """Paths of the pictures that the script drew, sorted by name."""
         return sorted(self.folder.glob("*.png"))
 
     @property
     def thumbnail(self) -> Path:
-        """Path of the small first picture."""
+        """Path of the small copy of the first picture."""
         return self.folder / "thumbnail" / "first.png"
 
     @property
@@ -92,24 +92,24 @@ class Script:
 
 
 def scripts(folder: Path) -> list[Script]:
-    """Return the scripts sorted by name, designs first."""
+    """Return all scripts, first the designs, sorted by name."""
     return [Script(path, folder / path.stem) for name in FOLDERS for path in sorted((ROOT / name).glob("*.py"))]
 
 
 def write_gallery(folder: Path, *, run: bool) -> None:
-    """Run the changed scripts, and write a page for each script and the overview."""
-    found = scripts(folder)
-    for script in found:
+    """Run the changed scripts if `run`, then write a page for each script and the overview."""
+    every = scripts(folder)
+    for script in every:
         script.folder.mkdir(parents=True, exist_ok=True)
     if run:
-        stale = [script for script in found if not script.fresh]
-        # as many at a time as there are processors; each script is one process of one thread
+        stale = [script for script in every if not script.fresh]
+        # one process of one thread for each processor
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, stale))
-    for script in found:
+    for script in every:
         _draw_thumbnail(script)
         (folder / f"{script.name}.md").write_text("\n".join(_page(script)), encoding="utf-8")
-    (folder / "index.md").write_text("\n".join(_index(found)), encoding="utf-8")
+    (folder / "index.md").write_text("\n".join(_index(every)), encoding="utf-8")
 
 
 def _run(script: Script) -> None:
@@ -133,7 +133,7 @@ def _run(script: Script) -> None:
 
 
 def _draw_thumbnail(script: Script) -> None:
-    """Draw the small picture of a script that has pictures."""
+    """Write the small copy of the first picture, if the script has pictures and no copy exists."""
     from PIL import Image
 
     if not script.pictures or script.thumbnail.is_file():
@@ -160,13 +160,13 @@ def _page(script: Script) -> Iterator[str]:
     yield from (f"## {where}", "", f"```{{literalinclude}} {source}", ":language: python", "```", "")
 
 
-def _index(found: list[Script]) -> Iterator[str]:
+def _index(every: list[Script]) -> Iterator[str]:
     yield from ("# Gallery", "")
-    yield "For readers who learn from worked designs. Each script of the repository answers one question; it ran when"
-    yield from ("this page was built. Its page has the pictures, the output and the code.", "")
+    yield "For readers who learn from worked designs. Each script of the repository answers one question. Its page has"
+    yield from ("the pictures, the output and the code. The scripts ran when this page was built.", "")
     for folder, title in zip(FOLDERS, ("Designs", "Questions"), strict=True):
         yield from (f"## {title}", "", "::::{container} gallery", "")
-        for script in found:
+        for script in every:
             if script.path.parent.name != folder:
                 continue
             yield from (":::{container}", "", f"**[{script.name}]({script.name}.md)**", "", script.docstring[0], "")
@@ -175,4 +175,4 @@ def _index(found: list[Script]) -> Iterator[str]:
                 yield from (f"[![{script.name}, first picture]({small})]({script.name}.md)", "")
             yield from (":::", "")
         yield from ("::::", "")
-    yield from ("```{toctree}", ":hidden:", "", *(script.name for script in found), "```", "")
+    yield from ("```{toctree}", ":hidden:", "", *(script.name for script in every), "```", "")

@@ -1,7 +1,7 @@
 """Write the computed parts of the documentation into docs/_generated: equations, tables, API pages, gallery.
 
-They are not committed. Every number or formula of a page is one of these, output of a command that the page runs, or in
-a doctest.
+The generated files are not committed. A page shows its numbers and formulas from these files, from commands that it
+runs, or in doctests.
 
     python docs/generate.py [--without-gallery]
 """
@@ -35,11 +35,11 @@ from pages import GENERATED
 _HOW = {"symbolic": "comparing the expressions", "computed": "computing the numbers", "argument": "argument"}
 
 HIDDEN = ("_generated", "__main__", "cli")
-"""Modules without a page: generated code, and the command line, whose reference is its help."""
+"""Parts of module names that get no API page: generated code, and the command line, which has its help instead."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write all parts; `--without-gallery` keeps the present gallery, which takes longest."""
+    """Write all parts; `--without-gallery` skips the scripts of the gallery, which take longest."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--without-gallery", action="store_true")
     given = parser.parse_args(arguments)
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _write(name: str, text: str) -> None:
     path = GENERATED / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.is_file() or path.read_text("utf-8") != text:  # an unchanged page is not read again by Sphinx
+    if not path.is_file() or path.read_text("utf-8") != text:  # Sphinx does not read an unchanged file again
         path.write_text(text, encoding="utf-8")
 
 
@@ -73,7 +73,7 @@ def _write(name: str, text: str) -> None:
 
 
 def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> str:
-    """Return each equation with its source, its place in the package, and its erratum."""
+    """Return each equation as Markdown, with its source, its place in the package and its errata."""
     parts = []
     for equation in equations:
         parts += [f"(eq-{equation.number})=", "", f"### ({equation.number}) {equation.title}", ""]
@@ -86,7 +86,7 @@ def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> st
 
 
 def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) -> str:
-    """Return the erratum of an equation; without its formula if the erratum is about several equations."""
+    """Return one erratum of an equation as text; the printed formula only if `printed_here`."""
     where = _prose(row.where)
     link = f"[errata, {where}](#erratum-{rows.index(row) + 1})"
     if row.agrees:
@@ -98,7 +98,7 @@ def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) 
 
 
 def errata_text(rows: Sequence[Erratum]) -> str:
-    """Return every row of the errata with an anchor, including those that agree."""
+    """Return every row of the errata with an anchor, including rows where the print agrees."""
     wrong = sum(not row.agrees for row in rows)
     parts = [f"{wrong} of the {len(rows)} equations, tables and claims below do not follow from the source.", ""]
     for number, row in enumerate(rows, 1):
@@ -113,7 +113,7 @@ def errata_text(rows: Sequence[Erratum]) -> str:
 
 
 def steps_text(derivation: Derivation | PredictiveDerivation) -> str:
-    """Return the steps of the derivation with their checks."""
+    """Return the steps of a derivation as Markdown, each with its equation and its check."""
     parts = []
     for number, step in enumerate(derivation.steps, 1):
         mark = "checked" if step.checked else "CHECK FAILS"
@@ -127,12 +127,12 @@ def steps_text(derivation: Derivation | PredictiveDerivation) -> str:
 
 
 def _prose(text: str) -> str:
-    """Return plain text with the signs of Markdown escaped."""
+    """Return plain text with the markup characters of Markdown escaped."""
     return re.sub(r"([*_|<>`\[\]$])", r"\\\1", text)
 
 
 def nomenclature_text() -> str:
-    """Return the symbols of the plant, the published and the predictive sliding-mode law."""
+    """Return the tables of symbols: plant, published and predictive sliding-mode law."""
     return "\n".join(
         [
             "### Plant",
@@ -202,7 +202,7 @@ def controllers_text() -> str:
 
 
 def sources_text() -> str:
-    """Return the references by key, each with an anchor."""
+    """Return the sources sorted by key, each with an anchor."""
     parts = []
     for key, text in sorted(SOURCES.items()):
         linked = re.sub(r"doi:(\S+)", r"doi:[\1](https://doi.org/\1)", text)
@@ -214,7 +214,7 @@ def sources_text() -> str:
 
 
 def commands_text() -> str:
-    """Return the help of every command, as the terminal shows it."""
+    """Return the help text of every command."""
     import click
 
     from railslip_ctrl.cli.program import railslip
@@ -233,7 +233,7 @@ def commands_text() -> str:
 
 
 def packages() -> dict[str, list[str]]:
-    """Return the modules by their package or top-level module, in the order of their names."""
+    """Return the names of all documented modules, grouped by package or top-level module and sorted by name."""
     found: dict[str, list[str]] = {"railslip_ctrl": ["railslip_ctrl"]}
     for info in pkgutil.walk_packages(railslip_ctrl.__path__, "railslip_ctrl."):
         parts = info.name.split(".")
@@ -258,7 +258,7 @@ def write_api() -> None:
 
 
 def _offered(module: ModuleType) -> list[str]:
-    """Return the lines of a package that link its exported names to their definitions."""
+    """Return, for a package, the lines that link its exported names to their definitions."""
     if not hasattr(module, "__path__"):
         return []
     lines = ["   :no-members:", ""]

@@ -1,4 +1,4 @@
-"""How large is the package, and which room imports which? Prints counts and draws the rooms.
+"""How large is the package, and which room imports which? Print the counts and draw the rooms.
 
 python docs/house.py [PICTURE.svg]
 """
@@ -16,11 +16,11 @@ import grimp
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "railslip_ctrl"
 SAME = 6
-"""Number of equal lines in a row, without blank lines and imports, that count as written twice."""
+"""Number of equal consecutive lines, without blank lines and imports, that count as a duplicate."""
 
 
 def rooms() -> dict[str, tuple[set[str], int, int]]:
-    """Return each room with its imported rooms, files and lines, from the top floor down."""
+    """Return, for each room, its imported rooms and its numbers of files and lines, from the top floor down."""
     graph = grimp.build_graph("railslip_ctrl")
     below: dict[str, set[str]] = defaultdict(set)
     for module in graph.modules:
@@ -36,24 +36,24 @@ def rooms() -> dict[str, tuple[set[str], int, int]]:
 
 
 def floor(room: str, below: dict[str, set[str]]) -> int:
-    """Return one more than the highest floor among the imported rooms; the ground floor is 1."""
+    """Return the floor of a room: one above its highest imported room, 1 without imports."""
     return 1 + max((floor(one, below) for one in below[room]), default=0)
 
 
 def sources(folder: Path) -> dict[Path, str]:
-    """Return the text of every module in a folder, without generated ones."""
+    """Return the text of every module in a folder, without generated modules."""
     return {path: path.read_text("utf-8") for path in sorted(folder.rglob("*.py")) if "_generated" not in path.parts}
 
 
 def names_used_twice() -> list[str]:
-    """Return the class names that more than one module defines."""
+    """Return the class names that are defined more than once."""
     trees = [ast.parse(text) for text in sources(PACKAGE).values()]
     counted = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
     return sorted(name for name, count in counted.items() if count > 1)
 
 
 def written_twice() -> int:
-    """Return the number of pairs of places that share `SAME` lines or more."""
+    """Return the number of duplicates: pairs of places that share at least `SAME` lines."""
     places: dict[tuple[str, ...], list[tuple[Path, int]]] = defaultdict(list)
     for path, text in sources(PACKAGE).items():
         stripped = (line.strip() for line in text.splitlines())
@@ -61,12 +61,12 @@ def written_twice() -> int:
         for start in range(len(lines) - SAME + 1):
             places[tuple(lines[start : start + SAME])].append((path, start))
     pairs = {(a, b) for same in places.values() for a in same for b in same if a < b}
-    # a longer run of shared lines is one pair: count where it begins
+    # a longer duplicate counts once, at its first line
     return sum(((a[0], a[1] - 1), (b[0], b[1] - 1)) not in pairs for a, b in pairs)
 
 
 def counts() -> str:
-    """Return the counts as a text table, then one line for each room."""
+    """Return the counts of the package as a text table, then one line for each room."""
     house = rooms()
     below = defaultdict(set, {name: room[0] for name, room in house.items()})
     package, tests = sources(PACKAGE), sources(ROOT / "tests")
@@ -87,7 +87,7 @@ def counts() -> str:
 
 
 def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
-    """Return the imports between rooms, without those that follow from others."""
+    """Return the imports between rooms, without an import that another imported room has too."""
     reached: dict[str, set[str]] = {}
     for room in sorted(below, key=lambda room: floor(room, below)):
         reached[room] = set().union(below[room], *(reached[one] for one in below[room]))
@@ -95,7 +95,7 @@ def shown_arrows(below: dict[str, set[str]]) -> list[tuple[str, str]]:
 
 
 def picture(path: Path) -> None:
-    """Draw the rooms by floor, with arrows to the rooms that each imports."""
+    """Draw the rooms by floor, with an arrow to each imported room."""
     import matplotlib.pyplot as plt
 
     house = rooms()
@@ -105,7 +105,7 @@ def picture(path: Path) -> None:
     boxes = {}
     for name, (_, files, lines) in house.items():
         beside = sorted(one for one in house if height[one] == height[name])
-        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # an arrow passes on the left half
+        passed = any(height[a] > height[name] > height[b] for a, b in drawn)  # an arrow needs the left half
         x = 0.75 if passed else (beside.index(name) + 0.5) / len(beside)
         doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
         text = fill(doc.splitlines()[0].replace("`", ""), 62)

@@ -1,4 +1,4 @@
-"""What does the page of `railslip design` look like? A picture of it in headless Chromium, for README.md and the site.
+"""Draw the page of `railslip design` in headless Chromium, for README.md and the site.
 
 python docs/page_picture.py PICTURE.png
 """
@@ -13,14 +13,14 @@ from typing import Any
 
 import railslip_ctrl as rs
 
-WIDTH, HEIGHT = 1300, 1400  # CSS pixels: the maps and the four plots
-SECONDS = 120.0  # that the slowest answer may take
+WIDTH, HEIGHT = 1300, 1400  # CSS pixels of the window: room for the maps and the four plots
+SECONDS = 120.0  # longest wait for the answers of the server
 BUSY = "return verdict === null || !region || region.few || Object.values(questions).some((one) => one.asked)"
 SHAPED = "pin(); Object.assign(design.values, {kp: 365, ki: 120}); changed(true)"
 
 
 def browser() -> Any:
-    """Headless Chromium; its driver must be installed."""
+    """Return headless Chromium; chromedriver must be installed."""
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -28,24 +28,24 @@ def browser() -> Any:
     options.binary_location = shutil.which("chromium") or shutil.which("google-chrome") or ""
     for flag in ("headless=new", "no-sandbox", "disable-gpu", "hide-scrollbars", f"window-size={WIDTH},{HEIGHT}"):
         options.add_argument(f"--{flag}")
-    found = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     screen = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
-    found.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
-    return found
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
+    return driver
 
 
 def settled(tab: Any) -> None:
-    """Wait until every answer is there."""
+    """Wait until the page has received every answer from the server, at most `SECONDS`."""
     end = time.monotonic() + SECONDS
-    time.sleep(1.0)  # until the questions are asked
+    time.sleep(1.0)  # until the page has sent its requests
     while tab.execute_script(BUSY) and time.monotonic() < end:
         time.sleep(0.2)
 
 
 def picture(path: Path) -> None:
-    """The published vehicle at less slip: a design by the rule stays in grey behind one with less integral action."""
-    held = rs.ReferenceSlip(dry=0.1, wet=0.07)
-    with rs.design_page(rs.Envelope(reference=held)) as page, browser() as tab:
+    """Draw the published vehicle at smaller reference slips: the gains by rule in grey, and gains with a smaller ki."""
+    reference = rs.ReferenceSlip(dry=0.1, wet=0.07)
+    with rs.design_page(rs.Envelope(reference=reference)) as page, browser() as tab:
         tab.get(page.address)
         settled(tab)
         tab.execute_script(SHAPED)

@@ -6,7 +6,7 @@
     ```{railslip}                run each line as a command and show its output
     >>>                          Python, which the tests run as a doctest
 
-Files and commands share a folder, one for each page.
+All files and commands of a page share one folder.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _PROGRAMS = ("railslip", "python")
 class Block:
     """A file with its name, or commands with an empty name.
 
-    `tested` is the test file that runs the command, if it takes too long to be run with the page.
+    `tested` is the test file that runs a command that takes too long for the test of the page.
     """
 
     name: str
@@ -45,18 +45,18 @@ class Block:
 
     @property
     def commands(self) -> list[list[str]]:
-        """Words of each command: `railslip ...`, or `python FILE` for a script of the page."""
+        """Commands as lists of words: `railslip ...`, or `python FILE` for a script of the page."""
         lines = self.text.replace("\\\n", " ").splitlines()
         return [shlex.split(line, comments=True) for line in lines if line.split(" ")[0] in _PROGRAMS]
 
 
 def sources() -> list[Path]:
-    """Return the pages written by hand, sorted."""
+    """Return the paths of the pages that are not generated, sorted."""
     return sorted(path for path in DOCS.rglob("*.md") if not {"_generated", "_build"} & set(path.parts))
 
 
 def blocks(text: str) -> list[Block]:
-    """Return the files and commands of a page, in order."""
+    """Return the blocks of files and commands of a page, in their order."""
     return [
         _block(name, _OPTION.sub("", body), dict(_OPTION.findall(body))) for _kind, name, body in _FENCE.findall(text)
     ]
@@ -73,27 +73,27 @@ def repository_text(path: str) -> str:
 
 
 def prepare(folder: Path) -> Path:
-    """Return the folder in which a page's commands run; it has only files that the page writes."""
+    """Create and return the folder in which the commands of a page run."""
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
 def renewed(folder: Path, text: str) -> Path:
-    """Return the folder of a page, emptied if the page's files and commands, or the package, have changed.
+    """Return the folder of a page, empty if the files or commands of the page, or the package, have changed.
 
-    A command may refuse files of an earlier one, as a campaign refuses the folder of another.
+    Old files must go, because a command may refuse them: a campaign refuses the folder of another campaign.
     """
-    made_from = hashlib.sha256(repr((blocks(text), package_digest())).encode()).hexdigest()
+    digest = hashlib.sha256(repr((blocks(text), package_digest())).encode()).hexdigest()
     mark = prepare(folder) / ".made-from"
-    if not mark.is_file() or mark.read_text("utf-8") != made_from:
+    if not mark.is_file() or mark.read_text("utf-8") != digest:
         shutil.rmtree(folder)
-        (prepare(folder) / mark.name).write_text(made_from, encoding="utf-8")
+        (prepare(folder) / mark.name).write_text(digest, encoding="utf-8")
     return folder
 
 
 @cache
 def package_digest() -> str:
-    """Return a hash of every source file that a command may run."""
+    """Return a hash of every source file of the package and of the designs."""
     digest = hashlib.sha256()
     for folder in ("railslip_ctrl", "designs"):
         for path in sorted((ROOT / folder).rglob("*")):
@@ -103,7 +103,10 @@ def package_digest() -> str:
 
 
 def run(words: list[str], folder: Path, history: str) -> str:
-    """Return the standard output of a command; kept until the package or its `history` on the page changes."""
+    """Return the standard output of a command, from a stored copy if package, command and `history` are unchanged.
+
+    RuntimeError if the command fails.
+    """
     key = hashlib.sha256(json.dumps([words, history, package_digest()]).encode()).hexdigest()[:16]
     stored = folder / f".{key}.txt"
     if stored.is_file():
@@ -118,8 +121,8 @@ def run(words: list[str], folder: Path, history: str) -> str:
         text=True,
         check=False,
     )
-    answered = (0, 1) if words[0] == "railslip" else (0,)  # 1: a negative answer
-    if done.returncode not in answered:
+    accepted = (0, 1) if words[0] == "railslip" else (0,)  # exit status 1 is a negative answer
+    if done.returncode not in accepted:
         raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
     stored.write_text(done.stdout, encoding="utf-8")
     return done.stdout

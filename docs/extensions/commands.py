@@ -1,4 +1,4 @@
-"""The directives `file` and `railslip` (see `pages`), which show files, commands and their output."""
+"""Sphinx directives `file` and `railslip` (see `pages`): they show files, and commands with their output."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _LINES = 40
 
 
 class _OnPage(SphinxDirective):
-    """Base of both directives: the page's folder and its history."""
+    """Base of both directives: working folder of the page, and hash of its earlier commands and files."""
 
     def folder(self) -> Path:
         text = Path(self.env.doc2path(self.env.docname)).read_text("utf-8")
         return renewed(GENERATED / "run" / self.env.docname, text)
 
     def history(self, more: str = "") -> str:
-        """Return a hash of everything run or written on the page so far, and of `more`."""
+        """Return a hash of all earlier commands and files of the page, and of `more`."""
         text = self.env.temp_data.get("railslip", "") + more
         digest = hashlib.sha256(text.encode()).hexdigest()
         self.env.temp_data["railslip"] = digest
@@ -40,7 +40,7 @@ class FileDirective(_OnPage):
     option_spec: ClassVar[dict[str, Any]] = {"from": directives.unchanged, "hidden": directives.flag}
 
     def run(self) -> list[nodes.Node]:
-        """Return the text with its name above it, or only a link."""
+        """Return the text with its file name as caption, or only a download link."""
         name, source = self.arguments[0], self.options.get("from", "")
         text = repository_text(source) if source else "\n".join(self.content) + "\n"
         (self.folder() / name).write_text(text, encoding="utf-8")
@@ -68,18 +68,18 @@ class RailslipDirective(_OnPage):
     }
 
     def run(self) -> list[nodes.Node]:
-        """Return the nodes of commands, output and pictures."""
+        """Return the commands, their output and their pictures as document nodes."""
         text = "\n".join(self.content) + "\n"
-        found: list[nodes.Node] = [nodes.literal_block(text, text, language="sh")]
+        shown: list[nodes.Node] = [nodes.literal_block(text, text, language="sh")]
         for words in Block("", text).commands:
             output = run(words, self.folder(), self.history(" ".join(words)))
-            found += self._shown(output)
+            shown += self._output(output)
         for picture in self.options.get("pictures", "").split():
             uri = f"/_generated/run/{self.env.docname}/{picture}"
-            found.append(nodes.image(uri=uri, alt=self.options.get("alt", picture)))
-        return found
+            shown.append(nodes.image(uri=uri, alt=self.options.get("alt", picture)))
+        return shown
 
-    def _shown(self, output: str) -> list[nodes.Node]:
+    def _output(self, output: str) -> list[nodes.Node]:
         lines = output.rstrip().splitlines()
         limit = self.options.get("lines", _LINES)
         if limit == 0 or not lines:

@@ -1,7 +1,7 @@
-"""Docstrings of the package for Sphinx: escape signs of reStructuredText and link names.
+"""Docstrings of the package for Sphinx: markup characters are escaped, and names are linked.
 
-The docstrings are written for an editor: |x| is an absolute value, N*m a unit, a `name` in backticks a name. Names are
-linked if the object exists.
+In the docstrings |x| is an absolute value, N*m a unit, and text in backticks a name. A name is linked if its object
+exists.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from sphinx.environment import BuildEnvironment
 
 from railslip_ctrl.model.vehicle import Record
 
-LONGEST_VALUE = 300  # characters, three lines
+LONGEST_VALUE = 300  # characters, three lines: a longer value of a constant is not shown
 
 _CODE = re.compile(r"(``.+?``|`[^`]+`)", re.DOTALL)
 _SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")
 
 
 def escape(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Escape signs outside code, before napoleon reads the sections."""
+    """Escape markup characters outside code before the extension napoleon reads the sections of the docstring."""
     lines[:] = _escaped("\n".join(lines)).split("\n")
     if what in ("attribute", "data", "property"):
-        lines[:0] = ["..", ""]  # an empty comment: napoleon reads a first line with a colon as a type
+        lines[:0] = ["..", ""]  # an empty comment, because napoleon reads a first line with a colon as a type
 
 
 def signature(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, given: str | None, returned: str | None
 ) -> tuple[str, str | None] | None:
-    """Return the arguments of a record by name; the list of its fields has their types."""
+    """Return the signature of a record with argument names only; the list of fields shows the types."""
     if what != "class" or not (isinstance(obj, type) and issubclass(obj, Record)):
         return None
     names = [name if info.is_required() else f"{name}=..." for name, info in obj.model_fields.items()]
@@ -49,16 +49,16 @@ def _escaped(text: str) -> str:
 
 
 def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:
-    """Link a name to the only object that ends in it, or show the name unlinked.
+    """Link a name to the only object whose full name ends with it, otherwise show the name without a link.
 
-    Full names in pages and signatures have to resolve; Sphinx reports those that do not.
+    Full names in pages and signatures must resolve; Sphinx reports a full name without an object.
     """
     if node.get("refdomain") != "py":
         return None
     target = node["reftarget"]
-    words = node["reftype"] == "obj" or bool(node.get("refspecific"))
-    if words or "." not in target or target.startswith("railslip_ctrl."):
-        return _link(app, env, node, content) or (content if words else None)
+    loose = node["reftype"] == "obj" or bool(node.get("refspecific"))
+    if loose or "." not in target or target.startswith("railslip_ctrl."):
+        return _link(app, env, node, content) or (content if loose else None)
     return None
 
 
@@ -77,14 +77,14 @@ def _link(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes
 
 
 def leave_out_tables(app: Sphinx, doctree: nodes.document) -> None:
-    """Remove the value of a constant that fills many lines, such as a table of symbols."""
+    """Remove the value of a constant if it has more than `LONGEST_VALUE` characters, such as a table of symbols."""
     for value in list(doctree.findall(desc_annotation)):
         if len(value.astext()) > LONGEST_VALUE:
             value.parent.remove(value)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect the handlers; priority 400 comes before napoleon's 500."""
+    """Connect the handlers; priority 400 runs before napoleon, whose priority is 500."""
     app.connect("autodoc-process-docstring", escape, priority=400)
     app.connect("autodoc-process-signature", signature)
     app.connect("missing-reference", resolve)

@@ -16,12 +16,12 @@ def visit_inline(self: Any, node: nodes.math) -> None:
 
 
 def visit_display(self: Any, node: nodes.math_block) -> None:
-    """Write a formula on its own line into the page."""
+    """Write a displayed formula into the page."""
     self.body.append(f'<div class="math-block">{convert(node.astext(), display="block")}</div>')
     raise nodes.SkipNode
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register the renderer, to be chosen by `html_math_renderer`."""
+    """Register the renderer under the name `mathml` for the option `html_math_renderer`."""
     app.add_html_math_renderer("mathml", inline_renderers=(visit_inline, None), block_renderers=(visit_display, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
