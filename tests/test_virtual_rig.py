@@ -74,7 +74,7 @@ TOO_FAR |= {"brake": Actuator(dead_time=0.15, lag=0.6)}
     ({"rate": 0.0}, r"^rate: 0 is not allowed; give a finite value > 0$"),
     ({"random_force": -1.0}, r"^random_force: -1 is not allowed; give a finite value >= 0$"),
     ({"release_slip": 1.0}, r"^release_slip: 1 is not allowed; give a finite value > 0 and < 1$"),
-    ({"rate": 20.0}, r"^rate: with 20 N\*m/s .* 0\.5; give a steeper ramp"),
+    ({"rate": 20.0}, r"^rate: with 20 N\*m/s .* 0\.5; give a larger rate"),
     ({"tests": 0}, "tests: 0 is not allowed; give an integer from 1"),
     (TOO_FAR, r"^release_slip: .* 0\.8 .* 'curve' is not defined"),
 ])  # fmt: skip
@@ -205,7 +205,7 @@ def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     share = (high - low) / (0.04 * R) * spread
     assert found.own_peak.slip_stderr**2 == pytest.approx(without**2 + share**2, rel=1e-2)  # R's square is bent
     assert share > 0.2 * without
-    assert f"scatter from run to run, {spread:.2g} m/s^2" in fitted.notes[0]
+    assert f"from run to run, {spread:.2g} m/s^2" in fitted.notes[0]
 
 
 def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
@@ -216,7 +216,7 @@ def test_the_peak_of_bristles_is_that_of_the_ramp_that_is_given():
     assert (given.peaks[0].slip, given.peaks[0].coefficient) == pytest.approx((0.129, 0.299), rel=5e-3)  # as printed
     fit, other = given.chosen.fit, own.chosen.fit
     assert (fit.model.known["R"], fit.known_stderrs) == (2.93, {})
-    assert "a ramp of 2.93 m/s^2 (as given" in fit.notes[0]
+    assert "2.93 m/s^2 (as given" in fit.notes[0]
     assert "of alpha, beta and gamma only" in fit.notes[0]
     assert other.model.known["R"] == own.setting.slip_acceleration
     assert "the log's mean up to its peak" in other.notes[0]

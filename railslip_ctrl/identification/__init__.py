@@ -1,7 +1,7 @@
-"""From a log of a brake rig or a train to an adhesion law: `railslip identify`.
+"""Identify an adhesion law from a log of a brake rig or a train: `railslip identify`.
 
-Imports `model` and `core`; `virtual_rig` also `simulation`. Begin with `identify`. A log goes through the other modules
-in this order, and later ones import earlier ones.
+This package imports `model` and `core`; `virtual_rig` also imports `simulation`. Begin with `identify`. A log passes
+through the other modules in this order. Later modules import earlier ones.
 
 - `identify`: compares the models of a log and chooses one; handles several logs
 - `observer`: encoder and torque sensor; observers of the adhesion torque, the published one and a Kalman filter
@@ -12,6 +12,6 @@ in this order, and later ones import earlier ones.
 - `curves`: reduces the samples to the adhesion curve, by cells of slip and speed
 - `models`, `fits`, `prediction`: the models, least squares over the cells, prediction-error fits
 - `results`: comparison, regimes, peak and reference slip, parameters over the initial speed
-- `messages`: the sentences of warnings and notes, from `messages.toml`
+- `messages`: texts of warnings and notes, from `messages.toml`
 - `virtual_rig`: a simulated brake rig whose true adhesion law is known
 """

@@ -1,4 +1,4 @@
-"""Messages about a log and its fits: the sentences of `messages.toml` with their numbers filled in."""
+"""Messages about a log and its fits, from the templates in `messages.toml`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from railslip_ctrl.core.templates import texts
 
 
 def message(name: str, /, **numbers: Any) -> str:
-    """Return the sentence called `name`, formatted by `str.format` with the numbers."""
+    """Return the message with the key `name` of `messages.toml`, formatted by `str.format` with the numbers."""
     return _sentence(name).format(**numbers)
 
 

@@ -12,10 +12,10 @@ As printed, u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
 
     omega' = (-B omega + Ta - Tb)/J + torque error/J,    Ta' = white
 
-It is the steady filter ([Astrom1997] 11); its gain comes from python-control's Riccati solvers. It predicts exactly
-over each interval and corrects with the gain of the nominal interval.
+The filter has a constant gain ([Astrom1997] 11), from python-control's Riccati solvers. It predicts exactly over each
+interval and corrects with the gain of the nominal interval.
 
-`SampledForm` is an observer as a recursion at a constant interval, from which its noise follows.
+`SampledForm` is an observer as a recursion at a constant interval. The noise of the estimate follows from it.
 """
 
 from __future__ import annotations
@@ -46,11 +46,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Encoder:
-    """An incremental encoder, whose speed is the difference of two counts over the interval between them.
+    """Incremental encoder; its speed is the difference of two counts over the interval between them.
 
-    That speed is the mean over the interval, so half an interval late. Each angle's error is taken as uniform over one
-    count and independent of the others, which holds if many counts pass in an interval. `counts` per turn include every
-    edge: 4 times the lines of an encoder with two tracks. InputError for fewer than 1.
+    This speed is the mean over the interval, so it is half an interval late. The rounding error of each angle is
+    modelled as uniform over one count and independent of the other errors. This holds if many counts pass in an
+    interval. `counts` is the number of edges per turn: 4 times the lines of an encoder with two tracks. InputError for
+    fewer than 1.
     """
 
     counts: int
@@ -66,15 +67,18 @@ class Encoder:
 
     @property
     def angle_variance(self) -> float:
-        """Variance of the rounding error of one angle, rad^2: a count squared over 12."""
+        """Variance of the rounding error of one angle, rad^2: `angle_step` squared over 12."""
         return self.angle_step**2 / 12
 
     def speed_variance(self, interval: float) -> float:
-        """Variance of the speed, (rad/s)^2, at an interval in s; errors of neighbouring samples are correlated."""
+        """Variance of the measured speed, (rad/s)^2, for a sampling interval in s.
+
+        The errors of neighbouring samples are correlated.
+        """
         return 2 * self.angle_variance / interval**2
 
     def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
-        """Measured speed (rad/s) at all times but the first: k - 1 values.
+        """Return the measured speed (rad/s) at all times but the first: k - 1 values.
 
         `time` in s and true `angle` in rad are arrays of one length k, 1-D.
         """
@@ -84,10 +88,10 @@ class Encoder:
 
 @dataclass(frozen=True)
 class TorqueSensor:
-    """A torque sensor with white noise and a resolution; N*m.
+    """Torque sensor with white noise and a finite resolution, N*m.
 
-    `noise` is the standard deviation of a sample, >= 0: electronics, and ripple that does not act on the wheel;
-    `resolution` is the step of the readings, >= 0. InputError for a number out of range.
+    `noise` >= 0 is the standard deviation of a sample: noise of the electronics, and ripple that does not act on the
+    wheel. `resolution` >= 0 is the step of the readings. InputError for a number out of range.
     """
 
     noise: float
@@ -103,7 +107,7 @@ class TorqueSensor:
         return self.noise**2 + self.resolution**2 / 12
 
     def measured(self, torque: ArrayLike, generator: np.random.Generator) -> Floats:
-        """Measured torque (N*m) for the true `torque` (N*m), of any shape, with noise from a `generator`."""
+        """Return the measured torque (N*m) for the true `torque` (N*m, any shape), with noise from `generator`."""
         true = np.asarray(torque, dtype=float)
         noisy = true + self.noise * generator.standard_normal(true.shape)
         return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
@@ -113,10 +117,11 @@ class TorqueSensor:
 
 
 def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Floats:
-    """x[k] = transition[k] x[k-1] + forcing[k] for all k, x[-1] = initial: (k, n, n), (k, n), (n,); the result (k, n).
+    """Compute x[k] = transition[k] x[k-1] + forcing[k] for all k, with x[-1] = initial.
 
-    Blocks of steps are computed in parallel from rest, each with the product of its transitions; a pass over the blocks
-    then adds the effect of their initial states. There is no division, so stable transitions give only rounding errors.
+    Shapes: `transition` (k, n, n), `forcing` (k, n), `initial` (n,), result (k, n). Blocks of steps are computed in
+    parallel with zero initial state, each with the product of its transitions. A pass over the blocks then adds the
+    effect of their initial states. The method does not divide, so stable transitions give only rounding errors.
     """
     rows, n = forcing.shape
     length = max(math.isqrt(rows), 1)
@@ -124,7 +129,7 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
     padded = np.zeros((blocks * length, n, n + 1))  # the last block is padded with zeros, cut off at the end
     padded[:rows, :, :n], padded[:rows, :, n] = transition, forcing
     steps = padded.reshape(blocks, length, n, n + 1).swapaxes(0, 1).copy()  # by step, then by block
-    passed = np.empty_like(steps)  # the product of a block's transitions up to a step, and its response from rest
+    passed = np.empty_like(steps)  # the product of a block's transitions up to a step, and its response from x = 0
     passed[0] = steps[0]
     for j in range(1, length):
         np.matmul(steps[j, ..., :n], passed[j - 1], out=passed[j])
@@ -139,22 +144,23 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
 
 
 def phi(q: Floats) -> Floats:
-    """(1 - exp(-q))/q, 1 at 0: the mean of exp(-q x) over 0 < x < 1."""
+    """Return (1 - exp(-q))/q, with the limit 1 at q = 0: the mean of exp(-q x) over 0 < x < 1."""
     small = np.abs(q) < 1e-8
     return np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
 
 
 def mean_phi(q: Floats) -> Floats:
-    """(1 - phi(q))/q, 1/2 at 0: the mean of (1 - exp(-q x))/q over 0 < x < 1."""
-    small = np.abs(q) < 1e-4  # where the difference cancels: series to rounding of 1e-12
+    """Return (1 - phi(q))/q, with the limit 1/2 at q = 0: the mean of (1 - exp(-q x))/q over 0 < x < 1."""
+    small = np.abs(q) < 1e-4  # the difference would cancel here; the series is exact to 1e-12
     return np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - phi(q)) / np.where(small, 1.0, q))
 
 
 @dataclass(frozen=True)
 class NoiseGains:
-    """Variance of Ta_hat, (N*m)^2, for white noise of variance 1 on every sample of one signal, SI.
+    """Variance of Ta_hat, (N*m)^2, if one measured signal has white noise of variance 1 (SI) on every sample.
 
-    `torque` and `speed` are measured signals. `angle` is for a speed computed from differences of a noisy angle.
+    `torque` and `speed` name the measured signal with the noise. `angle` is for a speed that is computed from
+    differences of a noisy angle.
     """
 
     torque: float
@@ -164,7 +170,7 @@ class NoiseGains:
 
 @dataclass(frozen=True)
 class SampledForm:
-    """An observer sampled at a constant `interval`, s, with u = (Tb, omega).
+    """Recursion of an observer at a constant sampling `interval`, s, with the input u = (Tb, omega).
 
     x[k] = F x[k-1] + P u[k-1] + Q u[k], Ta_hat = C x + D u. `F` is (n by n), `P` and `Q` (n by 2), `C` (n), `D` (2).
     """
@@ -177,7 +183,7 @@ class SampledForm:
     interval: float
 
     def noise_gains(self) -> NoiseGains:
-        """Squared H2 norms, by a Lyapunov equation of the observer's order."""
+        """Return the squared H2 norms from the noisy signals to Ta_hat, by a Lyapunov equation."""
         at_once = self.C @ self.Q + self.D
         after = self.F @ self.Q + self.P  # the impulse response for k >= 1 is C F^(k-1) after
         torque, speed = (at_once[i] ** 2 + self._energy(after[:, i]) for i in range(2))
@@ -186,14 +192,14 @@ class SampledForm:
         return NoiseGains(float(torque), float(speed), float(angle / self.interval**2))
 
     def _energy(self, start: Floats) -> float:
-        """Sum of (C F^k start)^2 over k >= 0."""
+        """Return the sum of (C F^k start)^2 over k >= 0."""
         from scipy.linalg import solve_discrete_lyapunov
 
         return float(self.C @ solve_discrete_lyapunov(self.F, np.outer(start, start)) @ self.C)
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Standard deviation of Ta_hat, N*m, due to the noise of `encoder` and `sensor`, for an observer's `form`."""
+    """Return the standard deviation of Ta_hat, N*m, of an observer `form` with noise of `encoder` and `sensor`."""
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
@@ -203,7 +209,10 @@ def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -
 
 @dataclass(frozen=True)
 class ObserverState:
-    """An observer after a sample: `time`, s, `sample`, 1-D, of torque (N*m) and speed (rad/s), and state `x`, 1-D."""
+    """State of an observer after a sample: its `time`, s, and two arrays, 1-D.
+
+    `sample`, 1-D, holds the torque (N*m) and the speed (rad/s); `x`, 1-D, is the state vector.
+    """
 
     time: float
     sample: Floats
@@ -212,23 +221,23 @@ class ObserverState:
 
 @dataclass(frozen=True)
 class Estimates:
-    """Estimates `adhesion_torque` Ta_hat after each sample, N*m, 1-D, and the `state` after the last sample."""
+    """Estimated `adhesion_torque` Ta_hat after each sample, N*m, 1-D, and the `state` after the last sample."""
 
     adhesion_torque: Floats
     state: ObserverState
 
 
 def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> Floats | np.float64:
-    """Coefficient mu_hat = Ta_hat/(N r), [Park2008] (29), of a `vehicle`'s wheel; `adhesion_torque` N*m, any shape."""
+    """Return mu_hat = Ta_hat/(N r), [Park2008] (29), for the wheel of `vehicle`; `adhesion_torque` N*m, any shape."""
     return np.asarray(np.asarray(adhesion_torque, dtype=float) / (vehicle.wheel_load * vehicle.wheel.radius))[()]
 
 
 def checked_samples(
     time: ArrayLike, torque: ArrayLike, omega: ArrayLike, *, after: float | None
 ) -> tuple[Floats, Floats]:
-    """Check samples and return the times, and torque and speed as (k, 2); times must grow, and begin after `after`, s.
+    """Check samples; return the times, and torque and speed as an array (k, 2).
 
-    InputError names the first invalid row, counted from 0.
+    Times must increase, and be later than `after`, s. InputError names the first invalid row, counted from 0.
     """
     columns = {name: np.asarray(x, dtype=float) for name, x in (("time", time), ("torque", torque), ("omega", omega))}
     t = columns["time"]
@@ -248,7 +257,7 @@ def checked_samples(
     return t, np.stack([columns["torque"], columns["omega"]], axis=1)
 
 
-_AT_ONCE = 1 << 16  # rows processed together: fit into the processor's cache, and keep memory bounded
+_AT_ONCE = 1 << 16  # rows processed together: they fit into the processor's cache and bound the memory
 
 
 class TorqueObserver(ABC):
@@ -267,21 +276,24 @@ class TorqueObserver(ABC):
 
     @abstractmethod
     def _at_rest(self, omega: float, steady: float) -> Floats:
-        """State x after the first sample, at which the estimate is `steady`, N*m."""
+        """Return the state x after the first sample, with speed `omega`, rad/s; the estimate there is `steady`, N*m."""
 
     @abstractmethod
     def _after(self, x: Floats, h: Floats, before: Floats, now: Floats) -> tuple[Floats, Floats]:
-        """Estimates and states after samples `now` (k, 2) of torque and speed; `before` are `h` (s) earlier."""
+        """Return estimates and states after the samples `now` (k, 2) of torque and speed.
+
+        `before` (k, 2) are the samples one interval `h` (k, s) earlier; `x` is the state before the first one.
+        """
 
     def run(
         self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: ObserverState | None = None
     ) -> Estimates:
         """Estimate the adhesion torque over columns of samples, at regular intervals or not; arrays of one length.
 
-        `time`, s, 1-D, must grow; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. At the first sample the
-        wheel is taken to turn at constant speed. Given the `state` after the previous sample, the observer continues
-        from it: pieces of a log give the same estimates as the whole. InputError for samples that are not finite or
-        not in order.
+        `time`, s, 1-D, must increase; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. Without `state` the
+        observer assumes a constant wheel speed at the first sample. With the `state` after the previous sample it
+        continues, so pieces of a log give the same estimates as the whole. InputError for samples that are not finite
+        or not in order.
         """
         t, u = checked_samples(time, torque, omega, after=None if state is None else state.time)
         out, begin = np.empty(t.size), 0
@@ -300,7 +312,10 @@ class TorqueObserver(ABC):
 
 
 class Form(StrEnum):
-    """Forms of the observer: PRINTED filters only J omega' (27), CORRECTED every term: Ta_hat = Ta/(tau s + 1)."""
+    """Forms of the observer.
+
+    PRINTED filters only J omega', as printed in (27). CORRECTED filters every term, so Ta_hat = Ta/(tau s + 1).
+    """
 
     PRINTED = "printed"
     CORRECTED = "corrected"
@@ -308,10 +323,11 @@ class Form(StrEnum):
 
 @dataclass(frozen=True)
 class FilterObserver(TorqueObserver):
-    """The published observer; it does not know Td, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
+    """Published observer of the adhesion torque.
 
-    `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) are the wheel's effective values, `time_constant`
-    is tau (s, > 0), and `form` is printed or corrected. InputError for a number out of range.
+    It does not know the disturbance torque Td, so the corrected estimate is (Ta + Tr - Td)/(tau s + 1). `inertia` J
+    (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) are the wheel's effective values, `time_constant` is tau
+    (s, > 0), and `form` is printed or corrected. InputError for a number out of range.
     """
 
     inertia: float
@@ -326,7 +342,7 @@ class FilterObserver(TorqueObserver):
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
-        """Observer for a `vehicle`'s wheel, with its inertia scale; `time_constant` in s, `form` as of the class."""
+        """Return the observer for the wheel of `vehicle`, including its inertia scale; `time_constant` in s."""
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -345,7 +361,10 @@ class FilterObserver(TorqueObserver):
         return SampledForm(1 - share[:, None], before, now, np.ones(1), direct, interval)
 
     def _weights(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Decay of the state within h, and weights of u before and after it; as printed, u has no weight."""
+        """Return the state's decay over the interval h (s), and the weights of u at its start and its end.
+
+        In the printed form both weights are 0.
+        """
         q = h / self.time_constant
         share = -np.expm1(-q)
         if self.form is Form.PRINTED:
@@ -368,12 +387,12 @@ class FilterObserver(TorqueObserver):
 
 
 # Largest accepted residual of a Riccati equation, over the sum of its terms' magnitudes. Correct solutions have 1e-10
-# or less; wrong ones have no correct digit.
+# or less; wrong solutions have no correct digit.
 _LARGEST_RESIDUAL = 1e-6
 
 
 def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
-    """Solve the Kalman filter's Riccati equation for the covariance P; the first state is measured.
+    """Solve the Kalman filter's Riccati equation for the error covariance P; the first state is measured.
 
     Continuous: A P + P A' - P C' C P/noise + driven = 0. Sampled, P before a sample: P = A (P - P C' C P/(C P C' +
     noise)) A' + driven. The solvers return numbers for any input, so the solution is checked; InputError if it fails.
@@ -405,12 +424,15 @@ def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool)
 
 @dataclass(frozen=True)
 class KalmanObserver(TorqueObserver):
-    """Kalman filter for a wheel of effective `inertia` (kg m^2, > 0) and `viscous_friction` (N m s, >= 0).
+    """Kalman filter that estimates the adhesion torque Ta of a wheel.
 
-    `interval` is the nominal sampling interval, s, > 0. `speed_variance`, (rad/s)^2, > 0, and `torque_variance`,
-    (N*m)^2, >= 0, are variances of a sample's noise; `walk`, (N*m)^2/s, > 0, is the intensity of the white noise that
-    drives Ta. A disturbance torque is estimated as part of Ta. InputError for a number out of range, and for noises so
-    different that the gains cannot be computed.
+    - inertia, viscous_friction: the wheel's effective values, kg m^2, > 0, and N m s, >= 0.
+    - interval: nominal sampling interval, s, > 0.
+    - speed_variance, torque_variance: noise variance of a sample, (rad/s)^2, > 0, and (N*m)^2, >= 0.
+    - walk: intensity of the white noise that drives Ta, (N*m)^2/s, > 0.
+
+    The estimate of Ta includes a disturbance torque. InputError for a number out of range, and for noises so different
+    that the gains cannot be computed.
     """
 
     inertia: float
@@ -431,11 +453,12 @@ class KalmanObserver(TorqueObserver):
     def of(
         cls, vehicle: Vehicle, encoder: Encoder, sensor: TorqueSensor, *, interval: float, change: float, within: float
     ) -> Self:
-        """Kalman filter for a vehicle's wheel and its sensors.
+        """Return the Kalman filter for a vehicle's wheel and its sensors.
 
-        The encoder's rounding errors are taken as white noise of the speed. They cancel at low frequencies, so the
-        filter gives the speed less weight than it could. The torque's variance is the sensor's. Ta is expected to
-        change by `change` (N*m, one standard deviation) within `within` (s): the walk is change^2/within.
+        The encoder's rounding errors are modelled as white noise of the speed. In fact they cancel at low frequencies,
+        so the filter gives the speed less weight than it could. The torque's noise variance is that of the `sensor`. Ta
+        is expected to change by `change` (N*m, one standard deviation) within `within` (s), so `walk` is
+        change^2/within.
         """
         number("change", change, "N*m", gt=0)
         number("within", within, "s", gt=0)
@@ -456,12 +479,15 @@ class KalmanObserver(TorqueObserver):
 
     @cached_property
     def driving_noise(self) -> Floats:
-        """Intensity of the white noise on x', (2, 2); a sampled torque's noise counts as variance * interval."""
+        """Intensity of the white noise on x', (2, 2); the torque noise enters with torque_variance * interval."""
         return np.diag([self.torque_variance * self.interval / self.inertia**2, self.walk])
 
     @cached_property
     def continuous_gain(self) -> Floats:
-        """Gain L (2) of x_hat' = A x_hat + b Tb + L (y - omega_hat); a sampled noise counts as variance * interval."""
+        """Gain L (2) of x_hat' = A x_hat + b Tb + L (y - omega_hat), where y is the measured speed.
+
+        The sampled speed noise enters as white noise of intensity speed_variance * interval.
+        """
         noise = self.speed_variance * self.interval
         return np.asarray(steady_covariance(self.model[0], self.driving_noise, noise, sampled=False)[:, 0] / noise)
 
@@ -482,7 +508,7 @@ class KalmanObserver(TorqueObserver):
             raise InputError(
                 f"interval: {self.interval:g} s is not allowed with these noises; give a more usual interval and noises"
             )
-        # symmetric but for rounding
+        # symmetric except for rounding errors
         seen = steady_covariance(transition, (driven + driven.T) / 2, self.speed_variance, sampled=True)[:, 0]
         return np.asarray(seen / (seen[0] + self.speed_variance))
 
@@ -500,7 +526,7 @@ class KalmanObserver(TorqueObserver):
         return SampledForm(transition, before, now, np.array([0.0, 1.0]), np.zeros(2), interval)
 
     def _recursion(self, h: Floats) -> tuple[Floats, Floats, Floats]:
-        """Matrices F, P and Q of `SampledForm` for each interval h, s: (k, 2, 2) each."""
+        """Return the matrices F, P and Q of `SampledForm` for each interval in `h`, s: (k, 2, 2) each."""
         q, by_torque = self.viscous_friction / self.inertia * h, h / self.inertia
         transition, before, now = np.zeros((3, len(h), 2, 2))
         transition[:, 0, 0], transition[:, 0, 1], transition[:, 1, 1] = np.exp(-q), by_torque * phi(q), 1.0
@@ -541,7 +567,7 @@ class ObserverResponses:
 
 
 def observer_responses(observer: TorqueObserver, omega: ArrayLike) -> ObserverResponses:
-    """Frequency responses of a continuous `observer` with its wheel, on a 1-D grid of `omega` > 0, rad/s."""
+    """Compute the frequency responses of a continuous `observer` with its wheel at `omega` > 0, rad/s, 1-D."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid
     torque, speed = observer.transfers(s)

@@ -1,8 +1,8 @@
-"""Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes a log like a rig's.
+"""Virtual brake rig: simulates the adhesion test of [Park2008] pp. 49-51, and writes its log.
 
-The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the peak of the adhesion the slip grows by
-itself, and at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car slow down like
-the train. A random adhesion force and sensor noise scatter the results; the adhesion may differ from test to test.
+The wheel rolls freely at v0, then the brake torque rises on a ramp. Beyond the adhesion peak the slip grows even at
+constant torque. At half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car slow down
+like the train. A random adhesion force and sensor noise scatter the results. The adhesion may differ from test to test.
 """
 
 from __future__ import annotations
@@ -33,13 +33,14 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 """Header of a written log."""
 
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
-"""Brake of the rig, an assumption of this project: fast enough that the wheel does not lock after half slip."""
+"""Brake of the rig. Assumed values: it releases fast enough that the wheel does not lock after half slip."""
 
 
 class RigProcedure:
-    """Controller of a test: from `begin`, s, the torque rises at `rate`, N*m/s, until the slip passes `release_slip`.
+    """Controller of a rig test.
 
-    Then it falls at `fall`, N*m/s. `period` is the sampling period, s, `radius` that of the wheel, m.
+    From `begin`, s, the torque rises at `rate`, N*m/s, until the slip ratio exceeds `release_slip`. Then the torque
+    falls at `fall`, N*m/s. `period` is the sampling period, s, and `radius` the wheel's radius, m.
     """
 
     name = "rig-procedure"
@@ -56,7 +57,7 @@ class RigProcedure:
         self.torque, self.released = 0.0, False
 
     def step(self, t: float, v: float, omega: float) -> float:
-        """Commanded torque, N*m, at t in s, v in m/s and omega in rad/s."""
+        """Return the commanded torque, N*m, at time t, s, train speed v, m/s, and wheel speed omega, rad/s."""
         self.released = self.released or v - self.radius * omega > self.release_slip * v
         ramp = self.rate * max(t - self.begin, 0.0)
         self.torque = max(self.torque - self.fall * self.period, 0.0) if self.released else ramp
@@ -65,14 +66,17 @@ class RigProcedure:
 
 @dataclass(frozen=True)
 class RigTest:
-    """Conditions and sensors of a test; SI.
+    """Conditions and sensors of a rig test, SI.
 
-    - vehicle, brake: wheel, mass and wheel load; the rig's brake.
-    - initial_speed, rate, release_slip: the torque rises from free rolling at `rate`, N*m/s, until the slip passes
-      `release_slip`.
-    - interval: of the log, s; for each a new random adhesion force, of standard deviation `random_force`, N, is drawn.
+    - vehicle: gives the wheel, the mass and the wheel load.
+    - brake: dead time and lag of the rig's brake.
+    - initial_speed: speed of free rolling before the brake is applied.
+    - rate, release_slip: the torque rises at `rate`, N*m/s, until the slip passes `release_slip`.
+    - interval: sampling interval of the log, s.
+    - random_force: standard deviation, N, of the random adhesion force, drawn anew in each interval.
     - wheel_noise, speed_noise, torque_noise: standard deviations of a sample, rad/s, m/s, N*m.
-    - encoder: if given, the wheel's speed is its mean over the last interval, in counts, without other noise.
+    - encoder: if given, it measures the wheel's speed; `wheel_noise` is then not used.
+    - torque_offset: sensor offset added to the measured torque, N*m.
     - spread: standard deviation of the logarithm of the adhesion from test to test.
 
     InputError for a value out of its range.
@@ -109,10 +113,10 @@ _STEP = 1e-3  # integration step, s
 
 
 def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
-    """Simulate tests at one condition; their rows form one log, with a pause between tests.
+    """Simulate `tests` rig tests at the same conditions and return their rows as one log, with a pause between tests.
 
-    Each test ends one second after the release. InputError if the flywheels stop before the release, as the ramp is too
-    slow.
+    Each test ends one second after the release. InputError if the flywheels stop before the slip reaches
+    `release_slip`.
     """
     if not 1 <= tests <= 10_000:
         raise InputError(f"tests: {tests} is not allowed; give an integer from 1 to 10000")
@@ -167,7 +171,7 @@ def _one_test(
 def published_tests(
     law_name: str = "beam", *, vehicle: Vehicle = PARK2008, rail: Rail = Rail.DRY
 ) -> tuple[RigTest, ...]:
-    """Return the four conditions of [Park2008] Table 1 with the published parameters of a law."""
+    """Return the tests at the four speeds of [Park2008] Table 1, with the published parameters of a law."""
     return tuple(
         RigTest(vehicle, published_law(law_name, rail, speed, vehicle.wheel_load), speed * KMH)
         for speed in TEST_SPEEDS_KMH
@@ -184,21 +188,22 @@ def write_log(log: Rows, path: Path) -> None:
 
 # --- a brake trial with known adhesion, to test an observer ----------------------------------------------------------
 
-# The trial is the course of [Park2008] Fig. 12: free rolling, the brake torque rises until the slip passes a bound,
-# then it is released and the wheel recovers. An observer's lag error is its error with ideal sensors, including the
-# half interval by which an encoder's speed is late. Its noise error is the H2 norm. Both are independent, so their
-# squares add.
+# The trial follows [Park2008] Fig. 12: the wheel rolls freely, the brake torque rises until the slip passes a bound,
+# the brake is released, and the wheel recovers. An observer's lag error is its error with ideal sensors, including the
+# half interval by which an encoder's speed is late. Its noise error is the H2 norm. The two errors are independent, so
+# their squares add.
 
 _SLOWEST = 1.0  # m/s; below it the slip ratio has no meaning
-_COMMANDS = 1e-4  # period of the torque commands, s: 6 N*m at the rate of the release
+_COMMANDS = 1e-4  # period of the torque commands, s: steps of 6 N*m at the default `fall`
 
 
 @dataclass(frozen=True)
 class BrakeCourse:
-    """Course of the brake torque: it rises from `start`, s, at `rise`, and falls at `fall` once slip > `release_slip`.
+    """Brake torque of a trial over time.
 
-    Rates in N*m/s, slip as a ratio. `recovery` is the time simulated after the release begins, s. InputError for a
-    number out of range.
+    From the time `start`, s, the torque rises at `rise`, N*m/s. When the slip ratio exceeds `release_slip`, the torque
+    falls at `fall`, N*m/s. The simulation ends `recovery`, s, after the release begins. InputError for a number out of
+    range.
     """
 
     start: float = 0.5
@@ -219,8 +224,9 @@ class BrakeCourse:
 class BrakeTrial:
     """True signals of a brake trial at constant intervals; SI, arrays of one length.
 
-    `time`; the train's `speed`; the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
-    `adhesion_torque`. The brake is applied at `brake_time`; its release begins at `release_time`.
+    `time` grows in constant intervals. `speed` is the train's; `rim_speed` (v - sigma), `omega` and `angle` are the
+    wheel's. `brake_torque` and `adhesion_torque` act on the wheel. The brake is applied at `brake_time`; its release
+    begins at `release_time`.
     """
 
     time: Floats
@@ -251,16 +257,18 @@ class Measurements:
 def brake_trial(
     law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse
 ) -> BrakeTrial:
-    """Simulate a brake `course` of a `vehicle` on a `law`, from free rolling at `speed`, m/s, sampled at `interval`, s.
+    """Simulate a brake trial of a `vehicle` with an adhesion `law`, from free rolling at `speed`, m/s.
 
-    InputError for a number out of range, or if the train stops before the slip reaches `course.release_slip`;
-    DomainError if that slip is outside the law's domain.
+    The brake torque follows `course`. The signals are sampled at `interval`, s.
+
+    InputError for a number out of range, or if the train stops before the slip reaches `course.release_slip`.
+    DomainError if `course.release_slip` is outside the law's domain.
     """
     number("speed", speed, "m/s", gt=0)
     number("interval", interval, "s", gt=0)
     law.check_domain(speed, course.release_slip * speed)
     radius, every = vehicle.wheel.radius, max(round(interval / _COMMANDS), 1)
-    # impulse of the torque that stops train and wheel, independent of the adhesion
+    # angular impulse, N*m*s, that stops train and wheel, independent of the adhesion
     impulse = (vehicle.effective_inertia / radius + vehicle.effective_mass * radius) * speed
     run = simulate(
         Scenario(
@@ -279,8 +287,8 @@ def brake_trial(
     assert signals is not None, "the run was recorded"
     falls = np.diff(signals.command) < 0.0
     if not falls.any():
-        remedy = "the train stops before; give a lower value or a faster rise"
-        raise InputError(f"release_slip: {course.release_slip:g} is not reached, {remedy}")
+        remedy = "give a lower value or a faster rise"
+        raise InputError(f"release_slip: the train stops before the slip reaches {course.release_slip:g}; {remedy}")
     released = float(signals.time[1:][np.argmax(falls)])
     angle = cumulative_trapezoid(signals.wheel_speed, signals.time, initial=0.0)
     end = int(np.searchsorted(signals.time, released + course.recovery))
@@ -300,6 +308,9 @@ def brake_trial(
 
 
 def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
-    """Measure a `trial` with `encoder` and `sensor`; one sample less, as a speed needs two angles; `seed` of noise."""
+    """Return the signals that `encoder` and `sensor` measure in a `trial`, with noise from `seed`.
+
+    The first sample is left out, because a measured speed needs two angles.
+    """
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
