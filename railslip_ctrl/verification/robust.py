@@ -62,7 +62,7 @@ def effective_disturbance() -> sp.Expr:
     """
     effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
-        raise ArithmeticError("d: the effective disturbance contains s, D or K; the plant or the law has been changed")
+        raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
     return effective
 
 
