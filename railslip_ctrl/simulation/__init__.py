@@ -1,11 +1,14 @@
 """Braking runs and their scenarios, campaigns of many runs, and the shortest stop that any controller can reach.
 
-Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`. `scenario` says
-what a run is and reads its files, `paths` finds numbers in it. `kernel` is the integration loop: its source text is
-assembled with those of an adhesion law and a controller and compiled by Numba, so that neither costs a call. `bound`
-has the stop that no controller can beat, and compares runs with it; `campaign` makes many; `population` draws random
-vehicles and rails; `embedded` writes a controller's C99 program. `gpu` runs stops on a CUDA device, with the draws of
-`counted`.
+Imports `design`, `controllers`, `sliding`, `loop`, `model` and `core`. Begin with `simulate` in `run`.
+
+- `scenario`: the record of a braking run, and its files; `paths` finds numbers in a record by dotted path.
+- `kernel`: the integration loop. Its text, that of an adhesion law and that of a controller form one module, which
+  Numba compiles.
+- `bound`: the stop that no controller can beat, and a comparison of runs with this stop.
+- `campaign`: many runs with varied quantities; `population`: random vehicles and rails.
+- `embedded`: C99 program of a controller.
+- `gpu`: runs on a CUDA device, with the random numbers of `counted`.
 """
 
 from __future__ import annotations

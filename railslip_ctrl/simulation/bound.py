@@ -25,12 +25,12 @@ from .scenario import Event, Scenario, event_position
 
 _SPEEDS = 33  # speeds at which the peak is computed; it is smooth in speed
 _TOLERANCE = 1e-9  # relative tolerance of the integration
-_FAR = 1e6  # m, distance in place of infinity, because the search by parabolas needs a finite number
+_FAR = 1e6  # m, replaces an infinite distance, because the optimiser interpolates by parabolas
 
 
 @dataclass(frozen=True)
 class ClairvoyantStop:
-    """Braking time, s, and braking distance, m, of the best stop; infinite if the train does not stop."""
+    """Braking time, s, and braking distance, m, of a stop; infinite if the train does not stop."""
 
     braking_time: float
     braking_distance: float
@@ -39,16 +39,16 @@ class ClairvoyantStop:
 def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     """Return lower bounds of braking time and distance in a scenario without its random force, whose mean is zero.
 
-    The ideal controller knows the rail ahead and holds the slip of highest adhesion (`numeric.peak`) as soon as the
-    torque acts: after the dead time, within the rate limit, and through the lag if the scenario has a largest torque
-    (without one a large command overcomes any lag). The wheel's inertia is neglected: r Fa <= Tb + B omega, omega at
-    most v/r.
+    The ideal controller holds the slip of highest adhesion (`numeric.peak`) as soon as the torque acts. The torque acts
+    after the dead time, within the rate limit, and through the lag if the scenario has a largest torque. Without a
+    largest torque the lag is neglected, because a large command overcomes any lag. The wheel's inertia is neglected: r
+    Fa <= Tb + B omega, omega at most v/r.
 
-    InputError for a scenario with events in time and events in distance, whose order depends on the controller.
+    InputError for a scenario with both events in time and events in distance: their order depends on the controller.
     """
     kinds = {event.time is None for event in scenario.events}
     if len(kinds) > 1:
-        raise InputError("clairvoyant bound: events both in time and in distance; give them all in one of the two")
+        raise InputError("events: some have a time and some a distance; for the bound give all in time or in distance")
     by_distance = kinds == {True}
     places = sorted({event_position(event) for event in scenario.events})
     state, start = np.array([scenario.initial_speed, 0.0]), 0.0
@@ -125,25 +125,25 @@ def _available_torque(scenario: Scenario) -> Callable[[float], float]:
 
 # --- with the time that slip takes to build up ----------------------------------------------------------------------
 
-_SWITCHES = 9  # number of times first tried for the end of the full torque
-_MOST_SLIP = 0.4  # largest slip ratio during the build-up; more is never the best stop
-_SAMPLES = 100  # number of times at which the command that holds the slip is checked
-_SLACK = 0.02  # share of the largest torque by which that command may exceed its limits: error of the differences
+_SWITCHES = 9  # number of switching times in the first search for the best end of the full torque
+_MOST_SLIP = 0.4  # largest slip ratio during the build-up; no best stop has a larger one
+_SAMPLES = 100  # number of times at which the command that holds the slip is compared with its limits
+_SLACK = 0.02  # excess of this command over its limits that is accepted as numerical error, relative to `torque_max`
 
 
 def attainable_stop(scenario: Scenario) -> ClairvoyantStop:
-    """Return the best stop found in a scenario without noise by a controller that knows the rail.
+    """Return the best stop without noise of a controller that knows rail and vehicle, found by a search.
 
-    The controller commands the largest torque, then none until the slip stops rising. It then holds this slip ratio,
-    or reduces it in some time. The best switching time, final slip and decay time are used. The stop includes adhesion
-    state and wheel, so that the shortest possible stop lies between `clairvoyant_stop` and this one. Infinite if no
-    such stop is found.
+    The controller commands the largest torque, then no torque until the slip stops rising. Then it holds this slip
+    ratio, or reduces it to a final value in a decay time. The search finds switching time, final slip and decay time.
+    The stop includes adhesion state and wheel, so that the shortest possible stop is between `clairvoyant_stop` and
+    this stop. Infinite if no stop is found.
 
     InputError for a scenario without a largest torque, or with a rate limit or events.
     """
     limits = scenario.limits
     if limits.torque_max is None or limits.rate is not None or scenario.events:
-        raise InputError("attainable stop: give a largest torque, no rate limit and no events")
+        raise InputError("scenario: the attainable stop needs a largest torque, no rate limit and no events")
     path = _Path(scenario)
     latest = path.latest
     first = scenario.vehicle.actuator.dead_time
@@ -195,7 +195,7 @@ class _Path:
         return float(self._full.t[-1])
 
     def stop(self, switch: float, share: float = 1.0, time: float = 1.0) -> ClairvoyantStop:
-        """Return the stop with full torque until `switch`, s; then the slip ratio falls to a share in some time, s.
+        """Return the stop with full torque until `switch`, s, after which the slip ratio falls to a share in a time, s.
 
         Infinite if the slip does not stop rising, or if the command exceeds the limits of the brake.
         """
@@ -205,7 +205,7 @@ class _Path:
             return ClairvoyantStop(math.inf, math.inf)
 
     def _stop(self, switch: float, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop without handling of errors of the event search."""
+        """Return the stop as `stop` does; ValueError if SciPy finds no event."""
         never = ClairvoyantStop(math.inf, math.inf)
         released = self._driven(0.0)
 
@@ -227,7 +227,7 @@ class _Path:
         return self._hold(float(back.t[-1]), back.y[:, -1], share, time)
 
     def _hold(self, start: float, begin: Floats, share: float, time: float) -> ClairvoyantStop:
-        """Return the stop that holds the slip ratio of `begin` from `start` on, or reduces it to a share."""
+        """Return the stop whose slip ratio, from time `start` and state `begin` on, falls to a share in a time, s."""
         first, final = begin[1] / begin[0], self._scenario.final_speed
 
         def slip(t: Any) -> Any:
@@ -265,7 +265,7 @@ class _Path:
         return rates[0], rates[1], rates[2] if len(rates) > 2 else 0.0
 
     def _driven(self, command: float) -> Callable[[float, Floats], list[float]]:
-        """Return a function for the rates with a constant command behind the dead time."""
+        """Return a function for the rates of the states with a constant command, N*m, after the dead time."""
 
         def rates(t: float, y: Floats) -> list[float]:
             lag = self._actuator.lag
@@ -287,7 +287,7 @@ _LONGEST_BACK = 5.0  # s, longest time without torque until the slip stops risin
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean over the runs that stopped, with its standard error; NaN without such runs, error NaN for a single one."""
+    """Mean over the runs that stopped, with its standard error; NaN without such runs. The error of one run is NaN."""
 
     value: float
     error: float
@@ -295,7 +295,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """Results of a controller over the seeds of a scenario: `outcomes` of all `runs`, means over those that `stopped`.
+    """Results of a controller over all seeds: `outcomes` of all `runs`, and means over the runs that `stopped`.
 
     SI units as in `Run`. `lock_time` is the time with r omega < 0.02 v, s; `beyond_bound` is the braking distance minus
     that of `clairvoyant_stop`, m.

@@ -8,14 +8,14 @@ import numpy
 
 
 class Counted(NamedTuple):
-    """Seed of draws by a counter: two keys, integers of 32 bits."""
+    """Seed of random numbers by a counter: two keys, integers of 32 bits."""
 
     key0: int
     key1: int
 
 
 def normal(key0: Any, key1: Any, counter: Any, stream: Any) -> Any:
-    """Standard normal numbers for a `counter` (integer or array) in a `stream`; the keys are integers."""
+    """Return standard normal numbers for a `counter` (integer or array) in a `stream`; the keys are integers."""
     c0, c1, c2, c3, k0, k1 = counter, stream, 0, 0, int(key0), int(key1)
     for _ in range(10):
         low, high = 0xD2511F53 * c0, 0xCD9E8D57 * c2

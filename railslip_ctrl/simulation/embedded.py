@@ -28,18 +28,18 @@ _SEED = 0  # seed of the random force in the stops that compare single with doub
 def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tuple[Path, Path]:
     """Write a controller as C99: a source file, and a header beside it.
 
-    - controller: as for `simulate`, but not a step object or function. A controller that uses the adhesion law of the
-      run gets that of a stop on dry rail.
-    - path: path of the source file; it ends in .c.
-    - vehicle: vehicle that the controller assumes if its parameters do not give one; the stops that compare single
-      with double precision use it too.
+    - controller: controller as for `simulate`, but not a step object or function. A controller that uses the adhesion
+      law of the run gets the law of a stop on dry rail.
+    - path: path of the source file, which ends in .c.
+    - vehicle: vehicle for the parameters that the controller does not set, and for the stops that compare single with
+      double precision.
 
     Returns the paths of the source file and of the header. InputError: a controller without a step in named fields, or
     a path that cannot be written.
     """
     path = given_path(path)
     if path.suffix.lower() != ".c":
-        raise InputError(f"{file_name(path)}: does not end in .c; give the path of the C source file")
+        raise InputError(f"{file_name(path)}: the name does not end in .c; give the path of the C source file")
     control = as_control(controller, vehicle, None)
     control = control.assuming(stop(vehicle, Rail.DRY).law(Rail.DRY))
     if control.period is None:
@@ -62,7 +62,7 @@ def save_c(controller: Any, path: str | Path, vehicle: Vehicle = PARK2008) -> tu
 def single_precision_deviation(control: Controller, vehicle: Vehicle, rails: Sequence[Rail] = tuple(Rail)) -> float:
     """Return the largest difference of the command, N*m, between single and double precision, over a stop on each rail.
 
-    Both steps get the measurements of the run in double precision.
+    Both steps get the measurements of a run in double precision.
     """
     largest, step = 0.0, control.whole_step
     for rail in rails:

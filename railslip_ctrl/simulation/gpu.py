@@ -25,7 +25,7 @@ from .run import Run, Simulator, kernel_text
 MEMORY_SHARE = 0.5  #: share of free device memory for the stops of one launch; the threads' stacks need the rest
 
 _THREADS = 64  # threads of a block
-_REGISTERS = 128  # largest number of registers of a thread; a trial of such a kernel on an H200 was fastest with it
+_REGISTERS = 128  # largest number of registers of a thread, the fastest value of a trial on an H200
 
 _HEAD = """from numba import cuda
 
@@ -86,7 +86,7 @@ def every_stop(settings, event_time, event_distance, event_p, event_c, event_cho
 
 
 def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
-    """Kernel text for CUDA, with room for a number of `events` and of `history` samples of the dead time."""
+    """Return the kernel's text for CUDA, with room for `events` events and `history` samples of the dead time."""
     for old, new in _CHANGES.items():
         assert text.count(old) == 1, f"the kernel has {old!r} once"
         text = text.replace(old, new.format(events=events, history=history))
@@ -98,7 +98,7 @@ def cuda_text(text: str, events: int, history: int, options: str = "") -> str:
 
 
 def check_device() -> Any:
-    """Numba's CUDA module. InputError without the package or without a GPU."""
+    """Return Numba's CUDA module; InputError without Numba's CUDA package or without a GPU."""
     cuda = import_module("numba.cuda") if find_spec("numba.cuda") else None
     if cuda is None or not cuda.is_available():
         check_extra("gpu", "--device gpu")
@@ -114,7 +114,10 @@ def _module(text: str) -> ModuleType:
 
 
 def launch(stops: Sequence[tuple[Simulator, Counted]]) -> Callable[[], tuple[Floats, Floats, Floats]]:
-    """Prepare stops of one law and one controller; the function returns outcomes, states, summaries, a row per stop."""
+    """Prepare stops of one law and one controller; return a function that runs them.
+
+    The function returns outcomes, states and summaries, with a row for each stop.
+    """
     cuda, simulator, plans = check_device(), stops[0][0], [one.plan for one, _ in stops]
     history = max(int(one.settings["dead_time"] / one.settings["period"]) for one in plans) + 3
     text = kernel_text(type(simulator.scenario.adhesion), simulator.controller.source_text())
@@ -138,7 +141,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
     """Simulate stops of one law and one controller. InputError without a GPU, and for a Python step."""
     cuda, controller = check_device(), stops[0][0].controller
     if isinstance(controller, StepControl):
-        raise InputError(f"--device: controller {controller.label} is a Python step; leave --device out")
+        raise InputError(f"--device: the controller {controller.label} is a Python step; leave --device out")
     size = sum(np.asarray(one).nbytes for one in _row(*stops[0], 0)) + stops[0][0].plan.tables.nbytes
     most = max(int(min(MEMORY_SHARE * cuda.current_context().get_memory_info()[0] / size, 1e6)), 1)
     for part in (stops[first : first + most] for first in range(0, len(stops), most)):
@@ -147,7 +150,7 @@ def run_batch(stops: Sequence[tuple[Simulator, Counted]]) -> Iterator[Run]:
 
 
 def _row(simulator: Simulator, seed: Counted, table: int) -> tuple[Any, ...]:
-    """Arguments of `every_stop` up to `x`, with a last event that never happens."""
+    """Return the arguments of `every_stop` up to `x`; the last event never happens."""
     plan, force, noise = simulator.plan, simulator.scenario.disturbances, simulator.scenario.measurement
     hold = force.random_hold if force.random_force > 0 else 0.0
     padded = (np.concatenate([one, np.full((1, *one.shape[1:]), end)]) for one, end in zip(

@@ -26,7 +26,7 @@ from railslip_ctrl.model.kernels import (
 # --- layout --------------------------------------------------------------------------------------------------------
 
 V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
-WORK = 5  # first of six works, J taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
+WORK = 5  # first of six works, J, taken from train and wheel: brake, slip, viscous, resistance, random, disturbance
 STATES = 11
 
 STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
@@ -66,7 +66,7 @@ SUMMARY = 13
 # Largest step times fastest rate. RK4 is stable up to 2.78; at 0.5 the error per step is below 1e-4 of the fast mode.
 _STIFFNESS_LIMIT = 0.5
 _MOST_SUBSTEPS = 100_000  # largest number of steps between two jumps
-_EDGE = 1e-3  # relative distance from the end of a law's domain, where its rates grow without bound, that ends the run
+_EDGE = 1e-3  # a run ends at this relative distance from the end of a law's domain, where the rates become infinite
 _DECAYED = 50.0  # exponent beyond which the disturbance is zero: exp(-50) = 2e-22 is below the rounding of the torque
 _BISECTIONS = 52  # number of bisections; resolves a step to its last bit
 _SAME_INSTANT = 1e-9  # share of a sampling period or hold time; instants closer than this are treated as one
@@ -102,7 +102,7 @@ class Settings(NamedTuple):
 
 
 class Events(NamedTuple):
-    """Time (s), distance (m) and new parameters of each event; NaN or -1 leaves a parameter unchanged."""
+    """Time (s), distance (m) and new parameters of each event; a parameter of NaN or -1 does not change."""
 
     time: np.ndarray
     distance: np.ndarray
@@ -133,7 +133,7 @@ def lag(torque, delayed, a):
 
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
-    """Write the rates of the states and the powers of the works into `rate`; a locked wheel keeps sigma = v."""
+    """Write the rates of the states and works into `rate`; a locked wheel keeps sigma = v."""
     p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
@@ -149,7 +149,7 @@ def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
 
 @compiled
 def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
-    """Make one classical Runge-Kutta step of h from y to `new`; `k` is memory for its stages."""
+    """Make one classical Runge-Kutta step of h, s, from y to `new`; `k` is memory for the stages."""
     derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[0, i]
@@ -175,7 +175,7 @@ def releases(t, y, p, table, a, random_torque):
 
 @compiled
 def crossings(t, y, p, table, a, locked, random_torque, next_distance):
-    """Return the sum of the codes that hold for a state: stop 1, lock 2, release 4, event in distance 8."""
+    """Return the sum of the codes of what a state has reached: stop 1, lock 2, release 4, event in distance 8."""
     crossed = 0
     if y[V] <= a.final_speed:
         crossed |= 1
@@ -217,7 +217,7 @@ def quantized(value, quantum):
 def domain_limit(v, limits):
     """Return the slip velocity at which the law's domain ends, m/s.
 
-    `limits[1:]` are its values at equally spaced speeds from 0 to `limits[0]`; linear interpolation between them.
+    `limits[1:]` are the limits at equally spaced speeds from 0 to `limits[0]`, with linear interpolation.
     """
     intervals = limits.size - 2
     position = min(max(v / limits[0] * intervals, 0.0), float(intervals))
@@ -333,8 +333,8 @@ def random_torque_at(t, forces, p, a):
 def encoder(sample, turning, a, measured):
     """Return the wheel speed, rad/s, as measured by an encoder.
 
-    It is the angle of the teeth passed over the time between the last ones. The time of a tooth within a sample assumes
-    the speed at the end of the sample.
+    The speed is the angle between the last teeth of two readings over the time between them. The time of a tooth is
+    computed with the speed at the end of the sample.
     """
     if sample == 0:
         measured[TRUE_TURNING], measured[READ] = turning, turning
@@ -382,12 +382,12 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
-    # False, but not as a constant: Numba would compile the rest for the constant and again for a variable
+    # False; a constant would make Numba compile the following code twice, for a constant and for a variable
     locked = math.isfinite(summary[FIRST_LOCK])
     rows, t, torque, status = 0, 0.0, y[TORQUE], OUT_OF_TIME
     for sample in range(math.ceil(a.longest_time / a.period - 1e-9)):
         t = sample * a.period
-        # this sample sees the events at its own instant
+        # an event at the instant of a sample takes effect before the sample
         fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         measure(sample, y, p, a, noise, measured)
         wanted = command(x, t, measured[MEASURED_SPEED], measured[MEASURED_TURNING], torque, c, tables[chosen[MODEL]])
@@ -422,7 +422,7 @@ def interval(
     sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
     summary,
 ):  # fmt: skip
-    """Integrate from one sample to the next; return status, time and locked. OUT_OF_TIME: the run continues."""
+    """Integrate from one sample to the next; return status, time and locked. The run continues if OUT_OF_TIME."""
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
@@ -453,7 +453,7 @@ def interval(
 
 @compiled
 def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
-    """Integrate a span without jumps, or up to the first crossing; return status, time, `crossings`, locked."""
+    """Integrate up to `until`, s, or to the first crossing; return status, time, codes of `crossings`, and locked."""
     now = t
     while True:
         needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)

@@ -1,4 +1,4 @@
-"""Numbers inside records, by dotted path: "vehicle.actuator.lag", "events.0.time"."""
+"""Numbers of a record and of its inner records, by dotted path such as "vehicle.actuator.lag" or "events.0.time"."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from railslip_ctrl.model.vehicle import Record
 
 
 class Number(NamedTuple):
-    """A number in a record: its value (None if it is not set) and its unit ("" if it is not stated)."""
+    """Number of a record: its value (None if it is not set) and its unit ("" if the unit is not known)."""
 
     value: float | None
     unit: str
 
 
 def members(record: Any) -> dict[str, Any]:
-    """Members of a record or tuple by name; empty for anything else."""
+    """Return the members of a record or tuple by name; empty for any other object."""
     if isinstance(record, tuple):
         return {str(i): value for i, value in enumerate(record)}
     if isinstance(record, BaseModel):
@@ -29,8 +29,8 @@ def members(record: Any) -> dict[str, Any]:
 
 
 def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
-    """Numbers of a record, of its records and of its tuples, by path; optional ones that are not set included."""
-    units: dict[str, str] = {}  # of the members whose type allows a number
+    """Return the numbers of a record, its inner records and tuples, by path; also optional numbers that are not set."""
+    units: dict[str, str] = {}  # units of the members whose type allows a number
     if isinstance(record, Record):
         units = record.units()
     elif is_dataclass(record):
@@ -47,9 +47,9 @@ def numbers(record: Any, prefix: str = "") -> dict[str, Number]:
 
 
 def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
-    """Copy of a record with other numbers at some of its paths, checked as a new record.
+    """Return a copy of a record with other numbers at some paths, checked as a new record.
 
-    InputError for a number that the record refuses; the message names the record by `where`.
+    InputError for a number that is not allowed; `where` names the record in the message.
     """
     new: dict[str, Any] = {}
     inner: dict[str, dict[str, float]] = {}

@@ -1,4 +1,4 @@
-"""Random vehicles, rails and sensors, not used for tuning any controller; each seed gives one stop.
+"""Random vehicles, rails and sensors, which no controller was tuned for; each seed gives one stop.
 
 Development uses seeds below `CHECK`; checks use seeds from `CHECK` up. One seed gives the same vehicle and rail with
 and without errors of the sensors and the brake.
@@ -166,7 +166,7 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, float], AdhesionLaw]] = Ma
 
 
 def random_stop(seed: int, *, family: str = "one hump", errors: bool = False) -> Scenario:
-    """Return the stop of a seed, from 100 to 5 km/h, with the brake's full torque as its limit.
+    """Return the stop of a seed, from 100 to 5 km/h, with commands up to the full brake torque.
 
     - family: name in `FAMILIES`.
     - errors: True for errors of sensors, brake and assumed parameters, drawn uniformly within the bounds above.
@@ -207,6 +207,6 @@ def _errors(rng: np.random.Generator, vehicle: Vehicle, high: float) -> dict[str
 
 
 def peak_of(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
-    """Return the peak of a law at a speed, m/s, and a wheel load, N."""
+    """Return the adhesion peak of a law at a speed, m/s, and a wheel load, N."""
     top = peak(law, speed, wheel_load)
     return Peak(top.slip, top.coefficient)

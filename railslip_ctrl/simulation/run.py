@@ -1,4 +1,4 @@
-"""One braking run: from a scenario and a controller to time series, results and the times of its events."""
+"""Simulation of one braking run of a scenario with a controller: results, time series and times of events."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from . import kernel as layout
 from .counted import Counted, normal
 from .scenario import LEAST_STEP, Event, Scenario, event_position
 
-LOCKED_SHARE = 0.02  #: a wheel counts as locked where r omega < 0.02 v
-REACHED_SHARE = 0.95  #: share of the reference slip from which on it counts as reached
+LOCKED_SHARE = 0.02  #: a wheel counts as locked while r omega < 0.02 v
+REACHED_SHARE = 0.95  #: the reference slip counts as reached from 0.95 times its value
 
 _DOMAIN_INTERVALS = 64
 _NO_LIMIT = 1e300
 
-LARGEST_SPACING = 2**31  #: samples between rows of a record; more than any run has
-GIVEN_DRAWS = -1  #: `Run.seed` of a run whose draws were given
+LARGEST_SPACING = 2**31  #: largest number of samples between rows of a record; more than a run has
+GIVEN_DRAWS = -1  #: value of `Run.seed` if the user gave the random numbers themselves (`Noise`)
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """Reason why a run ended."""
 
     STOPPED = "stopped"
     OUT_OF_TIME = "did not stop"
@@ -59,9 +59,9 @@ class Energies:
     """Energy balance of train and wheel, J.
 
     - starting, final: kinetic energy when the brake is applied, and at the end.
-    - booked: energy that changes of mass added.
-    - works: by `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
-      resistance, random force, caliper disturbance.
+    - booked: kinetic energy added by changes of mass.
+    - works: works by the names of `numeric.WORKS`: brake torque, adhesion force times slip velocity, viscous friction,
+      travelling resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -71,7 +71,7 @@ class Energies:
 
     @property
     def error(self) -> float:
-        """Error of the energy balance as a share of the starting energy."""
+        """Error of the energy balance, relative to the starting energy."""
         return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
 
 
@@ -105,11 +105,11 @@ class Signals(NamedTuple):
 
 @by_content
 class Noise(NamedTuple):
-    """Random force and sensor noise of a run, standard normal, ratios to their standard deviations.
+    """Random numbers for random force and sensor noise of a run, standard normal (ratios to standard deviations).
 
-    - force: a draw for each hold, 1-D.
-    - sensors: draws of train and wheel speed, a row a sample, array (n, 2).
-    - seed: of the draws that come after these.
+    - force: a number for each hold time of the random force, 1-D.
+    - sensors: numbers for the noise of train speed and wheel speed, a row for each sample, array (n, 2).
+    - seed: seed of the random numbers after the end of these arrays.
     """
 
     force: Floats
@@ -118,38 +118,39 @@ class Noise(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a `path` that `numpy.savez` wrote. InputError for another file."""
+        """Read the random numbers from a file of `numpy.savez`; InputError for another file."""
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
         except FileNotFoundError:
             raise InputError(f"{file_name(path)}: no such file; check the path") from None
         except (OSError, EOFError, ValueError, LookupError, AttributeError, TypeError, BadZipFile):
-            raise InputError(f"{file_name(path)}: has no draws; give a seed, or what campaign --rare wrote") from None
+            raise InputError(
+                f"{file_name(path)}: has no random numbers of a run; give a seed, or a file of campaign --rare"
+            ) from None
 
 
 Draws: TypeAlias = int | np.random.SeedSequence | Noise | Counted | None
-"""Source of random force and sensor noise: a seed of NumPy or of a counter, given draws, or None for no noise."""
+"""Source of random force and sensor noise: a seed of NumPy or of a counter, random numbers, or None for no noise."""
 
 
 @dataclass(frozen=True)
 class Run:
     """A braking run.
 
-    - scenario, controller, seed: what was run; `GIVEN_DRAWS` for draws that were given.
+    - scenario, controller, seed: scenario, controller and seed of the run; the seed is `GIVEN_DRAWS` for a `Noise`.
     - outcome: `STOPPED` if the train reached the final speed; otherwise all numbers are those up to `braking_time`.
     - braking_time, braking_distance, final_speed: s, m, m/s.
-    - energies: the balance.
-    - mean_abs_slip_error, mean_abs_slip_error_published: mean over time of |slip - reference|, slip ratio: the
-      controller's own, and [Park2008]'s 0.132/0.092 (NaN if the scenario is not the published one). Both are NaN of a
-      controller without a reference.
-    - max_slip, locked_fraction: highest slip ratio; share of time with r omega < 0.02 v.
+    - energies: energy balance.
+    - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
+    - mean_abs_slip_error_published: the mean for the reference 0.132/0.092 of [Park2008]; NaN unless the scenario is
+      the published one and the controller has a reference.
+    - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
-    - max_torque, max_torque_rate, rms_torque_rate: of the acting torque, N*m and N*m/s.
-    - steps: steps of the integration.
+    - max_torque, max_torque_rate, rms_torque_rate: numbers of the acting torque, N*m and N*m/s.
+    - steps: number of integration steps.
     - signals: time series if they were recorded, else None.
-    - controller_signals: the controller's own state over `signals.time`, arrays of one length, by name; units as its
-      law's.
+    - controller_signals: states of the controller at `signals.time`, by name, arrays of one length.
     """
 
     scenario: Scenario
@@ -173,12 +174,13 @@ class Run:
     controller_signals: dict[str, Floats]
 
     def __str__(self) -> str:
-        """Outcome, slip and torque in three lines."""
+        """Return outcome, slip and torque in three lines."""
         scenario, lock = self.scenario, "no lock"
         error, references = "", self._references()
         if references:
-            held = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
-            error = f", {self.mean_abs_slip_error:.3g} from {held} on average" if self.reached else f", never at {held}"
+            reference = f"the reference {' and '.join(dict.fromkeys(f'{slip:g}' for slip in references))}"
+            average = f", {self.mean_abs_slip_error:.3g} from {reference} on average"
+            error = average if self.reached else f", never at {reference}"
         if not math.isnan(self.first_lock):
             lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
         return (
@@ -190,7 +192,7 @@ class Run:
         )
 
     def plot(self) -> Any:
-        """Speeds, slip, torque and adhesion over time, a matplotlib figure.
+        """Return a matplotlib figure of speeds, slip, torque and adhesion over time.
 
         InputError for a run that was not recorded.
         """
@@ -201,16 +203,16 @@ class Run:
 
     @property
     def stopped(self) -> bool:
-        """Whether the train reached the final speed."""
+        """True if the train reached the final speed."""
         return self.outcome is Outcome.STOPPED
 
     @property
     def reached(self) -> bool:
-        """Whether slip reached 0.95 of the least reference of its rails; true for a controller without a reference."""
+        """True if the slip reached 0.95 of the least reference of the run's rails, or if there is no reference."""
         return self.max_slip >= REACHED_SHARE * min(self._references(), default=0.0)
 
     def _references(self) -> list[float]:
-        """The reference slip on each rail of the run; empty if the controller has none."""
+        """Reference slips on the rails of the run; empty if the controller has no reference."""
         reference = self.controller.reference
         if reference is None:
             return []
@@ -232,28 +234,25 @@ def simulate(
     record_every: int | None = 1,
     compiled: bool = True,
 ) -> Run:
-    """Run a scenario with a controller.
+    """Simulate a scenario with a controller.
 
     - scenario: vehicle, rail, adhesion law, speeds and disturbances, SI.
     - controller: Controller, linear system, step object or function that commands the brake torque, N*m, at its own
-      period: see `step_objects.as_control`.
-    - seed: of the random force and the measurement noise; a run repeats with its seed. None: without any. A
-      `Noise` has the draws themselves.
-    - record_every: samples from one row of `signals` to the next; None records none.
-    - compiled: false runs the kernel in the Python interpreter, hundreds of times slower, with the same result.
+      period; `controllers.files.as_control` converts it.
+    - seed: seed of random force and measurement noise; equal seeds give equal runs. None: neither of the two. A `Noise`
+      has the random numbers themselves.
+    - record_every: number of samples between two rows of `signals`; None: no signals.
+    - compiled: False runs the kernel in the Python interpreter, hundreds of times slower, with the same result.
 
-    Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
-    arrays of one length, 1-D, in SI, or None. InputError: a seed or record_every out of range, an event that changes
-    nothing the law knows, a period below the step's, or a step that fails or gives no torque.
+    Returns outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` has the time series,
+    1-D arrays of one length, SI, or is None. InputError: a seed or record_every out of range, an event that the
+    adhesion law cannot have, a period below the step, or a controller step that fails or returns no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
 
 class Simulator:
-    """A scenario and a controller prepared for many runs; the preparation is done once. Arguments as for `simulate`.
-
-    InputError as for `simulate`.
-    """
+    """A scenario and a controller, prepared once for many runs. Arguments and InputError as for `simulate`."""
 
     @checked
     def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
@@ -270,7 +269,7 @@ class Simulator:
 
     @checked
     def run(self, seed: Draws = 0, *, record_every: int | None = None) -> Run:
-        """Run once; `seed` and `record_every` as in `simulate`. InputError for a value out of range."""
+        """Simulate one run; `seed` and `record_every` as for `simulate`. InputError for a value out of range."""
         if record_every is not None:
             number("record_every", record_every, ge=1, le=LARGEST_SPACING)
         plan, kernel_ = self.plan, self._kernel
@@ -306,7 +305,7 @@ class Simulator:
         return self.result(seed, status, y, summary, log[:written] if every else None)
 
     def _draw(self, seed: Draws) -> tuple[Floats, Floats, float]:
-        """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""
+        """Return random forces, N, measurement noise (samples, 2), and hold time of the forces, s, 0 without force."""
         disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
         spread = np.array([measurement.speed_noise, measurement.wheel_noise])
         if seed is None:
@@ -319,8 +318,9 @@ class Simulator:
     def result(self, seed: Draws, status: int, y: Floats, summary: Floats, log: Floats | None = None) -> Run:
         """Make the run from the results of a kernel.
 
-        - seed, status: source of the draws, and the number of the outcome.
-        - y, summary, log: final state, 1-D, numbers by `layout`, 1-D, and rows of the log, 2-D, SI.
+        - seed: source of the random numbers.
+        - status: number of the outcome.
+        - y, summary, log: final state, 1-D, summary, 1-D, and rows of the log, 2-D, SI.
         """
         time = float(summary[layout.END_TIME])
         works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
@@ -384,7 +384,7 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
 
 
 def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, samples: int) -> tuple[Floats, Floats]:
-    """Standard normal draws: of the random force, and of the sensors, (samples, 2)."""
+    """Return standard normal numbers for the random force, (holds,), and for the sensors, (samples, 2)."""
     if isinstance(seed, Counted):
         return normal(*seed, np.arange(holds), 0), normal(*seed, np.arange(samples)[:, None], np.array([1, 2]))
     if isinstance(seed, Noise):
@@ -401,14 +401,14 @@ def _standard(seed: int | np.random.SeedSequence | Noise | Counted, holds: int, 
 
 
 def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
-    """Kernel module as text: law, controller source and the loop of `kernel.py`, to be compiled or interpreted."""
+    """Return the text of a kernel module: adhesion law, controller and the loop of `kernel.py`."""
     loop = Path(layout.__file__).read_text("utf-8")
     return module_text(law, controller, plain(loop), compiled=compiled)
 
 
 @cache
 def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
-    """Kernel module, ready to run."""
+    """Return the kernel module of an adhesion law and the source text of a controller."""
     return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
 
 
@@ -417,7 +417,7 @@ def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) ->
 
 @dataclass(frozen=True)
 class Plan:
-    """Arguments of a kernel; `samples` is the largest number of controller samples in the run."""
+    """Arguments of a kernel for one run; `samples` is the largest number of controller samples in the run."""
 
     settings: dict[str, float]
     events: layout.Events
@@ -430,7 +430,7 @@ class Plan:
 
 
 class _Laws:
-    """Adhesion laws of a run under their wheel load, N, each stored once with its table and domain."""
+    """Adhesion laws of a run, each with its wheel load, N, its table and its domain; equal laws are stored once."""
 
     def __init__(self, top_speed: float) -> None:
         self._top_speed, self._laws = top_speed, dict[tuple[AdhesionLaw, float], int]()
@@ -446,7 +446,7 @@ class _Laws:
         return joined
 
     def limits(self) -> Floats:
-        """Upper limit of slip velocity of each law, m/s, on a grid of speeds; `_NO_LIMIT` if there is none."""
+        """Return the upper limit of slip velocity of each law, m/s, on a grid of speeds; `_NO_LIMIT` without limit."""
         speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
         speeds[0] = 1e-9 * self._top_speed
         rows = [
@@ -456,7 +456,7 @@ class _Laws:
 
 
 def make_plan(scenario: Scenario, controller: Controller, start: Any, period: float) -> Plan:
-    """Parameters, events, laws and controller of a run as arrays; `start` is the controller's state, `period` in s."""
+    """Return the arguments of a kernel; `start` is the initial state of the controller, `period` its period, s."""
     laws, vehicle = _Laws(scenario.initial_speed), scenario.vehicle
     rail, factor = scenario.rail, scenario.adhesion_factor
     load, believed_load = vehicle.wheel_load, getattr(controller, "wheel_load", vehicle.wheel_load)
@@ -464,7 +464,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
     p = np.array(plant_parameters(law, vehicle, scenario.gradient))
     c = _controller_row(scenario, controller, start, Situation(rail, period, _assumed(scenario, controller, rail)))
     chosen = np.array([laws.number(law, load), laws.number(_assumed(scenario, controller, rail), believed_load)])
-    ordered = sorted(scenario.events, key=event_position)  # `Scenario` has checked that the order is known
+    ordered = sorted(scenario.events, key=event_position)  # `Scenario` refuses events whose order is not known
     events = layout.Events(
         time=np.array([math.inf if e.time is None else e.time for e in ordered]),
         distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
@@ -490,7 +490,7 @@ def make_plan(scenario: Scenario, controller: Controller, start: Any, period: fl
 
 
 def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
-    """Adhesion law that the controller assumes: its own, or the scenario's without a patch, which it cannot know."""
+    """Return the adhesion law that the controller assumes: its own, or the scenario's without an adhesion factor."""
     return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
 
 
@@ -536,14 +536,14 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
 
 
 class LoggedEvent(NamedTuple):
-    """An event and its time, s; NaN if it did not happen."""
+    """An event of a run and its time, s; NaN if it did not happen."""
 
     event: Event
     time: float
 
     @property
     def reached(self) -> bool:
-        """Whether the event happened."""
+        """True if the event happened."""
         return not math.isnan(self.time)
 
     @property
@@ -561,13 +561,13 @@ class LoggedEvent(NamedTuple):
 
 
 def events_log(run: Run) -> tuple[LoggedEvent, ...]:
-    """Events of a run in order of time, those not reached last; needs `run.signals` for events in distance."""
+    """Return the events of a run by time, events that did not happen last; events in distance need `run.signals`."""
     found = [LoggedEvent(event, _time(event, run)) for event in run.scenario.events]
     return tuple(sorted(found, key=lambda one: one.time if one.reached else math.inf))
 
 
 def _time(event: Event, run: Run) -> float:
-    """Time of an event, s; NaN at the very end of the run, where an event has no effect."""
+    """Return the time of an event, s; NaN if it is at the end of the run, where it has no effect, or later."""
     if event.time is not None:
         return event.time if event.time < run.braking_time else math.nan
     assert event.distance is not None, "an event has a time or a distance"
@@ -576,6 +576,6 @@ def _time(event: Event, run: Run) -> float:
     from scipy.interpolate import CubicHermiteSpline  # imported here because most runs do not need it
 
     assert run.signals is not None, "the run was recorded"
-    on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # the last row is repeated if a run breaks off
+    on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # a run that ends early repeats its last row
     distance, time, speed = (series[on] for series in (run.signals.distance, run.signals.time, run.signals.speed))
     return float(CubicHermiteSpline(distance, time, 1.0 / speed)(event.distance))

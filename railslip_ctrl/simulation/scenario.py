@@ -26,9 +26,9 @@ STEEPEST = 0.15  #: largest gradient, ratio; no adhesion railway is steeper
 
 
 class Event(Record):
-    """Change of rail, adhesion factor or mass from a time or a distance on; None keeps the present value.
+    """Change of rail, adhesion factor or mass at a time or a distance; None leaves a value unchanged.
 
-    `adhesion_factor` replaces an earlier one (1: the rail's own adhesion).
+    `adhesion_factor` replaces the previous factor; 1 is the adhesion of the rail itself.
     """
 
     time: float | None = quantity("s", "time of the event", ge=0, default=None)
@@ -40,23 +40,23 @@ class Event(Record):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         if (self.time is None) == (self.distance is None):
-            raise InputError("event: needs exactly one of time and distance")
+            raise InputError("event: time and distance are both given or both missing; give exactly one of them")
         if self.rail is None and self.adhesion_factor is None and self.mass is None:
-            raise InputError("event: changes nothing; give rail, adhesion_factor or mass")
+            raise InputError("event: it has no change; give rail, adhesion_factor or mass")
         return self
 
 
 def event_position(event: Event) -> float:
-    """Time, s, or distance, m, of an event."""
+    """Return the time, s, or the distance, m, of an event."""
     position = event.distance if event.time is None else event.time
     assert position is not None, "an event has a time or a distance"
     return position
 
 
 class Disturbances(Record):
-    """Random adhesion force, Gaussian and drawn anew every `random_hold`, and the caliper's disturbance torque.
+    """Random adhesion force, Gaussian and constant for `random_hold` each, and disturbance torque of the caliper.
 
-    The torque is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb. See `PUBLISHED_DISTURBANCES`.
+    The torque is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting torque Tb.
     """
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
@@ -69,8 +69,9 @@ class Disturbances(Record):
 class Measurement(Record):
     """Measurement of train speed and wheel speed: scale, noise, quantisation, encoder, low-pass filter.
 
-    The wheel encoder is read at each sample. Its speed is the teeth passed over the time between the last ones: the
-    mean over that time, delayed by half of it. If no tooth passes, the speed is at most that of a tooth passing now.
+    The wheel encoder is read at each sample. The measured speed is the angle between the last teeth of two readings
+    over the time between these teeth. So it is a mean, delayed by half of this time. If no tooth passes in a sample,
+    the measured speed is at most that for a tooth at the end of the sample.
     """
 
     speed_scale: float = quantity("1", "measured train speed over the true one", gt=0, default=1.0)
@@ -92,9 +93,9 @@ class Measurement(Record):
 
 
 class BrakeLimits(Record):
-    """Limits of the actuator besides dead time and lag; `dump_lag` is the time constant of emptying.
+    """Limits and gain of the actuator, in addition to dead time and lag; `dump_lag` is the lag of a falling torque.
 
-    The acting torque is `torque_gain` times the commanded one; a gain other than 1 models other pad friction.
+    The acting torque is `torque_gain` times the commanded torque; a gain other than 1 models another pad friction.
     """
 
     torque_gain: float = quantity("1", "acting torque over commanded torque", gt=0, default=1.0)
@@ -113,7 +114,7 @@ class BrakeLimits(Record):
 
 
 class Beliefs(Record):
-    """Values of the vehicle that controllers believe; None is the true value."""
+    """Vehicle parameters that controllers assume instead of the true ones; None is the true value."""
 
     radius: float | None = quantity("m", "wheel radius", gt=0, default=None)
     wheel_inertia: float | None = quantity("kg*m^2", "wheel inertia", gt=0, default=None)
@@ -122,7 +123,7 @@ class Beliefs(Record):
     lag: float | None = quantity("s", "lag of the actuator", ge=0, default=None)
 
     def of(self, vehicle: Vehicle) -> Vehicle:
-        """Vehicle with the believed values in place of its own."""
+        """Return the vehicle with the assumed values."""
         wheel = {"radius": self.radius, "inertia": self.wheel_inertia}
         actuator = {"dead_time": self.dead_time, "lag": self.lag}
         own = {"wheel_load": self.wheel_load}
@@ -138,11 +139,11 @@ def _given(values: dict[str, float | None]) -> dict[str, float]:
 class Scenario(Record):
     """A braking run from `initial_speed`, free rolling, to `final_speed`.
 
-    The viscous coefficient is the vehicle's plus `viscous_rate` t, times the inertia scale, and at least
+    The viscous coefficient is that of the vehicle plus `viscous_rate` t, times the inertia scale, and at least
     `viscous_least`. The published run ([Park2008] p. 55) is `published_scenario`.
 
-    InputError: as of any `Record`; a final speed that is not below the initial one, events whose order is open, or
-    limits that need a lag the actuator does not have.
+    InputError: a value that is not allowed, a final speed that is not below the initial speed, events whose order is
+    not known, or a rate limit or dump lag without a lag of the actuator.
     """
 
     name: str = Field(description="for reports")
@@ -196,26 +197,27 @@ class Scenario(Record):
 
     @property
     def believed_vehicle(self) -> Vehicle:
-        """Vehicle that controllers believe in, for values that their own parameters do not state."""
+        """Vehicle that controllers assume for the parameters that they do not set."""
         return self.beliefs.of(self.vehicle)
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
-        """Adhesion law on a rail, its adhesion multiplied by `factor`."""
+        """Return the adhesion law on a rail, with the adhesion multiplied by `factor`."""
         law = self.adhesion.on(rail)
         return law if factor == 1.0 else law.weakened(factor)
 
     @property
     def has_named_law(self) -> bool:
-        """Whether the adhesion law is the published one of its name for this vehicle and initial speed."""
+        """True if the adhesion law is the published law of its name for this vehicle and initial speed."""
         try:
             return self.adhesion == named_law(self.adhesion.name, self.vehicle, self.initial_speed)
         except (InputError, MissingParametersError):
             return False
 
     def for_vehicle(self, vehicle: Vehicle) -> Self:
-        """Copy of the scenario for another vehicle.
+        """Return a copy of the scenario for another vehicle.
 
-        A published law and the random force follow its wheel load; an event's mass becomes its loaded mass.
+        A published law and the random force are adapted to its wheel load; the mass of an event becomes its loaded
+        mass.
         """
         events = tuple(
             event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
@@ -227,7 +229,7 @@ class Scenario(Record):
         return self.with_changes(vehicle=vehicle, events=events, adhesion=law, disturbances=noise)
 
     def with_changes(self, **changes: Any) -> Self:
-        """Copy with some fields changed and checked. InputError as for a new scenario."""
+        """Return a copy with some fields changed; InputError as for a new scenario."""
         given = {name: value for name, value in (self.given() | changes).items() if value is not None}
         return validated(type(self), given, self.name)
 
@@ -242,10 +244,10 @@ PUBLISHED_DISTURBANCES = Disturbances(random_force=RANDOM_FORCE, random_hold=0.0
 
 @checked
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
-    """The run of [Park2008] p. 55: the mass rises and the rail turns wet at 25 s, from 100 to 5 km/h.
+    """Return the run of [Park2008] p. 55, from 100 to 5 km/h: at 25 s the mass rises and the rail turns wet.
 
-    `as_published` takes the inertia scale 3.6, which reproduces Table 5, with `curve` in every column; otherwise the
-    run is in SI. `adhesion` names the plant's law.
+    - as_published: True for the inertia scale 3.6, which reproduces Table 5 (with the law `curve`); False for SI.
+    - adhesion: name of the plant's adhesion law.
     """
     scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
@@ -269,12 +271,12 @@ def stop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     adhesion: str | AdhesionLaw = "curve",
 ) -> Scenario:
-    """Plain stop on one rail down to 5 km/h, with the random force of [Park2008] in proportion to the wheel load.
+    """Return a stop on one rail down to 5 km/h, with the random force of [Park2008] in proportion to the wheel load.
 
-    - vehicle: with its present load.
-    - rail: "dry" or "wet", throughout.
+    - vehicle: the vehicle, with its present load.
+    - rail: "dry" or "wet", for the whole stop.
     - speed_kmh: speed at which the brake is applied, km/h.
-    - adhesion: a published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
+    - adhesion: adhesion law, or the name of a published law, whose parameters then depend on wheel load and speed.
 
     In SI. InputError: an unknown rail or law, or a speed out of its range.
     """
@@ -287,7 +289,7 @@ def stop(
 
 
 def with_patch(scenario: Scenario, begin: float, length: float) -> Scenario:
-    """Scenario with a wet patch; `begin`, m, is its distance from the start of braking, `length`, m, its length."""
+    """Return the scenario with a wet patch of `length`, m, that begins `begin`, m, after the start of braking."""
     ends = Event(distance=begin, rail=Rail.WET), Event(distance=begin + length, rail=scenario.rail)
     return scenario.with_changes(events=ends)
 
@@ -297,7 +299,7 @@ BUILT_IN = ("park2008", "park2008-si", "stop")  #: names of the scenarios that c
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """Built-in scenario by a `name` of `BUILT_IN`: the published run as published or in SI, or a plain stop.
+    """Return a built-in scenario by its name in `BUILT_IN`: the published run as published or in SI, or a plain stop.
 
     InputError for another name; the message lists the names.
     """
@@ -309,7 +311,7 @@ def built_in_scenario(name: str) -> Scenario:
 # --- scenarios from the user's TOML files ----------------------------------------------------------------------------
 
 _TABLES = ("disturbances", "measurement", "limits", "beliefs")
-_LONGEST_CHAIN = 8  # scenario files that extend one another; a longer chain is taken for a circle
+_LONGEST_CHAIN = 8  # largest number of scenario files that extend one another; a longer chain is probably a circle
 
 
 class _Keys(Scenario):
@@ -334,7 +336,9 @@ def load_scenario(source: str | Path) -> Scenario:
 def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     where = file_name(path)
     if len(chain) >= _LONGEST_CHAIN:
-        raise InputError(f"{where}: extends: {len(chain)} files extend one another; end with a built-in scenario")
+        raise InputError(
+            f"{where}: extends: {len(chain)} files extend one another; let the last one extend a built-in scenario"
+        )
     keys = read_toml(path)
     base = _extended(keys["extends"], path, chain) if "extends" in keys else None
     content = {} if base is None else base.given()
@@ -367,7 +371,7 @@ def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
 
 
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
-    """Vehicle, adhesion law and the events that follow from them; missing values are left to the record's checks."""
+    """Return vehicle, adhesion law and changed events of a scenario file; `Scenario` checks for missing values."""
     where = file_name(path)
     if "vehicle" not in keys and base is None:
         return {}
@@ -413,7 +417,7 @@ def _law(given: Any, vehicle: Vehicle, speed: float | None, path: Path) -> Adhes
         if given.lower().endswith((".toml", ".py")):
             return load_law(path.parent / given, initial_speed_kmh=None if speed is None else speed / KMH)
         if speed is None:
-            raise InputError(f"{given!r} needs initial_speed, which is missing; give it (m/s)")
+            raise InputError(f"initial_speed: missing, but the adhesion law {given!r} needs it; give a speed (m/s)")
         return named_law(given, vehicle, speed)
     except (InputError, MissingParametersError) as error:
         raise InputError(f"{where}: {error}") from None

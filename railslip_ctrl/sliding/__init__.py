@@ -1,11 +1,12 @@
-"""Derivation in SymPy of the sliding-mode laws: the adaptive law of [Park2008], with its code, and the predictive law.
+"""Derivation in SymPy of two sliding-mode laws: the adaptive law of [Park2008], with its code, and the predictive law.
 
-Imports `model` and `core`. Begin with `derivation`, the derivation of the published law.
+Imports `model` and `core`. Begin with `derivation`.
 
-- `derivation`, `predictive`: the published law step by step; the law for a plant with actuator, and its loop.
+- `derivation`: the published law, step by step.
+- `predictive`: the law for a plant with actuator, and its loop.
 - `proof`: symbols, and the machine checks of each step.
-- `sampled_law`, `code`: the published law in discrete time, and as Python code, from which `controllers` makes kernels
-  and C99.
-- `law`: the gains.
-- `generate`: writes the committed Python code, so that a run needs no SymPy.
+- `sampled_law`: the published law in discrete time.
+- `code`: the sampled law as Python code, from which `controllers` makes kernels and C99.
+- `law`: the gains of the published law.
+- `generate`: writes the committed Python code, so that a run does not import SymPy.
 """

@@ -1,7 +1,7 @@
-"""Code of the sampled law as a Python module, with an adhesion law's numbers if a file gives them.
+"""Python code of the sampled law, with the numbers of an adhesion law if a file gives them.
 
-The module is made from `templates/law.py.jinja`: functions of numbers, and a step that changes a state with named
-fields. `controllers` compiles it into kernels and prints it as C99.
+The code is a module made from `templates/law.py.jinja`. It has functions of numbers, and a step that changes a state
+with named fields. `controllers` compiles the module into kernels and prints it as C99.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, PREFIX, Assignmen
 WIDTH = 99  #: largest length of a line of generated code
 
 _HELPERS = ("reciprocal", "exponential", "limited")
-"""Functions of the template: 1/x and exp that are safe for any argument, and limiting of a number."""
+"""Functions of the template: 1/x and exp without overflow for any argument, and x limited to -limit .. limit."""
 
 
 @dataclass(frozen=True)
 class LawCode:
-    """The law as text of a Python module, with the numbers of an adhesion law by rail, if any."""
+    """The law as text of a Python module; `numbers` are those of an adhesion law, one entry a rail, or none."""
 
     law: SampledLaw
     python: str
@@ -44,13 +44,13 @@ class LawCode:
 
     @property
     def head(self) -> list[str]:
-        """Paragraphs for the head of a program: the law's origin, and the conditions that do not hold."""
+        """Paragraphs for the head of a program: origin of the law, and the conditions that do not hold for it."""
         return _head(self.law.note)
 
 
 @cache
 def generate(derivation: Derivation) -> LawCode:
-    """Generate the Python source of a derivation's law."""
+    """Return the Python source of a derived law."""
     law = sampled_law(derivation)
     return LawCode(law, _source(law))
 
@@ -73,7 +73,7 @@ def _head(note: tuple[str, ...]) -> list[str]:
 
 
 class _Printer(PythonCodePrinter):  # type: ignore[misc]
-    """Printer that writes powers up to 4 as products, which overflow to infinity while ** raises, and sgn 0 as 0."""
+    """Printer that writes powers up to 4 as products, because ** raises OverflowError, and makes sgn 0 equal to 0."""
 
     def _print_Pow(self, expression: sp.Expr, **options: object) -> str:
         base, exponent = expression.as_base_exp()
@@ -91,7 +91,6 @@ _PRINTER = _Printer({"fully_qualified_modules": True, "user_functions": {name: n
 
 
 def _source(law: SampledLaw) -> str:
-    # from measurements and states to the arguments of the continuous law
     prepare: list[str] = []
     for name, value in law.prepare:
         prepare += _statements([(name, value)], law)
@@ -99,12 +98,12 @@ def _source(law: SampledLaw) -> str:
             prepare.append(f"    {name} = bounded({name})")
     lines = {
         "surface": _statements([("s", law.surface)], law),
-        "control": [line for one in law.control for line in _statements([one], law)],
+        "control": [line for assignment in law.control for line in _statements([assignment], law)],
         "prepare": prepare,
         "parameters": [_field(name, law.meaning(name), law.rules[name], name in OPTIONS) for name in law.parameters],
         "state": [_field(name, law.meaning(name), (), True) for name in law.states],
     }
-    texts = {name: "\n".join(found) for name, found in lines.items()}
+    texts = {name: "\n".join(part) for name, part in lines.items()}
     text = (
         environment("railslip_ctrl.sliding")
         .get_template("law.py.jinja")
@@ -113,7 +112,7 @@ def _source(law: SampledLaw) -> str:
             law=law,
             carried=[name for name in law.states if name != "s"],
             used=[name for name in _HELPERS if any(f"{name}(" in text for text in texts.values())],
-            head="\n".join(line for one in _head(law.note) for line in textwrap.wrap(one, 96) or [""]),
+            head="\n".join(line for paragraph in _head(law.note) for line in textwrap.wrap(paragraph, 96) or [""]),
             largest=LARGEST,
         )
     )
@@ -121,19 +120,19 @@ def _source(law: SampledLaw) -> str:
 
 
 def _field(name: str, meaning: str, rules: tuple[str, ...], has_default: bool) -> str:
-    """Line of a record's field: its meaning with unit, and the bounds of its number."""
-    notes = ", ".join(f'"{one}"' for one in (meaning, *rules))
+    """Return the line that declares a field, annotated with its meaning and the bounds (`rules`) of its number."""
+    notes = ", ".join(f'"{note}"' for note in (meaning, *rules))
     return f"    {name}: Annotated[float, {notes}]{' = 0.0' if has_default else ''}"
 
 
 def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
-    """Lines that assign the targets, common subexpressions first; parameters are read from `p`.
+    """Return the lines that assign the targets, after their common subexpressions; parameters are read from `p`.
 
-    Division and exp use the `_HELPERS`, so that a parameter of 0 has the same effect in every language.
+    Division and exp use the `_HELPERS`, so that a parameter of 0 has the same effect in Python and in C.
     """
     lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
     temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
-    renamed = {**{one: f"p.{one}" for one in law.parameters}, "switching": "switching_"}
+    renamed = {**{name: f"p.{name}" for name in law.parameters}, "switching": "switching_"}
     assigned = [(symbol.name, value) for symbol, value in temporaries]
     assigned += zip((name for name, _ in targets), values, strict=True)
     reciprocal, exponential = (sp.Function(name) for name in _HELPERS[:2])
@@ -152,7 +151,7 @@ def _statements(targets: list[Assignment], law: SampledLaw) -> list[str]:
 
 
 def _short(line: str) -> list[str]:
-    """Wrap a line of code to `WIDTH`, at blanks before operators, with indented continuation lines."""
+    """Return a line of code as lines of at most `WIDTH` characters, broken before operators and indented."""
     if len(line) <= WIDTH:
         return [line]
     blank = "\N{NO-BREAK SPACE}"  # no break between an operator and its right operand, or around =
@@ -160,7 +159,7 @@ def _short(line: str) -> list[str]:
     together = re.sub(r" ([-+*/]) ", rf" \1{blank}", spaced.replace(" = ", f"{blank}={blank}"))
     further = line[: len(line) - len(line.lstrip())] + 4 * " "
     lines = textwrap.wrap(together, WIDTH, subsequent_indent=further, break_long_words=False, break_on_hyphens=False)
-    return [one.replace(blank, " ") for one in lines]
+    return [part.replace(blank, " ") for part in lines]
 
 
 # --- an adhesion law's own numbers ------------------------------------------------------------------------------------
@@ -173,8 +172,8 @@ _DIGITS = 6  #: significant digits of a number in a formula; the code has all of
 class LawNumbers:
     """An adhesion law's numbers on one rail.
 
-    - parameters: name and value, SI, in the law's order; a table has one for each of its points.
-    - torque: Tb, N*m, with the numbers substituted; None for a law without a closed form, whose Ta is an argument.
+    - parameters: names and values, SI, in the law's order; each point of a table is a parameter of its own.
+    - torque: formula of Tb, N*m, with the numbers substituted; None for a law without a closed form.
     """
 
     rail: Rail
@@ -183,13 +182,15 @@ class LawNumbers:
 
 
 def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
-    """Numbers of `law` for the `derivation` made with it, on dry and wet rail; for a wet law, on wet rail only.
+    """Return the numbers of `law` on dry and wet rail, or on wet rail only if the law is for wet rail.
 
-    InputError for a derivation with another law.
+    InputError if the `derivation` was made with another law.
     """
     if derivation.adhesion != law.name:
-        raise InputError(f"law: {law.name!r} is not the law of the derivation, {derivation.adhesion!r}; derive with it")
-    # values of a list are numbered
+        raise InputError(
+            f"law: {law.name!r} is not the law of the derivation, which is {derivation.adhesion!r}; derive with "
+            f"{law.name!r}"
+        )
     fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]
     names = [
         name if len(values) == 1 else f"{name}_{i}"
@@ -197,21 +198,24 @@ def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, .
         for values in ([value] if isinstance(value, float) else value,)
         for i in range(1, len(values) + 1)
     ]
-    found = []
+    numbers_by_rail = []
     for one in (law.on(rail) for rail in ((Rail.WET,) if law.rail is Rail.WET else Rail)):
         values, torque = one.parameters(), None
         if not law.statement().functions:
             numbers = {symbol: sp.Float(value, _DIGITS) for symbol, value in zip(law.symbols(), values, strict=True)}
             torque = derivation.law_in_adhesion.subs(numbers)
-        found.append(LawNumbers(one.rail, tuple(zip(names, values, strict=True)), torque))
-    return tuple(found)
+        numbers_by_rail.append(LawNumbers(one.rail, tuple(zip(names, values, strict=True)), torque))
+    return tuple(numbers_by_rail)
 
 
 def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
-    """Append the numbers to the code as a dict for each rail, and name their `file` in its head."""
+    """Return the code with the numbers appended, one dictionary a rail, and with the name of their `file` in its head.
+
+    The code of a law without a closed form is returned unchanged: it takes the adhesion torque as an argument.
+    """
     named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
     if not all(name in code.law.parameters for _, row in named for name in row):
-        return code  # Ta is an argument, so the code has no such parameters
+        return code
     origin = f"{file.name}, SHA-256 {file_hash(file)}."
     law = replace(code.law, note=(*code.law.note, "Numbers of the adhesion law, in this file, from:", origin))
     python = ["", "", "# The adhesion law's parameters: Parameters(**ADHESION_DRY, J=..., ...)"]

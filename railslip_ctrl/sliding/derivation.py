@@ -1,9 +1,9 @@
-"""The adaptive sliding-mode law, derived step by step from the plant's statement ([Park2008] (33)-(49)).
+"""The adaptive sliding-mode law, derived step by step from the equations of the plant ([Park2008] (33)-(49)).
 
 Symbols are those of `core.notation` and `sliding.proof`: real SymPy symbols, with `sympy.sign` for sgn. Tb > 0 brakes,
-theta_tilde = theta - theta_hat. The plant is `plant.WHEEL`, `plant.TRAIN`, `plant.SLIP_VELOCITY`. Chosen, not derived,
-are the surface (33), the reaching law and V; everything else is derived. Every step has the outcome of a machine check.
-The records extend each other: `Reaching`, `Adaptation`, `Derivation`.
+theta_tilde = theta - theta_hat. The plant is `plant.WHEEL`, `plant.TRAIN`, `plant.SLIP_VELOCITY`. The surface (33), the
+reaching law and the Lyapunov function V are chosen. Everything else is derived, and a machine check decides each step.
+The record `Derivation` extends `Adaptation`, which extends `Reaching`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 
-from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
+from .proof import Checked, DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
 
 Reference = Literal["proportional", "constant"]  #: sigma_d = lambda_d v, or sigma_d constant
 
@@ -33,7 +33,7 @@ UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
 
 
 def derive_surface(reference: Reference) -> dict[str, Any]:
-    """Derive s and s' for a reference; returns fields of `Reaching`."""
+    """Derive the sliding variable s and s' for a reference; return them as fields of `Reaching` by name."""
     plant_step, train, wheel = accelerations()
     motion, slip_velocity = plant.motion(), plant.SLIP_VELOCITY.rhs
     # v' stays a symbol, so that a measured v' can replace it
@@ -56,7 +56,7 @@ def derive_surface(reference: Reference) -> dict[str, Any]:
 
 
 def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
-    """Solve the plant for v' and omega' in Ta, Fr, omega; (step, v', omega')."""
+    """Solve the equations of train and wheel for v' and omega'; return (step, v', omega')."""
     force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
     train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
     wheel = sp.expand(linear_solution(plant.WHEEL, plant.omega_rate))
@@ -77,7 +77,7 @@ def accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
 
 
 def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
-    """Differentiate (33) with respect to time; (e, e', s, step, s'), with s' in sigma', v' and e."""
+    """Differentiate (33) with respect to time; return (e, e', s, step, s'), with s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
     at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
@@ -103,14 +103,14 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, De
 
 
 def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
-    """Replace Ta, Fr and omega by the variables of `plant.motion`: Fa, the resistance's formula, (v - sigma)/r."""
+    """Replace Ta, Fr and omega by functions of Fa, v and sigma, the variables of `plant.motion`."""
     wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
     stated = {plant.Ta: plant.ADHESION_TORQUE.rhs, plant.Fr: plant.RESISTANCE.rhs}
     return expression.subs({**stated, plant.omega: wheel_speed})
 
 
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
-    """Collect the terms of s' by torque and omega, as the source does."""
+    """Collect the terms of s' by torques and omega, as [Park2008] does."""
     return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
 
 
@@ -122,10 +122,9 @@ _S_RATE, _ZERO = sliding_symbol("s_rate"), sp.Integer(0)
 
 
 @dataclass(frozen=True)
-class Reaching:
-    """Sliding variable, its rate, and the law for known parameters; fields as of `Derivation`."""
+class Reaching(Checked):
+    """Sliding variable, its rate, and the law for known parameters. `Derivation` describes the fields."""
 
-    steps: tuple[DerivationStep, ...]
     s: sp.Expr
     error: sp.Expr
     reference_rate: sp.Expr
@@ -140,7 +139,7 @@ class Reaching:
 
 
 def derive_reaching(reference: Reference) -> Reaching:
-    """Derive the law for known parameters from s'."""
+    """Derive the law for known plant parameters: equivalent control (36) plus robust term (41)."""
     surface = derive_surface(reference)
     rate, known, d = surface["s_rate"], surface["s_rate"].subs(UNCERTAIN), surface["disturbance"]
     equivalent = linear_solution(known, plant.Tb)
@@ -190,7 +189,7 @@ def derive_reaching(reference: Reference) -> Reaching:
 
 
 def grouped(control: sp.Expr) -> sp.Expr:
-    """Write a control as in the source: J/r times a bracket with terms in Ta and omega."""
+    """Write a torque as [Park2008] does: J/r times a bracket with terms in Ta and omega."""
     factor = plant.J / plant.r
     inside = sp.collect(sp.expand(control / factor), (plant.Ta, plant.omega))
     return sp.Mul(factor, inside, evaluate=False)
@@ -214,7 +213,7 @@ _V_RATE = sliding_symbol("V_rate")
 
 @dataclass(frozen=True)
 class Lyapunov:
-    """Lyapunov function, its rate and the adaptive law that follows, for adaptation gains (k, k) or (k1, k2)."""
+    """Lyapunov function, its rate, and the adaptive law that follows from them. `Derivation` describes the fields."""
 
     V: sp.Expr
     V_rate: sp.Expr
@@ -226,7 +225,7 @@ class Lyapunov:
 
 @dataclass(frozen=True)
 class Adaptation(Reaching, Lyapunov):
-    """`Reaching` extended by the adaptive law and the Lyapunov function of the scalar gain."""
+    """`Reaching`, with the adaptive law and the Lyapunov function for one scalar gain k and for two gains k1, k2."""
 
     theta: tuple[sp.Expr, ...]
     adaptive_law_control: sp.Expr
@@ -238,7 +237,7 @@ class Adaptation(Reaching, Lyapunov):
 
 @cache
 def derive_adaptation(reference: Reference) -> Adaptation:
-    """Derive theta, the law with theta_hat, the error dynamics and the adaptive laws; Ta is an argument."""
+    """Derive theta, the law with theta_hat, the error dynamics and the adaptive laws, with Ta as a symbol."""
     reaching = derive_reaching(reference)
     known = reaching.s_rate.subs(UNCERTAIN)
     uncertainty = sp.expand(known.subs(TRUE) - known.subs(NOMINAL))
@@ -296,7 +295,7 @@ def derive_adaptation(reference: Reference) -> Adaptation:
 
 
 def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
-    """s' without disturbances: its nominal value plus theta' phi."""
+    """Return s' without disturbances: its nominal value plus the product of theta and the regressor phi."""
     return known.subs(NOMINAL) + sum(a * b for a, b in zip(theta, PHI, strict=True))
 
 
@@ -315,7 +314,7 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
 
 
 def _function_steps(scalar: Lyapunov) -> tuple[DerivationStep, DerivationStep]:
-    """Steps for V and its rate."""
+    """Return the steps "Lyapunov function" and "rate of V"."""
     hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
     second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
     rest = scalar.V_rate - scalar.cross_term
@@ -343,7 +342,7 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
 
 @cache
 def _statement_steps() -> tuple[DerivationStep, ...]:
-    """Steps for the plant's other equations: slip ratio, resistance, actuator."""
+    """Return the steps for slip ratio, travelling resistance and actuator."""
     ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     rolls, locks = (ratio.subs(plant.omega, omega) for omega in (plant.v / plant.r, 0))
     grows = bool(sp.diff(ratio, plant.omega).is_negative)
@@ -374,34 +373,34 @@ def _statement_steps() -> tuple[DerivationStep, ...]:
 
 @dataclass(frozen=True)
 class Derivation(Adaptation):
-    """Result of `derive`: the law and its steps as formulas in Ta, omega, v_rate (measured v'), e and the parameters.
+    """Adaptive sliding-mode law and the steps of its derivation, as formulas in Ta, omega, v_rate (measured v') and e.
 
     Torques are in N*m, s' is in m/s^2. Numbers in parentheses are equations of [Park2008].
 
-    - reference, adhesion: arguments of `derive`.
-    - steps: in order.
+    - reference: "proportional" or "constant"; adhesion: name of the adhesion law, None if Ta is an argument.
+    - steps: steps in order.
     - s: surface as a function of e and e_integral, (33).
     - error, reference_rate: e as a function of v, sigma and the reference; sigma_d'.
     - s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
     - disturbance: contribution d of Tr, Fr and Td to s', with the mass written M.
-    - disturbance_perturbed: the same with M = Mn + Mp.
+    - disturbance_perturbed: contribution d with M = Mn + Mp.
     - equivalent_control, robust_term, control_law: Ueq (36), Ur (41), Tb (43).
-    - reaching: s' under Ueq + Ur, with Ur left as a symbol, (37).
+    - reaching: s' under Ueq + Ur, with Ur as a symbol, (37).
     - closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
     - theta: true values of the unknown coefficients in r, J, Mn, Mp, Bp, (44) corrected.
     - phi: the regressor (Ta, omega).
     - adaptive_law_control: Tb with Mn, Bn and theta_hat, (45).
     - error_dynamics: s' under this law in theta_tilde, with disturbances.
     - V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
-    - V_rate, cross_term: V' under the law without disturbances, for free theta_hat' and theta_tilde; its terms with
-      theta_tilde, (47), (48).
+    - V_rate: V' under the law without disturbances, for any theta_hat' and theta_tilde, (47).
+    - cross_term: terms of V_rate that contain theta_tilde, (48).
     - adaptation: theta_hat' for which the cross term vanishes for every theta_tilde, (49).
-    - V_rate_final, V_rate_disturbed: V' with this adaptation, -(r/J)(D s^2 + K |s|), and with disturbances.
-    - V_matrix, adaptation_matrix: V and adaptation with a diagonal gain, k1 and k2, of consistent units.
-    - estimation_disturbance: change of s' if Ta_hat and v_rate_hat replace Ta and v_rate.
-    - adhesion_torque, adhesion_state_rate: Ta of the law in v, sigma, z, N and its parameters; z', m/s, of a dynamic
-      law.
-    - law_in_adhesion: `adaptive_law_control` with that torque, or unchanged without a law.
+    - V_rate_final: V' with this adaptation, -(r/J)(D s^2 + K |s|); V_rate_disturbed: V' with disturbances too.
+    - V_matrix, adaptation_matrix: V and adaptation with two gains, k1 and k2, of consistent units.
+    - estimation_disturbance: change of s' if estimates Ta_hat and v_rate_hat replace Ta and v_rate.
+    - adhesion_torque: Ta of the adhesion law in v, sigma, z, N and its parameters; None without a law.
+    - adhesion_state_rate: z', m/s, of a dynamic adhesion law; None otherwise.
+    - law_in_adhesion: `adaptive_law_control` with Ta replaced by `adhesion_torque`.
     """
 
     reference: str
@@ -412,21 +411,16 @@ class Derivation(Adaptation):
     law_in_adhesion: sp.Expr
     phi: tuple[sp.Expr, ...] = PHI
 
-    @property
-    def all_checked(self) -> bool:
-        """True if the check of every step holds."""
-        return all(one.checked for one in self.steps)
-
 
 @checked
 @cache
 def derive(*, reference: Reference = "proportional", law: str | None = None) -> Derivation:
-    """Derive the sliding-mode law, [Park2008] (33)-(45); takes a few seconds, and the result is cached.
+    """Derive the sliding-mode law, [Park2008] (33)-(49). The first call takes a few seconds; the result is cached.
 
     - reference: "proportional" (reference slip velocity lambda_d v) or "constant".
-    - law: name of the adhesion law that replaces Ta; by default Ta is an argument.
+    - law: name of the adhesion law that gives Ta; by default Ta is an argument of the law.
 
-    Returns equations and steps as SymPy expressions in SI, by name; no arrays. InputError: an unknown reference or law.
+    Returns equations and steps as SymPy expressions, SI; no arrays. InputError: an unknown reference or law.
     """
     adaptive = derive_adaptation(reference)
     estimates_step, estimation = _estimates(adaptive)
@@ -443,7 +437,7 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 
 
 def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
-    """Change of s' if estimates replace Ta and v' in the law."""
+    """Derive the change of s' if estimates replace Ta and v' in the law; return (step, change)."""
     estimates = {plant.Ta: sliding_symbol("Ta_hat"), plant.v_rate: sliding_symbol("v_rate_hat")}
     law = adaptive.adaptive_law_control
     with_estimates = adaptive.s_rate.subs(plant.Tb, law.subs(estimates))
@@ -465,7 +459,7 @@ def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
 def _with_adhesion(
     law: str | None, adaptive: Adaptation
 ) -> tuple[tuple[DerivationStep, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
-    """Substitute an adhesion law for Ta; (steps, torque, state rate, control law)."""
+    """Substitute an adhesion law for Ta; return (steps, adhesion torque, state rate, control law)."""
     control = adaptive.adaptive_law_control
     if law is None:
         return (), None, None, control

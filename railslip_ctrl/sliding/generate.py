@@ -1,6 +1,6 @@
 """Generated Python code of the derived law, written by `make generate` and committed, so that a run needs no SymPy.
 
-As in `model.numeric`, the head of the file has a hash of its sources; if it does not match, the law is derived again.
+The head of the file contains a hash of its sources. If the sources have another hash, the law is derived again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _HEAD = "# mypy: ignore-errors\n"
 
 @cache
 def law_source() -> str:
-    """Python source of the law of [Park2008] (45), with Ta as an argument: that of `code.generate(derive())`."""
+    """Return the Python source of the law of [Park2008] (45), with the adhesion torque Ta as an argument."""
     if LAW_FILE.is_file():
         text = LAW_FILE.read_text(encoding="utf-8")
         if f" {sources_hash()}." in text:
@@ -30,12 +30,12 @@ def law_source() -> str:
 
 @cache
 def generated_law() -> Any:
-    """Module of the generated law: `Parameters`, `State`, `start`, `control`, `law_step`."""
+    """Return the module of the generated law, with `Parameters`, `State`, `start`, `control` and `law_step`."""
     return module_of(law_source())
 
 
 def generate_law() -> str:
-    """Generate the text of the committed file."""
+    """Derive the law and return the text of the committed file `LAW_FILE`."""
     from .code import generate
     from .derivation import derive
 

@@ -20,13 +20,13 @@ class LawGains:
     - K: gain of the switching term, N*m, >= 0.
     - D: gain on s, N*m/(m/s), > 0, a torque like K.
     - rho: weight of the integral in s, 1/s, > 0.
-    - k1, k2: adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i.
-    - layer: half width Phi of the boundary layer, m/s, >= 0; 0 means sgn s.
+    - k1, k2: adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i with phi = (Ta, omega).
+    - layer: half width Phi of the boundary layer, m/s, >= 0; with 0 the law switches by sgn s.
     - leak: rate of the sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
     - box: projection bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); None for no projection.
     - dead_zone: if true, s - Phi sat(s/Phi) drives the adaptation instead of s.
 
-    InputError for a gain that is not finite or out of its range.
+    InputError for a gain that is not finite or is out of its range.
     """
 
     K: float
@@ -47,9 +47,9 @@ class LawGains:
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:
-    """Convert gains to parameters of the generated law, by name.
+    """Return the gains as parameters of the generated law, by name.
 
-    InputError for a box without width, as 0 .. 0 means no projection in the generated law.
+    InputError for a box whose lower bound is not below the upper one: equal bounds switch the projection off.
     """
     values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
     values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
@@ -83,14 +83,14 @@ NOT_HOLDING = (
     *("theta constant", "theta_hat bounded under noise", "sliding exists behind the actuator"),
     *("the law behind the actuator spares the wheel", "the adaptive loop is stable behind the actuator"),
 )
-"""Conditions that fail for the published law, by `joint_verification`, which takes half a minute."""
+"""Names of the conditions that fail for the published law. `joint_verification` finds them in half a minute."""
 
 CAUTIONS = (
     "Conditions that do NOT hold for this law, with the published vehicle, gains and disturbances (railslip verify "
     "reports why, and decides them for other numbers):",
     *(f"- {name}" for name in NOT_HOLDING),
 )
-"""Paragraphs for the head of a program that list `NOT_HOLDING`."""
+"""Paragraphs for the head of a generated program, which list the conditions of `NOT_HOLDING`."""
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -98,21 +98,21 @@ SOURCES = (
     *("model/plant.py", "core/notation.toml", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
     *("sliding/notation.toml", "sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
-"""Source files of the generated law without an adhesion law."""
+"""Source files from which the law without an adhesion law is generated."""
 
 
 def sources_hash() -> str:
-    """SHA-256 of the text of `SOURCES`."""
+    """Return the SHA-256 of all files of `SOURCES`."""
     return hashlib.sha256("".join(file_hash(PACKAGE / name) for name in SOURCES).encode()).hexdigest()
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a text file, independent of its line ends."""
+    """Return the SHA-256 of a text file, independent of its line ends."""
     return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()
 
 
 def module_of(text: str) -> ModuleType:
-    """Make a module from the law's text; `inspect` finds the source of its functions, which a kernel needs."""
+    """Make a module from the law's text, and register the text so that `inspect` finds the source of its functions."""
     name = f"<sliding-mode law {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[name] = len(text), None, text.splitlines(keepends=True), name
     module = ModuleType("railslip_asmc")

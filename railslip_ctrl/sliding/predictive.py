@@ -1,9 +1,9 @@
 """Derivation of the predictive sliding-mode law from the plant's statement, and of the loop of its boundary layer.
 
-The law slides on a surface of relative degree one in the command: a model of the brake's lag gives the torque ahead of
-the dead time, T_plus, and the reduction of [Artstein1982] removes the dead time from the error. The plant is
-`plant.WHEEL`, `plant.TRAIN` and the actuator of `plant`. The surface and the reaching law are chosen; everything else
-follows, and the machine checks each step. Symbols are those of `proof`; SI. A rate is a symbol of its own.
+The command acts on S' directly (relative degree one). A model of the brake's lag gives T_plus, the torque that acts one
+dead time later, and the reduction of [Artstein1982] removes the dead time from the slip error. The plant is
+`plant.WHEEL`, `plant.TRAIN` and the actuator of `plant`. The surface and the reaching law are chosen. Everything else
+is derived, and a machine check decides each step. Symbols are those of `proof`; SI. Each rate has its own symbol.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.model import plant
 
 from .derivation import UNCERTAIN, accelerations, derive_surface
-from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
+from .proof import Checked, DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
 
 e, e_hat, lambda_d, lambda_d_rate, a = map(sliding_symbol, ("e", "e_hat", "lambda_d", "lambda_d_rate", "a"))
 H, H_hat, H_hat_rate, T_plus, S, u = map(sliding_symbol, ("H", "H_hat", "H_hat_rate", "T_plus", "S", "u"))
@@ -28,24 +28,24 @@ _r, _J, _T = plant.r, plant.J, symbol("T")
 
 
 @dataclass(frozen=True)
-class PredictiveDerivation:
+class PredictiveDerivation(Checked):
     """The predictive law and its derivation; SymPy expressions in SI, by the names of `proof.PREDICTIVE_NOTATION`.
 
-    - steps: in order, each with the outcome of its machine check.
+    - steps: steps in order.
     - holding_torque: H in Ta, Tr, Td, omega, a, lambda_d and lambda_d_rate, N*m.
     - reduced_rate: e_hat' in T_plus, H and H_hat_rate, m/s^2.
-    - surface, surface_rate: S in H_hat, e_hat and T_plus, N*m; S' before the law, N*m/s.
+    - surface: S in H_hat, e_hat and T_plus, N*m; surface_rate: S' for any command u, N*m/s.
     - control_law: u, N*m; `sat` is S/phi, limited to -1 and 1.
-    - disturbance, closed_rate: d, the rate of S that the estimate of H causes, N*m/s; S' under the law.
+    - disturbance: d, the part of S' due to the error of the estimate H_hat, N*m/s.
+    - closed_rate: S' under the law, N*m/s.
     - sliding_rate: e_hat' on S = 0, m/s^2.
     - authority: largest K that the brake supports downwards and upwards, N*m/s.
     - pole: of the error with a static adhesion curve of slope Fa_slope, 1/s.
     - small_gain: sum of the loop gains around the sliding motion, dimensionless; stable below 1.
     - loop: loop transfer function of the layer in s, E, Q, Qa, G, A and Ga, dimensionless.
-    - relative_degrees: of the published s and of S, from the command.
+    - relative_degrees: relative degrees from the command to the published s and to S.
     """
 
-    steps: tuple[DerivationStep, ...]
     holding_torque: sp.Expr
     reduced_rate: sp.Expr
     surface: sp.Expr
@@ -60,15 +60,10 @@ class PredictiveDerivation:
     loop: sp.Expr
     relative_degrees: tuple[int, int]
 
-    @property
-    def all_checked(self) -> bool:
-        """True if the check of every step holds."""
-        return all(one.checked for one in self.steps)
-
 
 @cache
 def derive_predictive() -> PredictiveDerivation:
-    """Derive the predictive law; the result is kept."""
+    """Derive the predictive law; the result is cached."""
     plant_step, train, wheel = accelerations()
     error_step, holding = _holding_torque(wheel)
     reduction_steps, reduced = _reduction()
@@ -126,7 +121,7 @@ def _holding_torque(wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
-    """Substitute the train's deceleration into H, and compare with the trim torque of the plant."""
+    """Insert the train's deceleration into H; the check compares H with the trim torque of the plant."""
     inside = sp.expand(holding.subs(a, -train))
     shown = sp.collect(inside, (plant.Ta, plant.Tr, plant.Fr))
     at_reference = {
@@ -140,7 +135,7 @@ def _in_the_train_s_motion(holding: sp.Expr, train: sp.Expr) -> DerivationStep:
 
 
 def _ahead() -> DerivationStep:
-    """Derive T_plus' from the actuator's lag; the acting torque is T_plus after the dead time."""
+    """Derive T_plus' from the actuator's lag. The acting torque is T_plus delayed by the dead time."""
     s, tau, Tc = symbol("s"), symbol("tau"), symbol("Tc")
     lag, late = plant.actuator_lag_rate(), sp.Dummy("T_plus(t - theta)", real=True)
     rate = lag.subs({plant.Tb: T_plus, Tc: u})
@@ -155,16 +150,13 @@ def _ahead() -> DerivationStep:
 
 
 def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
-    """Derive e_hat, its delay-free rate e_hat', and the prediction error e(t + theta) - e_hat."""
+    """Derive e_hat, its rate e_hat', which has no delay, and the prediction error e(t + theta) - e_hat."""
     t, x = sp.symbols("t x", real=True)
     torque, holding, estimate, error = (sp.Function(name) for name in ("T_plus", "H", "H_hat", "e"))
     error_rate = -_r / _J * (torque(x - theta) - holding(x))
     under_way = sp.Integral(torque(x), (x, t - theta, t))
     predicted = error(t) - _r / _J * (under_way - theta * estimate(t))
-    names = {
-        error(t).diff(t): error_rate.subs(x, t),
-        estimate(t).diff(t): H_hat_rate,
-    }
+    names = {error(t).diff(t): error_rate.subs(x, t), estimate(t).diff(t): H_hat_rate}
     rate = sp.expand(predicted.diff(t).subs(names)).subs({torque(t): T_plus, holding(t): H})
     shown_rate = -_r / _J * (T_plus - H - theta * H_hat_rate)
     definition = e - _r / _J * (sliding_symbol("under_way") - theta * H_hat)
@@ -194,7 +186,7 @@ def _reduction() -> tuple[tuple[DerivationStep, ...], sp.Expr]:
 
 
 def _law(reduced: sp.Expr) -> tuple[tuple[DerivationStep, ...], dict[str, sp.Expr]]:
-    """Derive S, S', the command u for the chosen reaching law, and S' under it."""
+    """Derive S, S', the command u for the chosen reaching law, and S' under this command."""
     surface = H_hat + _J / _r * kappa * e_hat - T_plus
     ahead = plant.actuator_lag_rate().subs({plant.Tb: T_plus, symbol("Tc"): u})
     parts = {H_hat: H_hat_rate, e_hat: reduced, T_plus: ahead}
@@ -288,7 +280,7 @@ def _pole(holding: sp.Expr, train: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
 
 
 def _small_gain(reduced: sp.Expr, law: dict[str, sp.Expr]) -> tuple[tuple[DerivationStep, DerivationStep], sp.Expr]:
-    """Derive the disturbance due to the observer, and the loop gain from H' back to H' by L1 norms of the kernels."""
+    """Derive the disturbance due to the observer, and bound the loop gain from H' to H' by L1 norms of the kernels."""
     p, s = sliding_symbol("p"), sp.Symbol("s", positive=True)
     lag = theta + tau_o
     observed = tau_o * H_hat_rate  # H - H_hat, as tau_o H_hat' = H - H_hat
@@ -363,7 +355,7 @@ def _layer(holding: sp.Expr, law: dict[str, sp.Expr]) -> tuple[DerivationStep, s
 
 
 def _relative_degrees(law: dict[str, sp.Expr]) -> tuple[DerivationStep, tuple[int, int]]:
-    """Relative degrees of the published s and of S: the derivatives needed until the command appears."""
+    """Derive the relative degrees of the published s and of S: the number of derivatives until the command appears."""
     Tc = symbol("Tc")
     published = derive_surface("proportional")["s_rate"]
     behind_the_lag = sp.diff(published, plant.Tb) * plant.actuator_lag_rate()

@@ -1,8 +1,8 @@
 """Parts of a derivation: symbols, machine-checked identities, and the record of a checked step.
 
 The symbols of the sliding-mode laws (name, LaTeX, unit, meaning) extend those of the plant (`core.notation`). The
-estimation error is theta_tilde = theta - theta_hat. A rate that is measured, estimated or unknown is a symbol of its
-own (`_rate`).
+estimation error is theta_tilde = theta - theta_hat. A rate that is measured, estimated or unknown has its own symbol,
+whose name ends in `_rate`.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
 
 
 def sliding_symbol(name: str) -> sp.Symbol:
-    """SymPy symbol of a name in `SLIDING_NOTATION` or `PREDICTIVE_NOTATION`; KeyError for an unknown name."""
+    """Return the SymPy symbol of a name in `SLIDING_NOTATION` or `PREDICTIVE_NOTATION`; KeyError for another name."""
     entry = _SYMBOLS[name]
     return sp.Symbol(name, positive=True) if entry.positive else sp.Symbol(name, real=True)
 
 
 def latex(expression: sp.Basic) -> str:
-    """LaTeX of an expression, in the source's notation."""
+    """Return the LaTeX of an expression, with the symbols of [Park2008]."""
     own = {sp.Symbol(name, positive=True): text for name, text in _OTHER_LATEX}
     names = {**latex_names(), **own, **{sliding_symbol(name): entry.latex for name, entry in _SYMBOLS.items()}}
     return str(sp.latex(expression, symbol_names=names)).replace(r"\operatorname{sign}", r"\operatorname{sgn}")
 
 
 def plain(expression: sp.Basic) -> str:
-    """Plain text of an expression; a column becomes a tuple."""
+    """Return an expression as plain text; a column becomes a tuple."""
     if isinstance(expression, sp.MatrixBase):
         return "(" + ", ".join(plain(entry) for entry in expression) + ")"
     return str(sp.sstr(expression)).replace("sign(", "sgn(")
@@ -55,11 +55,10 @@ _SEED = 2008  # fixed, so that every run checks the same points
 
 
 def vanishes(expression: sp.Expr) -> bool:
-    """True if a rational expression in symbols, sgn and absolute values is proved to be zero.
+    """Return True if a rational expression in symbols, sgn and absolute values is proved to be zero.
 
     Each sgn x is replaced by 1, by -1 and, if x is a symbol, by 0 with x = 0. Functions and Piecewise parts of an
-    adhesion law are treated as symbols. This decides every expression of the control law, and is much faster than
-    `simplify`.
+    adhesion law are treated as symbols. This decides every expression of the control law much faster than `simplify`.
     """
     functions = {part for part in expression.atoms(sp.Function) if not isinstance(part, (sp.sign, sp.Abs))}
     opaque = {part: sp.Dummy() for part in functions | expression.atoms(sp.Piecewise)}
@@ -84,9 +83,9 @@ def _is_zero(expression: sp.Expr) -> bool:
 
 
 def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
-    """True if both sides agree at `POINTS` random points, to rounding.
+    """Return True if both sides agree at `POINTS` random points, except for rounding.
 
-    Positive symbols are drawn from 0.2 to 3, others from -2 to 2; every run uses the same points.
+    Positive symbols are drawn from 0.2 to 3, others from -2 to 2. Every run uses the same points.
     """
     import numpy as np
 
@@ -103,14 +102,14 @@ def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
 
 
 def identical(left: sp.Expr, right: sp.Expr) -> bool:
-    """True if left = right is proved and holds at random points."""
+    """Return True if left = right is proved and also holds at random points."""
     return vanishes(left - right) and agree_at_random_points(left, right)
 
 
 def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
     """Solve an equation that is linear in the unknown, by `sympy.solve` without its slow `simplify` and `check`.
 
-    A linear equation has one solution, so these do not change it, and the check of the step proves the result.
+    Neither would change the result: a linear equation has one solution, and the check of the step proves it.
     """
     return sp.solve(equation, unknown, simplify=False, check=False)[0]
 
@@ -123,11 +122,12 @@ class DerivationStep:
     """One step of a derivation.
 
     - name: short name, unique in a derivation.
-    - statement: what holds after the step.
-    - done: the operation of the step.
-    - equation, equation_latex, equation_text: the result, also in LaTeX and as plain text (a column as a tuple).
-    - source: place in the source.
-    - checked, check: whether the machine check holds; description of the check.
+    - statement: result of the step in words.
+    - done: operation of the step in words.
+    - equation, equation_latex, equation_text: the resulting equation, in SymPy, LaTeX and plain text.
+    - source: section or equation number in the literature.
+    - checked: True if the machine check holds.
+    - check: description of the machine check.
     """
 
     name: str
@@ -141,8 +141,25 @@ class DerivationStep:
     check: str
 
 
+@dataclass(frozen=True)
+class Checked:
+    """Base of the derivations: their steps in order."""
+
+    steps: tuple[DerivationStep, ...]
+
+    @property
+    def all_checked(self) -> bool:
+        """True if the machine check of every step holds."""
+        return all(step.checked for step in self.steps)
+
+
 def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **inserts: object) -> DerivationStep:
-    """Make a step: `equation` is (left, right), `holds` the outcomes of its checks, `inserts` go into its texts."""
+    """Make the step `name`, with its texts from `steps.toml`.
+
+    - equation: left and right side.
+    - holds: outcomes of its checks; the step is checked if all are true.
+    - inserts: values for the placeholders of the texts.
+    """
     left, right = equation
     texts = {key: text.format(**inserts) for key, text in templates.texts(__package__, "steps.toml")[name].items()}
     if texts["source"].startswith(("(", "p. ")):

@@ -1,27 +1,25 @@
-"""The derived law in discrete time: a sequence of assignments, which `code` prints as programs.
+"""The published law in discrete time, as a sequence of assignments that `code` prints as Python.
 
 The sampling period is h. The integral of e, the filter s/(tau s + 1) that estimates v', and the state of a dynamic
 adhesion law use backward Euler, which does not oscillate for any h/tau. The estimates theta_hat use forward Euler, and
 take effect at the next sample. If `boundary` > 0, sgn s is s/boundary, limited to -1 .. 1. The torque is limited to
 torque_min .. torque_max.
 
-A wheel that locks leaves the domain of the bristle law, whose state would diverge. Therefore the slip velocity that
-drives an adhesion state is limited to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`,
-Fs/alpha. Both limits are symmetric about 0, as the laws are odd: a wheel faster than the train bends the bristles the
-other way.
+A locked wheel is outside the domain of the bristle law, whose state would diverge. Therefore the slip velocity that
+drives an adhesion state is limited to +-`DOMAIN_SHARE` times the law's `sigma_limit`, and the state to +-`state_limit`,
+Fs/alpha. The limits are symmetric because the laws are odd functions.
 
-The parameters of `OPTIONS` belong to the robust variants (`law.LawGains`; see `law.gain_parameters`) and to
-anti-windup; at their default 0 the law is the paper's:
+The parameters of `OPTIONS` belong to the robust variants (`law.LawGains`) and to anti-windup. With their default 0 the
+law is that of [Park2008]:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
 - dead_zone 1: s - boundary sat(s/boundary) drives the adaptation instead of s;
 - theta_i_min < theta_i_max: theta_hat_i is limited to this range (projection);
-- anti_windup 1: while the torque is at a limit the estimates are constant. So is the integral if e would drive the
-  torque, which grows with s, farther beyond the limit.
+- anti_windup 1: while the torque is at a limit, the estimates are constant. The integral is constant too if e would
+  drive the torque farther beyond the limit.
 
-Inputs, states and outputs are limited to +-`LARGEST`, NaN becomes 0, and the inverse of 0 is `LARGEST`^2, also for
-parameters. So measurements of any size give finite numbers. The guard (`controllers.guard`) handles invalid samples and
-parameters, as for every controller.
+Inputs, states and outputs are limited to +-`LARGEST`, NaN becomes 0, and 1/0 is `LARGEST`^2, so that measurements of
+any size give finite numbers. The guard (`controllers.guard`) handles invalid samples and parameters.
 """
 
 from __future__ import annotations
@@ -45,21 +43,21 @@ PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", po
 SWITCHING = sp.Symbol("switching", real=True)  #: switching function: sgn s, or its saturated form
 LIMITED = sp.Function("limited")  #: limited(x, limit): x limited to -limit .. limit
 DOMAIN_SHARE = 0.999
-"""Limit of |sigma| over an adhesion law's `sigma_limit`; there the bristle law has 1/1000 of Fs left."""
+"""Limit of |sigma|, relative to the `sigma_limit` of an adhesion law. There 1/1000 of the bristle law's Fs is left."""
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
 _DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)
 _LEAK, _DEAD_ZONE = sp.Symbol("leak", nonnegative=True), sp.Symbol("dead_zone", nonnegative=True)
 
 LARGEST = 1e12
-"""Limit of numbers in the generated code, SI: far above any value of a train, and products do not overflow."""
+"""Limit of numbers in the generated code, SI. It is far above any value of a train, and products do not overflow."""
 
 EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
-"""Intermediate values with a comment in the code."""
+"""Intermediate values that have a comment in the generated code."""
 
 _LIMITS = ("boundary", "torque_min", "torque_max", "period")
 OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta2_max", "anti_windup")
-"""Optional parameters; at their default 0 the law is the paper's."""
+"""Optional parameters; with their default 0 the law is that of [Park2008]."""
 
 _MAY_BE_ZERO = ("Bn", "K", "k1", "k2", "boundary", "leak", "dead_zone", "anti_windup")
 RULES: Mapping[str, tuple[str, ...]] = {
@@ -68,7 +66,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lambda_d": ("> 0.0", "< 1.0"),
     "torque_min": ("<= 0.0",),
 }
-"""Bounds of parameters; those not listed must be > 0. Gains other than D and rho may be 0, as in `law.LawGains`."""
+"""Bounds of parameters. A parameter that is not listed must be > 0."""
 
 _SIGNS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 PREFIX = "adhesion_"  #: prefix of the names of an adhesion law's parameters
@@ -79,13 +77,14 @@ Assignment = tuple[str, sp.Expr]
 class SampledLaw:
     """The law as a sequence of assignments, independent of a programming language.
 
-    - measured: arguments of a step: v, omega, and Ta unless an adhesion law gives it.
-    - parameters, states: names in order, the `OPTIONS` last; states start at 0, `v_filtered` at v.
-    - rules: bounds of every parameter, as `RULES`.
-    - meanings: unit and meaning of the adhesion law's parameters.
-    - prepare: from measurements and states to e, e_integral, v_rate, Ta; a state gets its new value.
+    - measured: arguments of a step: v, omega, and Ta if no adhesion law computes it.
+    - parameters: names of the parameters in order, the `OPTIONS` last.
+    - states: names of the states in order; `v_filtered` starts at v, the others at 0.
+    - rules: bounds of every parameter, as in `RULES`.
+    - meanings: meaning and unit of the adhesion law's parameters.
+    - prepare: assignments of e, v_rate, Ta and the new values of the states, before the law.
     - surface: expression of s.
-    - control: from_adhesion to theta2_hat_rate, with `SWITCHING` for sgn s.
+    - control: assignments of the law, from `from_adhesion` to `theta2_hat_rate`, with `SWITCHING` for sgn s.
     - control_arguments: arguments of the continuous law besides the parameters.
     - note: paragraphs on the origin of Ta.
     """
@@ -102,7 +101,7 @@ class SampledLaw:
     note: tuple[str, ...]
 
     def meaning(self, name: str) -> str:
-        """Meaning and unit of a parameter, a state or one of `EXPLAINED`."""
+        """Return meaning and unit of a parameter, a state, or an intermediate value of `EXPLAINED`."""
         if name in CODE_NOTATION:
             unit, text = CODE_NOTATION[name]
             return f"{text}, {unit}"
@@ -113,7 +112,7 @@ class SampledLaw:
 
 
 def sampled_law(derivation: Derivation) -> SampledLaw:
-    """Discretise the integrals and filters of a derivation's law."""
+    """Return a derived law in discrete time, with integrals and filters as difference equations."""
     error = derivation.error.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     s, e, integral = (sliding_symbol(name) for name in ("s", "e", "e_integral"))
     prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
@@ -166,7 +165,7 @@ def sampled_law(derivation: Derivation) -> SampledLaw:
 
 
 def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
-    """Split the law into readable assignments: Tb = Ueq + Ur, Ueq = (J/r) s_drift."""
+    """Return the law as short assignments: Tb = Ueq + Ur, Ueq = (J/r) s_drift."""
     equivalent = derivation.adaptive_law_control - derivation.robust_term
     drift = equivalent * plant.r / plant.J
     parts = {
@@ -185,7 +184,7 @@ def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
 
 
 def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
-    """Assignments for Ta of a law in closed form at the measured slip velocity: parts, new state, Ta."""
+    """Return the assignments for Ta of an adhesion law in closed form: slip velocity, parts, new state, Ta."""
     statement = law.statement()
     renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
     named: dict[sp.Expr, sp.Symbol] = {}
@@ -218,7 +217,7 @@ def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | Non
 
 
 def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
-    """Note on the origin of Ta for a law that is in the code."""
+    """Return the note on the origin of Ta if the code computes it by an adhesion law."""
     path, statement = Path(inspect.getfile(law)), law.statement()
     limits = []
     if statement.sigma_limit is not None:
@@ -233,7 +232,7 @@ def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
-    """New value of a state, from x_new = x + h rate(x_new); the rate must be linear in the state."""
+    """Return the new value of a state, from x_new = x + h rate(x_new); the rate must be linear in the state."""
     slope = sp.diff(rate, state)
     constant = rate.subs(state, 0)
     return (state + PERIOD * constant) / (1 - PERIOD * slope)

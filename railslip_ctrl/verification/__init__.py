@@ -1,13 +1,15 @@
 """Stability conditions of the sliding-mode laws: the published law, its robust variants, the effect of the actuator.
 
 Imports `simulation` and the rooms below. Begin with `joint_verification`, which collects all conditions of a law as
-`verdict.Condition` records; `report/verification.py` writes their texts.
+`verdict.Condition` records. `report/verification.py` writes their texts.
 
-- `published_law`, `robust`: conditions without the actuator, as in the paper's proof; `reaching` has the gain bound.
-- `relay_loop`, `actuator_effects`: the linear loop with the actuator; its effect on the wheel and on the largest gains.
-- `predictive`: conditions of the law that accounts for the actuator, over boxes, by the interval arithmetic of `boxes`.
-- `no_lock`: certifies torques from which a released wheel does not lock.
+- `published_law`, `robust`: conditions without the actuator, as in the proof of [Park2008].
+- `reaching`: least gain of the reaching condition (40) over a box of operating points.
+- `relay_loop`, `actuator_effects`: linear loop with the actuator; effect of the actuator on wheel and largest gains.
+- `predictive`: conditions over boxes for the law that accounts for the actuator.
+- `boxes`: interval arithmetic for `predictive` and `no_lock`.
+- `no_lock`: certified torques from which a released wheel does not lock.
 - `rails`: adhesion law, rails and reference slips of a verification.
 - `fixed_step`, `fixed_step_kernel`: simulation of the laws with and without actuator.
-- `lyapunov_runs`: evaluates the conditions along braking runs.
+- `lyapunov_runs`: evaluation of V, V' and the reaching condition along braking runs.
 """

@@ -1,9 +1,9 @@
 """Effect of lag and dead time on the published law and its robust variants, and the largest stable gains.
 
-The linear part is `relay_loop`: existence of sliding, exact root counts, and the largest value of each gain. Each limit
-holds with the other gains unchanged; two gains at their limits may be unstable together. In the adaptive loop the relay
-acts as a gain: 0 for excursions far above its height, larger for smaller ones. The nonlinear wheel is simulated
-(`fixed_step`); a run is lost if the wheel locks or leaves its adhesion law's domain.
+`relay_loop` decides the linear loop: existence of a sliding mode, exact root counts, and the largest value of each
+gain. Each limit holds with the other gains unchanged; two gains at their limits may be unstable together. In the
+adaptive loop the relay acts as a gain, which is near 0 for large excursions of s and grows as they become smaller.
+`fixed_step` simulates the nonlinear wheel. A run is lost if the wheel locks or leaves its adhesion law's domain.
 """
 
 from __future__ import annotations
@@ -30,18 +30,22 @@ from .relay_loop import SLOWEST, SurfaceLoop, stable_up_to
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import RULE, Condition, checked_at
 
-_OFFSET = 0.05  # initial offset of a run above the reference slip velocity, as a share of it
-_SETTLING, _MEASURED = 30.0, 20.0  # s, times the inertia scale: about 8 and 5 periods of the relay's cycle
-_LONGEST = 60.0  # s, times the inertia scale: longer than any stop
-_LEAST_CROSSINGS = 3  # upward zero crossings of s needed for a period: two whole periods
+_OFFSET = 0.05  # initial slip velocity of a run above the reference slip velocity, relative to the reference
+_SETTLING, _MEASURED = (
+    30.0,
+    20.0,
+)  # s, to be multiplied by the inertia scale; about 8 and 5 periods of the relay's cycle
+_LONGEST = 60.0  # s, to be multiplied by the inertia scale; longer than any stop
+_LEAST_CROSSINGS = 3  # least number of upward zero crossings of s for a period; between three are two whole periods
 
 
 def published_loop(
     rail: Rail, *, inertia_scale: float | None = None, adhesion: str = "bristle", vehicle: Vehicle = PARK2008
 ) -> SurfaceLoop:
-    """Loop of the published law on a rail at 100 km/h and the law's reference slip, gains of Table 4's bristle column.
+    """Return the loop of the published law on a rail at 100 km/h and the adhesion law's reference slip.
 
-    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model; by default the vehicle's.
+    The gains are those of [Park2008] Table 4, bristle column. `inertia_scale` is a factor on M, J, B and the stiffness
+    of the bristle model; by default that of the vehicle.
     """
     if inertia_scale is not None:
         vehicle = vehicle.model_copy(update={"inertia_scale": inertia_scale})
@@ -58,7 +62,7 @@ def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
 
 
 def largest_adaptation(loop: SurfaceLoop) -> float:
-    """Largest k, as printed, with which the loop without relay is stable; inf if there is no bound, 0 if none is."""
+    """Return the largest printed k with a stable loop without relay; inf without bound, 0 if no k is stable."""
     return stable_up_to(lambda k: loop.is_stable(adaptation=k), SLOWEST / loop.regressor_power)
 
 
@@ -66,9 +70,9 @@ def largest_adaptation(loop: SurfaceLoop) -> float:
 class Survivors:
     """Limits of single gains for a stable loop with actuator, the other gains unchanged and the relay as a gain of 0.
 
-    - stable: whether the linear part (rho, D, feed-forward) is stable; if not, the largest gains are 0.
-    - k, rho, D: largest stable values; 1, 1/s and N*m/(m/s), inf if there is no bound.
-    - layer: smallest boundary layer without limit cycle at the gains' K, m/s; inf if there is none.
+    - stable: True if the linear part (rho, D, feed-forward) is stable; if not, the limits of k, rho and D are 0.
+    - k, rho, D: largest stable values, 1, 1/s and N*m/(m/s); inf without bound.
+    - layer: smallest boundary layer without limit cycle for the loop's K, m/s; inf if every layer has a limit cycle.
     """
 
     stable: bool
@@ -79,7 +83,7 @@ class Survivors:
 
 
 def survivors(loop: SurfaceLoop) -> Survivors:
-    """Find the limit of each gain by bisection on exact stability."""
+    """Find the limit of each gain by bisection, with exact root counts."""
     gains, stable, gain = loop.gains, loop.is_stable(), loop.largest_relay_gain
     return Survivors(
         stable=stable,
@@ -95,10 +99,12 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 
 @dataclass(frozen=True)
 class SlipRun:
-    """Slip range of a run, and whether it stayed between 0 and twice the reference slip (`in_range`).
+    """Slip of a run with actuator.
 
-    - lost: reason if the wheel locked or left the law's domain, else None; the range is then NaN.
-    - period: time between upward zero crossings of s, s; NaN if the run has no cycle.
+    - slip_range: smallest and largest slip ratio; NaN if the run was lost.
+    - in_range: True if the slip stayed between 0 and twice the reference slip.
+    - lost: reason if the wheel locked or left the adhesion law's domain, else None.
+    - period: time between upward zero crossings of s, s; NaN if s has no cycle.
     """
 
     slip_range: tuple[float, float]
@@ -113,7 +119,7 @@ class SlipRun:
 
 
 def whole_periods(run: FixedRun) -> tuple[float, slice]:
-    """Period of s, in seconds, and the slice from its first to its last upward zero crossing; NaN with fewer than 3."""
+    """Return the period of s, s, and the slice from first to last upward zero crossing; NaN with fewer than three."""
     s, time = run.s, run.time
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
@@ -124,10 +130,10 @@ def whole_periods(run: FixedRun) -> tuple[float, slice]:
 
 
 def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: float = 0.0) -> SlipRun:
-    """Simulate the law from 5 % above the reference, undisturbed, with known parameters.
+    """Simulate the law without disturbances, with known parameters, from 5 % above the reference slip velocity.
 
-    Times are in s, before the inertia scale. The speed is frozen, or falls to 5 km/h. The slip range is that after
-    `settling`, over whole periods if s has a cycle.
+    The speed is frozen, or falls to 5 km/h. The slip range is that after `settling`, over whole periods if s has a
+    cycle. `duration` and `settling`, s, are multiplied by the inertia scale.
     """
     point, scale = loop.plant.point, loop.plant.point.vehicle.inertia_scale
     started = {"duration": scale * duration, "offset": _OFFSET * point.sigma}
@@ -144,7 +150,7 @@ def run_behind(loop: SurfaceLoop, *, frozen: bool, duration: float, settling: fl
 
 
 def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
-    """Limit cycle of the relay without adaptation at frozen speed; None if it has none, or cannot carry the load."""
+    """Simulate the relay without adaptation at frozen speed; None without limit cycle, or if K is below the load."""
     if not (0.0 < loop.largest_relay_gain < math.inf and loop.load < loop.gains.K):
         return None
     still = loop.with_gains(k1=0.0, k2=0.0)
@@ -159,11 +165,11 @@ def relay_cycle(loop: SurfaceLoop) -> SlipRun | None:
 class ActuatorEffect:
     """Effect of lag and dead time on the published law at one operating point.
 
-    - cycle: `relay_cycle` with the gains' K.
-    - runs: simulated runs of the whole law, by name.
+    - existence: `SurfaceLoop.sliding_existence`; cycle: `relay_cycle`; survivors: `survivors`.
+    - runs: simulated runs of the law with adaptation, by name.
     - unstable_ideal, unstable_actual: number of unstable poles of the adaptive loop without and with actuator, the
       relay as a gain of 0.
-    - unstable_linear: the same with actuator and without adaptation.
+    - unstable_linear: number of unstable poles with actuator and without adaptation.
     """
 
     loop: SurfaceLoop
@@ -183,7 +189,7 @@ class ActuatorEffect:
 
     @property
     def keeps_slip_in_range(self) -> bool:
-        """True if the relay's cycle keeps the slip in range or, without a cycle, if the linear loop is stable."""
+        """True if the relay's cycle keeps the slip in range; without a cycle, True if the linear loop is stable."""
         return self.unstable_linear == 0 if self.cycle is None else self.cycle.in_range
 
 
@@ -206,11 +212,11 @@ def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
 
 
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Conditions of the published law with actuator, and the findings for the conclusion.
+    """Decide the conditions of the published law with actuator; return them, and the findings for the conclusion.
 
-    K in N*m, D in N*m/(m/s), rho and k as printed, at the bristle model's published reference slip and 100 km/h. The
-    finding as_published is the largest stable k without relay over the printed k, in the as-published reading, by
-    adhesion and rail; empty if the vehicle is not the published one.
+    K in N*m, D in N*m/(m/s), the other gains as printed. The operating points have the bristle model's published
+    reference slip and 100 km/h. The finding `as_published` is the largest stable k without relay over the printed k, in
+    the as-published reading, by adhesion law and rail; empty if the vehicle is not the published one.
     """
     effects = tuple(actuator_effect(published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D)) for rail in Rail)
     first, about, points = effects[0], {"effects": effects}, checked_at(len(effects))
@@ -239,9 +245,10 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
 
 
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], dict[str, Any]]:
-    """Conditions of layer and relay with the actuator, and the findings; gains in N*m, N*m/(m/s).
+    """Decide the conditions of boundary layer and relay with the actuator; return them, and the findings.
 
-    Finding carried: largest K, N*m, whose layer is stable on both rails; asked: least K of the reaching condition.
+    K in N*m, D in N*m/(m/s). Findings: `carried`, the largest K, N*m, for which the layer is stable on both rails;
+    `asked`, the least K of the reaching condition.
     """
     loops = {rail: published_loop(rail, vehicle=vehicle).with_gains(K=K, D=D) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}

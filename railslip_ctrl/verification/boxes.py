@@ -1,7 +1,7 @@
 """Interval arithmetic: SymPy expressions and adhesion laws on balls, and the largest value of a function over a box.
 
-Balls are python-flint's `arb`: a midpoint and a radius, rounded outward. The ball of a result contains every value that
-the arguments' balls allow. `largest` divides a box until the enclosure of the largest value is narrow.
+A ball is python-flint's `arb`: a midpoint and a radius, rounded outward. The ball of a result contains every value that
+the arguments' balls allow. `largest` divides a box until the largest value is enclosed in a narrow range.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Box = Mapping[str, tuple[float, float]]
 
 
 def ball(low: float, high: float) -> arb:
-    """Smallest ball that contains a range."""
+    """Return the smallest ball that contains a range."""
     return arb(low).union(arb(high))
 
 
 def upper(value: arb) -> float:
-    """Upper end of a ball as a double, rounded up; inf for a ball that is not finite."""
+    """Return the upper end of a ball as a double, rounded up; inf for a ball that is not finite."""
     if value.is_exact() and arb(float(value)) == value:
         return float(value)
     return math.nextafter(float(value.upper()), math.inf) if value.is_finite() else math.inf
@@ -42,14 +42,15 @@ def upper(value: arb) -> float:
 
 
 def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """Enclose an increasing function by its values at the ball's ends; narrower than by midpoint and radius."""
+    """Return an increasing function on balls, enclosed by its values at the ends; narrower than flint's enclosure."""
     return lambda x: function(x.lower()).union(function(x.upper()))
 
 
 def _pieces(*parts: arb) -> arb:
-    """Hull of the pieces that may apply; arguments are value and slack in turn, then the last value.
+    """Return the smallest ball that contains the values of all pieces that may apply.
 
-    A piece may apply if its slack can be >= 0; if its slack is certainly > 0, no later piece applies.
+    Arguments are value and slack in turn, then the value of the last piece. A piece may apply if its slack can be >= 0.
+    If its slack is certainly > 0, no later piece applies.
     """
     possible = []
     for value, slack in zip(parts[:-1:2], parts[1::2], strict=True):
@@ -79,22 +80,21 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def on_balls(arguments: Sequence[sp.Symbol], expressions: Sequence[sp.Expr], **functions: Any) -> Callable[..., Any]:
-    """Make a function from balls of the `arguments` to a list of enclosures of the expressions.
+    """Return a function from balls of the `arguments` to a list of enclosures of the expressions.
 
-    functions: enclosures of further SymPy functions in the expressions, by name. InputError for a function without
-    enclosure.
+    functions: enclosures of further SymPy functions, by name. InputError for a function without enclosure.
     """
     known = {**_FUNCTIONS, "pi": arb.pi(), **functions}
     exact = [_exact(expression) for expression in expressions]
     for function in {type(one) for each in exact for one in each.atoms(sp.Function)}:
         if function.__name__ not in known:
-            raise InputError(f"adhesion: {function.__name__} has no interval enclosure; take a law without it")
+            raise InputError(f"adhesion: {function.__name__} has no interval enclosure; give a law without it")
     made: Callable[..., Any] = sp.lambdify(list(arguments), exact, modules=[known], cse=True)
     return made
 
 
 def _exact(expression: sp.Expr) -> sp.Expr:
-    """Replace Piecewise by a function of the slacks, and fractions, which Python would round, by exact quotients."""
+    """Replace Piecewise by `pieces` of values and slacks, and fractions by exact quotients, which are not rounded."""
     pieces, ratio = sp.Function("pieces"), sp.Function("ratio")
 
     def split(one: sp.Piecewise) -> sp.Expr:
@@ -113,21 +113,22 @@ def _exact(expression: sp.Expr) -> sp.Expr:
 
 
 Enclosure = Callable[[arb, arb, arb], list[arb]]
-"""From v (m/s), slip and N (N): F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
+"""Function from v (m/s), slip and N (N) to F (N), dF/dslip at constant v (N) and dF/dv at constant slip (N s/m)."""
 
-# slip between nodes of the curve; the slope's enclosure near the peak is then within 1 % of the pole's range
+# slip between nodes of the curve; the enclosure of the slope near the peak is within 1 % of the range of the pole
 _CURVE_STEP = 1.0 / 4096.0
 
 
+@cache
 def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
-    """Enclosure of a static law's force and its derivatives in braking, slip > 0.
+    """Return the enclosure of a static law's force and its derivatives in braking, slip > 0.
 
-    InputError: a law with a state, or with a function that has no enclosure.
+    InputError for a law with a state, or with a function that has no enclosure.
     """
     if law.has_state:
         raise InputError(
-            f"adhesion: {law.name} has a state, and verdicts over boxes are for static laws; take its static curve "
-            "('curve') or another static law"
+            f"adhesion: the law {law.name} has a state, and verification over boxes needs a static law; give 'curve' "
+            "or another static law"
         )
     v, slip, N = sp.Symbol("v", positive=True), sp.Symbol("slip", positive=True), sp.Symbol("N", positive=True)
     statement = law.statement()
@@ -140,10 +141,10 @@ def adhesion_on_balls(law: AdhesionLaw) -> Enclosure:
 
 
 def _curve_on_balls(law: Curve) -> Callable[..., arb]:
-    """Enclosure of F of `Curve` on a ball of slip ratios >= 0.
+    """Return the enclosure of the force F of `Curve` on a ball of slip ratios >= 0.
 
-    F' has the sign of G - F with the falling G = (gamma - s)/beta: F rises until it meets G, then falls. So the ends of
-    a range bound F; if the peak is in the range, G at the lower end is the upper bound.
+    F' has the sign of G - F with the falling G = (gamma - s)/beta. So F rises until it meets G, then falls. The values
+    of F at the ends of a range are a lower bound. If the peak is in the range, G at the lower end is an upper bound.
     """
     alpha, beta, gamma, R, v0 = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R, law.v0))
 
@@ -178,7 +179,7 @@ def _curve_on_balls(law: Curve) -> Callable[..., arb]:
 
 @cache
 def _curve_node(law: Curve, index: int) -> arb:
-    """Enclose F at slip index * step, by validated integration of the variation of constants (`curve.curve_force`)."""
+    """Return an enclosure of F at slip `index` * `_CURVE_STEP`, by validated integration (`curve.curve_force`)."""
     alpha, beta, gamma, R = (arb(one) for one in (law.alpha, law.beta, law.gamma, law.R))
     c, s = alpha * beta / R, arb(index * _CURVE_STEP) * arb(law.v0)
 
@@ -196,10 +197,11 @@ def _curve_node(law: Curve, index: int) -> arb:
 
 @dataclass(frozen=True)
 class Largest:
-    """Bounds of the largest value of a function over a box: between `attained`, at `point`, and `bound`.
+    """Bounds of the largest value of a function over a box.
 
-    `bound` is rounded outward; `attained` is the lower end of the enclosure at the point. `parts` is the number of
-    boxes examined.
+    - attained: lower bound, the lower end of the enclosure at `point`.
+    - bound: upper bound, rounded up.
+    - parts: number of boxes examined.
     """
 
     attained: float
@@ -213,9 +215,9 @@ def largest(
 ) -> Largest:
     """Enclose the largest value of a function over a box by branch and bound.
 
-    The part with the largest upper bound is halved along the quantity with the largest effect on that bound. This ends
-    when bound and attained value differ by at most `relative` times the latter, or by `absolute`, or after `most`
-    parts.
+    The part with the largest upper bound is halved along the quantity with the largest effect on this bound. The search
+    ends when the upper bound exceeds the attained value by at most `relative` times the attained value or by
+    `absolute`, or after `most` parts.
     """
     order, attained, at = count(), -math.inf, dict.fromkeys(box, math.nan)
 

@@ -1,9 +1,9 @@
-"""Fixed-step simulator of the verification: the generated law on the nonlinear wheel, with exact estimates.
+"""Fixed-step simulator of the verification: the generated law on the nonlinear wheel, with exact Ta and v'.
 
-`simulate_ideal` is the loop of the proof, in which the law's torque acts at once; with a relay, s chatters within
-(one step) * K0 of zero. `simulate_behind` has dead time and lag. A switch of the relay takes effect at the next sample,
-so times are exact to one step. Braking runs use another kernel: their law is sampled as in a brake and uses the
-adhesion model at rest, which the proof does not cover.
+`simulate_ideal` is the loop of the proof, in which the law's torque acts at once; with a relay, |s| chatters up to K0
+times one step. `simulate_behind` has dead time and lag. A switch of the relay takes effect at the next sample, so times
+are exact to one step. Braking runs (`simulation`) use another kernel, in which the law is sampled as in a brake and
+uses the adhesion at rest. The proof does not cover that case.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ _NOISE_INTERVAL = 0.02  # s, over which the random adhesion force is constant
 
 @cache
 def kernel(law: type[AdhesionLaw]) -> ModuleType:
-    """Compiled module of the plant with an adhesion law, the generated sliding-mode law, and `fixed_step_kernel`."""
+    """Compile the plant with an adhesion law, the generated sliding-mode law, and `fixed_step_kernel` as one module."""
     control = read_step(generated_law().control, {"p": PARAMETERS})
     places = Layout((), (), generated_law().Parameters._fields, (), 0)
-    # converts to float, so that the law uses Python floats, not NumPy's, when it is interpreted
+    # float() makes the law use Python floats instead of NumPy's when the kernel is interpreted
     names = ", ".join(f"float({name})" for name in control.arguments if name != "p")
     joined = f"""
 @compiled
@@ -61,9 +61,9 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 
 @dataclass(frozen=True)
 class FixedRun:
-    """Signals of simulated runs, (steps, runs), NaN after the end of a stop.
+    """Signals of simulated runs, (steps, runs), NaN after the end of a stop; `time` is (steps,).
 
-    time (s, (steps,)), speed and sigma (m/s), s (m/s, as measured), acting torque (N*m).
+    time: s; speed, sigma: m/s; s: m/s, from the measured signals; torque: acting torque, N*m.
     """
 
     time: Floats
@@ -88,11 +88,13 @@ def _rows(
     frozen: bool = False,
     largest_slip: float = math.inf,
 ) -> tuple[Floats, float]:
-    """Simulate runs; (signals (columns, steps, runs), NaN after the end of a stop; step, s).
+    """Simulate runs; return the signals (columns, steps, runs), NaN after the end of a stop, and the step, s.
 
-    The vehicle is the first one, and the last one from step `changed` on. start: v, sigma, z, torque. forces: random
-    force, N, and noise of the slip velocity, m/s, (runs, steps). DomainError if a run leaves the domain of the adhesion
-    law or exceeds the largest slip.
+    - vehicles: the first one up to step `changed`, the last one from this step on.
+    - start: v, sigma, z, torque.
+    - forces: random force, N, and noise of the slip velocity, m/s, (runs, steps).
+
+    DomainError if a run leaves the domain of the adhesion law or exceeds the largest slip.
     """
     force, noise = forces
     delay = math.ceil(actuator.dead_time / STEP - 1e-9)
@@ -132,10 +134,10 @@ def _rows(
 
 @dataclass(frozen=True)
 class IdealRun(FixedRun):
-    """Signals of runs without actuator.
+    """Signals of runs without actuator: those of `FixedRun` and the following.
 
-    As `FixedRun`, with V (m^2/s^2; NaN without adaptation gains), theta_hat (steps, seeds, 2), disturbance (J/r) d
-    (N*m), and theta, the true values at the end, (2,).
+    V: Lyapunov function, m^2/s^2, NaN without adaptation gains; theta_hat: estimates, (steps, seeds, 2); disturbance:
+    (J/r) d, N*m; theta: true values at the end, (2,).
     """
 
     V: Floats
@@ -156,16 +158,16 @@ def simulate_ideal(
     constant_speed: float | None = None,
     change: tuple[float, Vehicle] | None = None,
 ) -> IdealRun:
-    """Simulate the law without actuator on the bristle model, dry rail, for `duration` seconds or until 5 km/h.
+    """Simulate the law without actuator on the bristle model, dry rail, for `duration`, s, or until 5 km/h.
 
     - nominal: vehicle whose parameters the law uses; by default `vehicle`.
-    - constant_speed: m/s; if given, v is constant (v' = 0 for wheel and law), and the run starts at the reference slip,
-      at rest. By default it starts free rolling at 100 km/h.
-    - disturbed: adds the published random adhesion force (limited to three standard deviations, constant over 0.02 s),
-      Td = 0.05 Tb exp(-4t) sin(10 pi t), and the vehicle's resistance.
-    - slip_noise: standard deviation of the measured slip velocity, m/s, white over the steps.
-    - seeds: one run for each, of force and noise.
-    - change: (time, s, vehicle): the vehicle from this time on; V then uses its theta.
+    - constant_speed: m/s; if not None, v is constant for wheel and law, and the run starts at the reference slip with
+      the adhesion at rest. By default the run starts free rolling at 100 km/h.
+    - disturbed: True adds the published random adhesion force (limited to three standard deviations, constant over
+      0.02 s), Td = 0.05 Tb exp(-4t) sin(10 pi t), and the vehicle's resistance.
+    - slip_noise: standard deviation of the noise of the slip velocity, m/s, independent in each step.
+    - seeds: seeds of random force and noise, one for each run.
+    - change: time, s, and the vehicle from this time on.
 
     DomainError if a run leaves the domain of the bristle model.
     """
@@ -185,7 +187,7 @@ def simulate_ideal(
     rows, _ = _rows(
         *(law, vehicles, gains, start, (force, slip_noise * noise)), **known, changed=changed, disturbed=disturbed
     )
-    # signals up to the end of the longest stop, with d and V, which the kernel does not compute
+    # up to the end of the longest stop; d and V are computed here, not in the kernel
     length = int(np.max(np.count_nonzero(np.isfinite(rows[layout.SPEED]), axis=0)))
     speed, sigma, s, theta1, theta2, torque = rows[:, :length]
     time = np.asarray(STEP * np.arange(length), dtype=np.float64)
@@ -206,7 +208,7 @@ def simulate_ideal(
 
 
 def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Random forces over the wheel load, and noise of variance 1; a row for each seed, with its own generator."""
+    """Return random forces over the wheel load, and noise of variance 1, both (seeds, steps)."""
     each = round(_NOISE_INTERVAL / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
@@ -223,16 +225,19 @@ def _random(seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
 def simulate_behind(
     point: OperatingPoint, gains: LawGains, actuator: Actuator, *, duration: float, offset: float, frozen: bool
 ) -> FixedRun:
-    """Simulate an undisturbed run with actuator from an operating point; its signals are 1-D.
+    """Simulate an undisturbed run with actuator from an operating point; the signals are 1-D.
 
-    Until t = 0 the torque holds the operating point. The run lasts `duration` s or until 5 km/h. The reference is the
-    point's slip, and the law's parameters are exact. `offset`: initial slip velocity above the point's, m/s. `frozen`:
-    constant speed for wheel and law. DomainError if the wheel locks, or leaves the adhesion law's domain on either
-    side; the slip of a released wheel may fall below 0.
+    The reference is the point's slip, and the law's parameters are exact. Before t = 0 the torque is that of the point.
+
+    - duration: s; the run ends earlier at 5 km/h.
+    - offset: initial slip velocity minus that of the point, m/s.
+    - frozen: True keeps the speed constant for wheel and law.
+
+    DomainError if the wheel locks, or if the slip velocity, which may be negative, leaves the adhesion law's domain.
     """
     state = (point.speed, point.sigma, point.adhesion_state or 0.0)
     hold = point.brake_torque
-    if frozen:  # lambda' = 0 is now sigma' = 0
+    if frozen:  # the slip ratio is constant if sigma' = 0
         p = plant_parameters(point.law, point.vehicle)
         rate = float(numeric_plant(type(point.law)).rates(*state, hold, 0.0, 0.0, p)[1])
         hold -= rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius

@@ -1,6 +1,6 @@
 """Kernel that simulates the published law on the wheel in fixed steps by Heun's method, one run after another.
 
-The law's torque is computed once a step. It acts at once, or after a dead time of whole steps and a lag.
+The law computes a torque once a step. The torque acts at once, or after a dead time of whole steps and a lag.
 """
 
 from __future__ import annotations
@@ -10,15 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.model.kernels import (
-    adhesion_force,
-    compiled,
-    entry,
-    lag_rate,
-    law_control,
-    rates,
-    rest_state,
-)
+from railslip_ctrl.model.kernels import adhesion_force, compiled, entry, lag_rate, law_control, rates, rest_state
 
 # columns of a row
 SPEED, SIGMA, SURFACE, THETA1, THETA2, TORQUE = range(6)
@@ -28,7 +20,7 @@ RADIUS = 3  # index of the wheel's radius among the plant's parameters
 
 
 class Settings(NamedTuple):
-    """Settings common to all runs; SI. `delay` is the dead time in steps; `low`, `high` are the box of theta_hat."""
+    """Settings common to all runs; SI. `delay` is the dead time in steps; `low1` to `high2` are bounds of theta_hat."""
 
     step: float
     delay: int
@@ -49,7 +41,7 @@ class Settings(NamedTuple):
 
 @compiled
 def law_torque(v, sigma, z, noise, p, table):
-    """Ta used by the law, N*m: the true value plus the change of the model at rest due to the noise."""
+    """Return the Ta that the law uses, N*m: the true Ta plus the change of the adhesion at rest due to the noise."""
     force = adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
     if noise != 0.0:
         for x, sign in ((sigma + noise, 1.0), (sigma, -1.0)):
@@ -60,7 +52,7 @@ def law_torque(v, sigma, z, noise, p, table):
 
 @compiled
 def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
-    """Rates v' (0 at frozen speed), sigma', z' and Tb' (with a lag); `share` is Td over the acting torque."""
+    """Return v' (0 at frozen speed), sigma', z' and Tb' (0 without lag); `share` is Td over the acting torque."""
     Tb = torque if given.lag > 0.0 else command
     v_rate, sigma_rate, z_rate = rates(v, sigma, z, Tb, share * Tb, Tr, p, table)
     torque_rate = lag_rate(torque, command, given.lag) if given.lag > 0.0 else 0.0
@@ -69,11 +61,14 @@ def all_rates(v, sigma, z, torque, command, share, Tr, p, table, given):
 
 @entry
 def run(rows, start, force, noise, plants, change, given, law, table):
-    """Simulate the runs and fill `rows` (runs, steps, `COLUMNS`), given as NaN, to the end of each stop.
+    """Simulate the runs, and write each step up to the end of the stop into `rows` (runs, steps, `COLUMNS`).
 
-    Returns the index of the run whose last row has a slip velocity outside the law's domain or a slip beyond the
-    largest, else -1. start: v, sigma, z and the previous torque; theta_hat starts at 0. force, N, and noise, m/s:
-    (runs, steps). plants: parameters before step `change`, and from it on. law: numbers of the generated `Parameters`.
+    - start: v, sigma, z and the previous torque; theta_hat starts at 0.
+    - force, noise: random force, N, and noise of the slip velocity, m/s, (runs, steps).
+    - plants: parameters before step `change`, and parameters from that step on.
+    - law: numbers of the generated `Parameters`.
+
+    Returns the index of the first run that leaves the domain of the adhesion law or exceeds the largest slip; else -1.
     """
     h, n = given.step, given.delay + 1
     commands = np.empty(n)

@@ -1,8 +1,4 @@
-"""Verification of a sliding-mode law (`verify`): the claims of [Park2008] (33)-(49), robust variants, actuator.
-
-The conditions of `published_law` and `robust` concern the loop without the actuator. Those of `actuator_effects`
-include its lag and dead time. `predictive` has the conditions of the law that accounts for them.
-"""
+"""Verification of a sliding-mode law: `verify` decides the claims of [Park2008] (33)-(49) and further conditions."""
 
 from __future__ import annotations
 
@@ -41,18 +37,18 @@ def verify(
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
     actuator: bool = True,
 ) -> Verification:
-    """Decide every condition of a law.
+    """Decide every stability condition of a sliding-mode law.
 
-    - law: "paper" (the published law, then the robust variants), "robust" (the variants only), or "predictive" (the law
+    - law: "paper" (the published law, then its robust variants), "robust" (the variants only), or "predictive" (the law
       that accounts for the actuator, over a box of speed, slip and load).
     - vehicle: the braking vehicle.
-    - K: gain, 0 to 1e4; N*m, for the predictive law N*m/s. By default that of Table 4, bristle column; for the robust
-      law 1.1 times the least gain of (40) over its box; for the predictive law by its own rule.
-    - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has none.
+    - K: switching gain, 0 to 1e4, N*m, for the predictive law N*m/s. By default that of Table 4, bristle column; for
+      the robust law 1.1 times the least gain of (40) over its box; for the predictive law `Predictive.for_vehicle`.
+    - D: gain on s, 0.1 to 1e4, N*m/(m/s); by default that of Table 4. The predictive law has no D.
     - seed: first seed of sampled and simulated conditions, 0 to 2^31.
-    - adhesion: static law, rails and reference slip of the predictive law; the bristle model is replaced by its static
-      curve. The other laws are verified only for the published bristle model on both rails.
-    - actuator: whether conditions with the actuator are decided too; always true for the predictive law.
+    - adhesion: static law, rails and reference slip for the predictive law, which takes the static curve of the bristle
+      model. The other laws are verified only for the published bristle model on both rails.
+    - actuator: False leaves out the conditions with the actuator; no effect for the predictive law.
 
     InputError for a value outside its range, or an argument that the law does not have.
     """
@@ -61,19 +57,18 @@ def verify(
             raise InputError(f"D: {D:g} is not allowed; the predictive law has no D, leave it out")
         _check_ranges(vehicle, K, None, seed)
         return verify_predictive(vehicle, adhesion, K=K, seed=seed)
-    # sets, runs and limit cycles of these conditions use the published bristle model only
+    # the conditions of these laws use the published bristle model only
     for name, value, expected in (
         ("adhesion", adhesion.law if isinstance(adhesion.law, str) else f"{adhesion.name} as given", "bristle"),
-        ("rail", adhesion.rails_text, PUBLISHED_ADHESION.rails_text),
+        ("rail", " and ".join(adhesion.rails), " and ".join(PUBLISHED_ADHESION.rails)),
         ("slip", adhesion.slip, None),
         ("initial speed", adhesion.initial_speed_kmh, PUBLISHED_ADHESION.initial_speed_kmh),
     ):
         if value != expected:
             value = f"{value:g}" if isinstance(value, float) else value
             raise InputError(
-                f"{name}: {value} does not go with the law {law!r}, whose conditions use sets, runs and limit cycles "
-                "of the published bristle model; leave it out, or give the law 'predictive', which is verified for any "
-                "static law"
+                f"{name}: {value} is not allowed with the law {law!r}, which is verified only for the published "
+                "bristle model; leave it out, or give the law 'predictive', which is verified for any static law"
             )
     _check_ranges(vehicle, K, D, seed)
     if K is None:
@@ -91,8 +86,8 @@ def verify(
     if not actuator:
         return Verification(*known, conditions)
     behind = variants_behind_actuator if law == "robust" else published_behind_actuator
-    found, findings = behind(K, own.D, vehicle)
-    return Verification(*known, (*conditions, *found), findings=findings)
+    with_actuator, findings = behind(K, own.D, vehicle)
+    return Verification(*known, (*conditions, *with_actuator), findings=findings)
 
 
 def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:

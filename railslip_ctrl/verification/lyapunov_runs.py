@@ -1,8 +1,8 @@
 """Evaluation of V, V', s s', the bound of (40) and theta_hat along nonlinear braking runs.
 
-The conditions of `sliding` are evaluated on the simulated wheel, with and without the actuator, as shares of the time.
-s' comes from the plant's rates at the true state, not from the closed form under the law, since with an actuator the
-torque differs from the law's command.
+Each condition is evaluated on the simulated wheel, with or without the actuator; the result is the share of time in
+which it holds. s' comes from the plant's rates at the true state, because with an actuator the torque differs from the
+law's command.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from railslip_ctrl.simulation import Run, Scenario, Signals, simulate
 
 from .reaching import derived
 
-TAIL = 1.0 / 3.0  #: share of a stage, at its end, from which the ultimate bound of abs(s) is computed
+TAIL = 1.0 / 3.0  #: last part of a stage over which the ultimate bound of abs(s) is computed, a share of its duration
 
 
 @dataclass(frozen=True)
 class LyapunovSignals:
-    """Lyapunov function and related signals along a run, without its last samples, for which V' is not known.
+    """Lyapunov function and related signals along a run, without the last two samples, where V' is not known.
 
     - time (s), s (m/s), s_rate (m/s^2).
     - V, V_rate: s^2/2 or, with adaptation, (46), in (m/s)^2 and (m/s)^2/s.
-    - V_rate_constant: V' without the effect of changes of the true theta (mass step, drift of B).
-    - asked, available: the two sides of (40) times J/r, (J/r)|d| and K + D|s|, N*m.
-    - theta_hat, theta: (n, 2), 1/(kg m) and m/s.
+    - V_rate_constant: V' as if the true theta were constant (without mass step and drift of B).
+    - asked, available: the two sides of (40) times J/r: (J/r)|d| and K + D|s|, N*m.
+    - theta_hat, theta: estimates and true values, (n, 2), 1/(kg m) and m/s.
     """
 
     time: Floats
@@ -50,7 +50,7 @@ class LyapunovSignals:
 
 @dataclass(frozen=True)
 class AlongRun:
-    """Outcome of a condition along a run: share of the time it held, and first violation, s (NaN if none)."""
+    """Outcome of a condition along a run: share of time in which it held, and time of the first violation, s (NaN)."""
 
     name: str
     share: float
@@ -58,7 +58,7 @@ class AlongRun:
 
     @property
     def holds(self) -> bool:
-        """True if the condition held all the time."""
+        """True if the condition held during the whole run."""
         return math.isnan(self.first_violation)
 
 
@@ -72,20 +72,21 @@ class LyapunovRun:
     ultimate: tuple[tuple[float, float], ...]
 
     def condition(self, name: str) -> AlongRun:
-        """Return the condition of this name; KeyError for an unknown name."""
+        """Return the condition with a name; KeyError for an unknown name."""
         return {condition.name: condition for condition in self.conditions}[name]
 
 
 def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True, seed: int | None = 0) -> LyapunovRun:
     """Simulate the scenario and evaluate the conditions along the run.
 
-    With `actuator=False` the torque acts at once, as the proof assumes. `seed` is that of the noise; None for no noise.
+    With `actuator=False` the torque acts at once, as in the proof of [Park2008]. `seed`: seed of the noise; None for no
+    noise.
     """
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
         scenario = scenario.model_copy(update={"vehicle": ideal})
     run = simulate(scenario, controller, seed=seed)
-    assert isinstance(run.controller, Sliding), "what it believes was filled in"
+    assert isinstance(run.controller, Sliding), "the run has the same kind, with the vehicle's parameters"
     assert run.signals is not None, "the run was recorded"
     stages, s = _stages(scenario, run.signals), run.controller_signals["s"]
     signals, ultimate = _lyapunov_signals(run, run.controller, run.signals, stages), []
@@ -99,7 +100,7 @@ def judge_run(scenario: Scenario, controller: Sliding, *, actuator: bool = True,
 
 
 def _stages(scenario: Scenario, signals: Signals) -> list[tuple[AdhesionLaw, slice]]:
-    """Adhesion law and samples of each stage between events that change the rail."""
+    """Return adhesion law and samples of each stage; a stage ends when the rail changes."""
 
     def first_sample(event: Any) -> int:
         place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
@@ -160,14 +161,14 @@ def _lyapunov_signals(
             V_rate_constant = V_rate_constant - error * forward_rate(theta_hat[:, i]) / gain
     asked, available = (J / r) * np.abs(s_rate - rates[1]), gains.K + gains.D * np.abs(s)
     along = (signals.time, s, s_rate, V, V_rate, V_rate_constant, asked, available, theta_hat, theta)
-    return LyapunovSignals(*(one[:-2] for one in along))  # the last row is the end of the stop, between samples
+    return LyapunovSignals(*(signal[:-2] for signal in along))  # the last row, the end of the stop, is between samples
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
-    """Evaluate s s' < 0, V' <= 0, the same for constant theta, and K + D|s| > (J/r)|d|.
+    """Evaluate s s' < 0, V' <= 0, V' <= 0 for constant theta, and K + D|s| > (J/r)|d|.
 
-    Each sample is weighted with the time to the next. A sample in which s crosses 0 counts as satisfied, as a sampled
-    relay cannot do better.
+    Each sample is weighted with the time to the next one. The first three count as satisfied in a sample in which s
+    crosses 0, because a sampled relay crosses 0 in every switching period.
     """
     weight = np.append(np.diff(signals.time), 0.0)
     crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)

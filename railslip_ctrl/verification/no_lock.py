@@ -1,13 +1,13 @@
-"""Certified torques from which a wheel does not lock if the brake is released.
+"""Certified brake torques: a wheel with this torque does not lock if the brake is released.
 
 After the release the acting torque is constant for the dead time and then decays with the lag. From (3) and (4)
 
     v slip' = -(1 - slip)(Fa + Fr)/M + (r/J)(B omega + (1 + c) T - r Fa),
 
-which decreases with Fa. The slip is therefore below the solution for the least adhesion of each cell of slip and speed,
-minus the random force's bound, and for the caliper's share c of the torque against the wheel. This solution is stepped
-with the largest rate over each step. The least adhesion comes from interval arithmetic; the rest uses floats, whose
-rounding `_ROUNDING` covers. The certificate excludes locking; it does not prove convergence.
+where c T is the largest disturbance torque of the caliper. The slip rate decreases with Fa. Therefore the slip is at
+most the solution for the least Fa of each cell of slip and speed, less the bound of the random force. This solution is
+computed with the largest rate over each step. Interval arithmetic gives the least Fa. The rest uses floats, whose
+rounding `_ROUNDING` covers. The certificate excludes locking, but it does not prove that the slip converges.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from .boxes import adhesion_on_balls, ball, upper
 from .reaching import ADHESION_NOISE, TORQUE_FRACTION
 from .verdict import NoLock, ReleasedRun
 
-EVERY = 0.1  #: interval between the samples of a run that are checked, s; slip changes by less than 0.1 in it
+EVERY = 0.1  #: interval between the checked samples of a run, s; the slip changes by less than 0.1 per interval
 SIGMAS = 3.0  #: bound of the random force, standard deviations
-_CELLS, _SPEEDS = 256, 6  # cells of slip from 0 to 1, and of speed; twice the slip cells certify 1 % more torque
-_STEP = 0.0025  # s; using the largest rate over a step lowers the certified torque by 0.1 kN*m
-_LONGEST = 4.0  # s; a wheel whose slip still grows then is not certified
+_CELLS, _SPEEDS = 256, 6  # numbers of cells of slip (0 to 1) and of speed; 512 slip cells certify 1 % more torque
+_STEP = 0.0025  # s; the largest rate over a step of this length lowers the certified torque by 0.1 kN*m
+_LONGEST = 4.0  # s; a wheel whose slip still grows after this time is not certified
 _LEAST_SPEED = 1.0  # lowest speed that is certified, m/s
 _ROUNDING = 1e-9  # relative bound of a rate's rounding error: a million times that of its twenty operations
-_ROUNDS, _TRIED = 2, 51  # refinement rounds, and torques tried in each: resolve 1/2500 of the range
+_ROUNDS, _TRIED = 2, 51  # refinement rounds, and torques tried in each; resolution 1/2500 of the range
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class Force:
 
 
 def bounded_adhesion(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> Force:
-    """Bound a static law's force up to a speed, m/s; the upper bound is at most the wheel load.
+    """Return bounds of a static law's force up to a speed, m/s; the upper bound is at most the wheel load.
 
-    Results for laws of the package are cached, as the curve law takes a second.
+    Results for laws of the package are cached on disk, because the curve law takes a second.
     """
     bound = partial(_bounded_adhesion, law, vehicle, speed)
     known = law.name in law_names()
@@ -98,10 +98,10 @@ def no_lock(law: AdhesionLaw, vehicle: Vehicle, speeds_kmh: Floats, slips: Float
 
 
 def released_run(run: Run, *, above: float) -> ReleasedRun:
-    """Check samples of a recorded run, `EVERY` seconds apart, above a speed, m/s.
+    """Check the samples of a recorded run, `EVERY` seconds apart, at speeds `above` a bound, m/s.
 
-    The rail is that of the start, the brake that of the vehicle. InputError for an adhesion law with a state, or
-    without enclosure.
+    The check uses the rail at the start of the run and the vehicle's actuator. InputError for an adhesion law with a
+    state, or without interval enclosure.
     """
     assert run.signals is not None, "the run is recorded"
     vehicle, seen, period = run.scenario.vehicle, run.signals, float(run.signals.time[1])
@@ -115,17 +115,18 @@ def released_run(run: Run, *, above: float) -> ReleasedRun:
 
 
 def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torques: Floats) -> Flags:
-    """Mask of the wheels that certainly do not lock, for speeds, m/s, slips and acting torques, N*m; all (n,).
+    """Return True for each wheel that certainly does not lock; speeds, m/s, slips and acting torques, N*m, are (n,).
 
-    A slip below 0 is replaced by 0, from which it rises at least as early. InputError for a speed above those of
-    `force`.
+    A negative slip counts as 0, which is the worse case. InputError for a speed above the speeds of `force`.
     """
     J, M, r = vehicle.effective_inertia, vehicle.effective_mass, vehicle.wheel.radius
     noise = SIGMAS * ADHESION_NOISE * vehicle.wheel_load
     weakest, row = force.least - noise, np.searchsorted(force.speeds * (1.0 + _ROUNDING), speeds)
     if np.any(row == force.speeds.size):
-        raise InputError(f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g}, up to which Fa is bounded")
-    friction = vehicle.effective_viscous_friction * speeds / r  # B omega at most
+        raise InputError(
+            f"speed: {np.max(speeds):g} m/s is above {force.speeds[-1]:g} m/s, the highest speed of the force's bounds"
+        )
+    friction = vehicle.effective_viscous_friction * speeds / r  # upper bound of B omega
     falling = (force.most[row] + noise + vehicle.resistance.force(speeds)) / M
 
     def numerator(which: Any, least: Floats, end: Floats, torque: Floats) -> Floats:
@@ -145,7 +146,7 @@ def certain(force: Force, vehicle: Vehicle, speeds: Floats, slips: Floats, torqu
             break
         acting = torques[left] * (1.0 if t <= actuator.dead_time else np.exp(-(t - actuator.dead_time) / actuator.lag))
         at, cell = row[left], np.minimum((slip[left] * _CELLS).astype(int), _CELLS - 1)
-        # the torque does not rise again: a rate below 0 over the cell keeps the slip below the cell's upper end
+        # the torque does not rise again, so that a rate below 0 over the cell keeps the slip below the cell's upper end
         falls = numerator(left, weakest[at, cell], (cell + 1) / _CELLS, acting) < 0.0
         safe[left[falls]] = True
         left, at, cell, acting = left[~falls], at[~falls], cell[~falls], acting[~falls]

@@ -1,22 +1,23 @@
 """Conditions of the predictive sliding-mode law with its actuator, proved over boxes, and the largest tolerances.
 
-With T+ the acting torque ahead of the dead time, H the torque that holds the reference slip and H_hat its estimate,
+T+ is the torque that acts one dead time later, H the torque that holds the reference slip, H_hat its estimate. By
+`sliding.predictive` the rate of the surface S is
 
-    S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi)
+    S' = kappa (H - H_hat) + (1 + kappa theta) H_hat' - k S - K sat(S/phi).
 
-(`sliding.predictive`). H is the sum of a part of bounded rate, |H'| <= R, and a part bounded by n that may jump: the
-random force, and the errors of the modelled dead time, lag and inertia. Filters of unit gain then give
+H is the sum of a part of bounded rate, |H'| <= R, and a part bounded by n that may jump: the random force, and the
+errors of the modelled dead time, lag and inertia. Filters of unit gain then give
 
     |H - H_hat| <= tau R + 2 n,    |H_hat'| <= R,    tau the larger of the observer's time constants.
 
-S - (1 + kappa theta) n_hat falls while K > d = kappa (tau R + 2 n) + (1 + kappa theta) R. So S reaches the tube
-phi + 2 (1 + kappa theta) n; for n = 0 it is the layer itself. The torque differs from H by at most
+If K > d = kappa (tau R + 2 n) + (1 + kappa theta) R, then |S| falls to the half width phi + 2 (1 + kappa theta) n, the
+tube; for n = 0 the tube is the boundary layer. The torque differs from H by at most
 
     dT = |S| + (J/r) kappa |e_hat| + (theta + tau) R + 2 n,    R = R0 + P dT,
 
 with P the largest magnitude of the slip pole and R0 the rate of H at rest. Both are finite if P (theta + tau) < 1.
-P, R0 and the range of H are enclosed over the box of speed, slip, load and rail (`boxes.largest`); the rest is
-arithmetic on balls. The law is in continuous time, with a constant reference.
+`boxes.largest` encloses P, R0 and the range of H over the box of speed, slip, load and rail. The rest is arithmetic on
+balls. The law is in continuous time, with a constant reference slip.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
-from .boxes import Box, Enclosure, Largest, adhesion_on_balls, largest, on_balls, upper
+from .boxes import Box, Largest, adhesion_on_balls, largest, on_balls, upper
 from .no_lock import no_lock
 from .rails import RailAdhesion
 from .reaching import ADHESION_NOISE, Range, load_ratio
@@ -49,22 +50,20 @@ PROVED, COUNTEREXAMPLE = "proved over the box", "counterexample"
 REACHING_AT_ONCE = "reaching at once"
 
 _INFINITE = arb.pos_inf()
-_LEAST_SLIP = 1e-4  # lower limit of the box's slip, as the laws are enclosed for slip > 0
-_LEAST_LAG = 1e-3  # s; avoids division by 0, as a brake without lag follows any rate
+_LEAST_SLIP = 1e-4  # lower limit of the box's slip, because the laws are enclosed for slip > 0 only
+_LEAST_LAG = 1e-3  # s; replaces a lag of 0, by which the bounds would divide
 _LOWEST_KMH = 10.0  #: lowest speed of the search for the lowest speed, km/h
 
 
 @dataclass(frozen=True)
 class PredictiveBox:
-    """The box over which the conditions are decided; the last seven fields are errors of the law's model, 0 if exact.
+    """The box over which the conditions are decided. Mass and wheel load range from empty to loaded.
 
-    - speed_kmh: range, km/h.
-    - slip: half of the range of slip ratios, as a share of the reference.
-    - surface, error: largest |S|, N*m, and |e_hat|, m/s.
-    - brake_gain, dead_time, lag, radius, train_speed, inertia: errors, shares either way.
-    - random_force: bound in standard deviations of the published force, which grows with the wheel load.
-
-    The mass ranges from empty to loaded, and the wheel load follows it.
+    - speed_kmh: range of train speeds, km/h.
+    - slip: half width of the range of slip ratios, relative to the reference slip.
+    - surface, error: largest |S|, N*m, and largest |e_hat|, m/s.
+    - brake_gain, dead_time, lag, radius, train_speed, inertia: largest relative errors of the law's model.
+    - random_force: bound of the random force in standard deviations, which are proportional to the wheel load.
     """
 
     speed_kmh: tuple[float, float] = (60.0, INITIAL_SPEED_KMH)
@@ -80,7 +79,7 @@ class PredictiveBox:
     random_force: float = 0.0
 
 
-#: errors that the law must tolerate together; the random force has separate conditions
+#: relative errors that the law must tolerate together; separate conditions include the random force
 ASKED = {"brake_gain": 0.15, "dead_time": 0.1, "lag": 0.1, "radius": 0.01, "train_speed": 0.01, "inertia": 0.05}
 RANDOM_FORCE = 3.0  #: bound of the random force, standard deviations
 
@@ -95,10 +94,10 @@ _KNOWN = (plant.v, plant.slip, plant.M, plant.J, plant.B, plant.r, plant.Fr0, pl
 
 @cache
 def holding_torque() -> tuple[sp.Expr, ...]:
-    """Derive H (N*m), the sensitivity P of its rate to the torque's deviation (1/s), its rate R0 without it, and -v'.
+    """Derive (H, P, R0, -v'): holding torque (N*m), bounds P (1/s) and R0 (N*m/s) of its rate, and deceleration.
 
-    H is the torque Tb with e' = 0, e = lambda_d v - sigma. Its two parts, from the wheel's torques and from the train's
-    deceleration, are filtered separately, so the magnitudes of their rates are added.
+    H is the torque Tb for which e' = 0, e = lambda_d v - sigma. For an acting torque H + off, |H'| <= R0 + P |off|. The
+    observer filters the wheel's part and the train's part of H separately, so the magnitudes of their rates are added.
     """
     motion = plant.motion()
     known = {plant.Td: 0, plant.Tr: 0, plant.sigma: plant.slip * plant.v, plant.Fa: _F}
@@ -111,15 +110,15 @@ def holding_torque() -> tuple[sp.Expr, ...]:
         along = sp.diff(part, _F) * (_F_slip * slip_rate + _F_v * v_rate)
         return sp.expand(along + sp.diff(part, plant.v) * v_rate + sp.diff(part, plant.slip) * slip_rate)
 
-    # Each part is a factor times a shorter one, so that no polynomial need be factored: SymPy's algorithm may not end.
+    # each part is a factor times a shorter expression, because SymPy may not finish the factorisation of the product
     parts = ((1, rate(hold - decelerating)), (decelerating / v_rate, rate(v_rate)))
     pole = sum(sp.Abs(factor) * sp.Abs(sp.cancel(sp.diff(one, _off))) for factor, one in parts)
     drift = sum(sp.Abs(factor * v_rate) * sp.Abs(sp.cancel(one.subs(_off, 0) / v_rate)) for factor, one in parts)
     return hold, pole, drift, -v_rate
 
 
-_POLE_WIDTH = 0.02  # relative width of the pole's enclosure, which enters d
-_DRIFT_WIDTH = 1e-3  # width of the drift's enclosure over the wheel load, 1/s: 1 % of K
+_POLE_WIDTH = 0.02  # relative width of the enclosure of P, which is part of d
+_DRIFT_WIDTH = 1e-3  # width of the enclosure of R0 over the wheel load, 1/s; 1 % of K
 
 
 class Extremes(NamedTuple):
@@ -134,9 +133,9 @@ class Extremes(NamedTuple):
 
 @dataclass(frozen=True)
 class RailCase:
-    """A rail of the verification: the law at the empty wheel load, and the reference slip.
+    """A rail of the verification, with the adhesion law at the empty wheel load and the reference slip.
 
-    `scaled`: the law's force is proportional to the wheel load, at constant mu(slip).
+    `scaled`: True if the law's force is proportional to the wheel load.
     """
 
     rail: Rail
@@ -146,15 +145,10 @@ class RailCase:
 
     @classmethod
     def of(cls, adhesion: RailAdhesion, rail: Rail, vehicle: Vehicle) -> Self:
-        """Set up a rail; a law whose parameters follow the wheel load keeps mu(slip), so it is `scaled`."""
+        """Make the case of a rail; the law is `scaled` if its parameters depend on the wheel load."""
         heavy = vehicle.model_copy(update={"wheel_load": load_ratio(vehicle) * vehicle.wheel_load})
         laws = [adhesion.on(rail, one) for one in (vehicle, heavy)]
         return cls(rail, laws[0], laws[0].parameters() != laws[1].parameters(), adhesion.reference(rail, vehicle))
-
-
-@cache
-def _force(law: AdhesionLaw) -> Enclosure:
-    return adhesion_on_balls(law)
 
 
 @cache
@@ -163,12 +157,12 @@ def _expressions() -> Callable[..., Any]:
 
 
 def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> list[arb]:
-    """Evaluate `holding_torque` on balls at `speed` (m/s), `slip` and `load` (0 empty to 1 loaded)."""
+    """Return H, P, R0 and -v' of `holding_torque` on balls at `speed` (m/s), `slip` and `load` (0 empty, 1 loaded)."""
     v, slip, load = point["speed"], point["slip"], point["load"]
     M = arb(vehicle.effective_mass) * (1 + load * (arb(vehicle.mass_loaded) / vehicle.mass - 1))
     share = 1 + load * (arb(load_ratio(vehicle)) - 1)
     N = arb(vehicle.wheel_load)
-    forces = _force(case.law)(v, slip, N if case.scaled else N * share)
+    forces = adhesion_on_balls(case.law)(v, slip, N if case.scaled else N * share)
     if case.scaled:
         forces = [one * share for one in forces]
     resistance = (vehicle.resistance.constant, vehicle.resistance.linear, vehicle.resistance.quadratic)
@@ -180,7 +174,7 @@ def evaluated(case: RailCase, vehicle: Vehicle, point: Mapping[str, arb]) -> lis
 
 @cache
 def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], slip: tuple[float, float]) -> Extremes:
-    """Enclose the extremes over a box; the cache compares vehicles, laws and boxes by value."""
+    """Enclose the extremes over a range of speeds and a range of slips, from empty to loaded."""
     box: Box = {"speed": (speed_kmh[0] * KMH, speed_kmh[1] * KMH), "slip": slip, "load": (0.0, 1.0)}
 
     def enclosed(index: int, sign: float = 1.0, *, relative: float = 0.01, absolute: float = 0.0) -> Largest:
@@ -198,20 +192,21 @@ def extremes(case: RailCase, vehicle: Vehicle, speed_kmh: tuple[float, float], s
 
 @dataclass(frozen=True)
 class Demand:
-    """What the law needs on a rail for all values in a box; each number is a bound, rounded to the safe side.
+    """Requirements of the law on a rail for all values in a box; each number is a bound, rounded to the safe side.
 
-    - loop: P (theta + tau), the small gain.
-    - d: bound of the disturbance, which K has to exceed, N*m/s; at_once: the same if H may also jump, N*m/s.
-    - tube: half width about S = 0, N*m.
+    - loop: small gain, P (theta + tau) plus the effect of the inertia's error.
+    - d: bound of the disturbance of S', N*m/s, which K must exceed.
+    - at_once: bound of the disturbance including jumps of H, N*m/s.
+    - tube: half width of the tube about S = 0, N*m.
     - hold: least and largest H, N*m.
     - carried: largest K whose torque stays within the limits on S = 0, for a falling and a rising torque, N*m/s.
-    - left: rate of S towards 0 with the valve at its limit, for a falling and a rising torque, N*m/s.
+    - left: rate of S towards 0 with the command at its limit, for a falling and a rising torque, N*m/s.
     - off: largest deviation of the torque, dT, N*m.
     - rate: largest rate of H, R, N*m/s.
     - jump: largest jump of H, n, N*m.
     - found: enclosures of H, P, R0 and the deceleration over speed, slip and load.
 
-    Bounds are infinite if the loop can be >= 1, or is not finite.
+    From `left` on the bounds are infinite if `loop` can be >= 1 or is not finite.
     """
 
     loop: float
@@ -231,15 +226,15 @@ class Demand:
 def demand(
     gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox, *, attained: bool = False
 ) -> Demand:
-    """Bound the requirements of the law, by the equations at the head of this module.
+    """Compute the requirements of the law by the equations in the docstring of this module.
 
-    attained: use the values of the extremes at points of the box, rounded inward, instead of their bounds.
+    attained: True takes values that the extremes attain in the box, rounded inward, instead of their bounds.
     """
-    assert gains.lag is not None, "filled in by `believing`"
+    assert gains.lag is not None, "`believing` sets it"
     kappa, theta, lag = arb(gains.kappa), arb(gains.dead_time), arb(max(gains.lag, _LEAST_LAG))
     ratio = arb(gains.wheel_inertia) / gains.radius
     tau, seen = arb(max(gains.observer_time, gains.deceleration_time)), arb(box.radius) + box.train_speed
-    # errors of radius and train speed shift the measured slip by at most their sum
+    # errors of radius and train speed change the measured slip by at most their sum
     shift, half = upper(seen / (1 - seen)), box.slip * case.reference
     slip = max(case.reference - half - shift, _LEAST_SLIP), case.reference + half + shift
     found = extremes(case, vehicle, box.speed_kmh, slip)
@@ -256,7 +251,7 @@ def demand(
     force = arb(box.random_force) * ADHESION_NOISE * heavy * lever
     gain, late = arb(box.brake_gain), arb(box.dead_time) * theta + arb(box.lag) * lag
     ahead = arb(box.surface) + ratio * kappa * box.error  # largest T+ minus H_hat
-    steepest = kappa * ahead + arb(gains.reaching_rate) * box.surface + gains.switching_gain  # of T+
+    steepest = kappa * ahead + arb(gains.reaching_rate) * box.surface + gains.switching_gain  # largest rate of T+
     fixed, steady = force + late * (1 + gain) * steepest, drift + gain * steepest
     lowest, highest = -low / (1 + gain), high / (1 - gain)
     hold, carried = (lowest, highest), (lowest / lag, (gains.torque_max - highest) / lag)
@@ -266,12 +261,12 @@ def demand(
         return known
     off = (ahead + (theta + tau) * steady + 2 * fixed) / (1 - loop)
     rate, jump, more = steady + pole * off, fixed + box.inertia * off, 1 + kappa * theta
-    # effect of wrong radius, train speed and inertia on the deceleration's part of H and e_hat', and on the prediction
+    # effect of errors of radius, train speed and inertia on the deceleration in H and e_hat', and on the prediction
     wrong = 2 * seen * ratio * fall + (arb(box.radius) + box.inertia) * off
     d = kappa * (tau * rate + 2 * jump + wrong) + more * rate
 
     def left(level: arb) -> float:
-        """Least rate of S with the valve at its limit; `level`: distance from the limit to H_hat, N*m, T+ beyond it."""
+        """Return the least rate of S with the command at a limit; `level`: distance from the limit to H_hat, N*m."""
         ends = (gains.layer - ratio * kappa * box.error, ahead)
         return least(arb.min(*((level + one) / lag - kappa * one for one in ends)))
 
@@ -291,7 +286,7 @@ def demand(
 class Kept:
     """Invariant set |S| <= surface (N*m), |e_hat| <= error (m/s), in which |e| <= slip_error (m/s).
 
-    Infinite if no such set was found. inside: the slip stays in the box, also at its lowest speed.
+    The bounds are infinite if no such set was found. inside: True if the slip stays in the box at every speed.
     """
 
     surface: float = math.inf
@@ -300,15 +295,14 @@ class Kept:
     inside: bool = False
 
 
-_ROUNDS = 40  # most iterations; with enough margin the error is halved in each
-_INFLATED = 1.01  # the set tested for invariance, over the fixed point
+_ROUNDS = 40  # largest number of iterations; with enough margin each one halves the error
+_INFLATED = 1.01  # size of the set that is tested for invariance, relative to the fixed point of the iteration
 
 
 def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox) -> Kept:
-    """Find an invariant set within the layer.
+    """Find an invariant set within the boundary layer.
 
-    In the layer, |S| falls below d/(k + K/phi) plus the tube's part. An iteration finds the set; interval arithmetic
-    checks that the map takes it into itself.
+    An iteration of the bounds of |S| and |e_hat| finds the set. Interval arithmetic checks that it is invariant.
     """
     ratio, theta = arb(gains.radius) / gains.wheel_inertia, arb(gains.dead_time)
     tau = arb(max(gains.observer_time, gains.deceleration_time))
@@ -345,7 +339,7 @@ def kept(gains: Predictive, vehicle: Vehicle, case: RailCase, box: PredictiveBox
 
 
 class Case(NamedTuple):
-    """The law, vehicle and rails of a verification."""
+    """Law, vehicle and rails of a verification."""
 
     gains: Predictive
     vehicle: Vehicle
@@ -360,16 +354,16 @@ HOLDS: Mapping[str, Callable[[Predictive, Demand], bool]] = {
     "authority": lambda gains, one: min(one.carried) >= gains.switching_gain,
     "reaching at once": lambda gains, one: one.at_once < gains.switching_gain,
 }
-"""Conditions over a box, as functions of the gains and the `Demand`."""
+"""Conditions over a box by name, each as a function of the gains and the `Demand` that returns the verdict."""
 
 STAYS = "the slip stays in the box"
 
 
 def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dict[str, Any]]:
-    """Decide a condition of `HOLDS`, or `STAYS`, over a box on every rail; (verdict, numbers).
+    """Decide a condition of `HOLDS`, or `STAYS`, over a box on every rail; return (verdict, numbers).
 
-    False: the condition fails on some rail for values that the extremes attain, with H - H_hat and H_hat' anywhere
-    within their bounds. None: not decided, for example because the small gain fails, so that there are no bounds.
+    False: on some rail the condition fails for values that the extremes attain, if H - H_hat and H_hat' are at their
+    bounds. None: undecided, for example because the small gain fails and the bounds are infinite.
     """
     found = {one.rail: demand(case.gains, case.vehicle, one, box) for one in case.rails}
     numbers: dict[str, Any] = {"found": found, "gains": case.gains, "box": box, "fails": []}
@@ -386,7 +380,7 @@ def decided(name: str, case: Case, box: PredictiveBox) -> tuple[bool | None, dic
 
 
 def released(case: Case) -> Condition:
-    """Condition that a wheel released from the reference slip, under the holding torque, certainly does not lock."""
+    """Decide whether a wheel certainly does not lock if it is released from the reference slip and holding torque."""
     speeds, rows = PredictiveBox().speed_kmh, []
     heavy = {"wheel_load": load_ratio(case.vehicle) * case.vehicle.wheel_load, "mass": case.vehicle.mass_loaded}
     for laden in (case.vehicle, case.vehicle.model_copy(update=heavy)):
@@ -402,7 +396,7 @@ def released(case: Case) -> Condition:
 
 
 def conditions(case: Case) -> tuple[Condition, ...]:
-    """Conditions for an exactly known vehicle, for errors up to `ASKED`, and with the random force."""
+    """Decide the conditions for an exactly known vehicle, for errors up to `ASKED`, and with the random force."""
     exact = PredictiveBox()
     boxes = {
         **dict.fromkeys(("small gain", "reaching", "reaching within the torque limits", "authority", STAYS), exact),
@@ -423,11 +417,11 @@ def conditions(case: Case) -> tuple[Condition, ...]:
 # --- tolerances -------------------------------------------------------------------------------------------------------
 
 
-_STEPS = 7  # of the bisection, which resolves 1 % of the range
+_STEPS = 7  # steps of the bisection, which resolve 1 % of the range
 
 
 class _Quantity(NamedTuple):
-    """A quantity whose largest tolerance is searched: field of `PredictiveBox`, upper end of the search, and unit."""
+    """A quantity whose tolerance is searched: field of `PredictiveBox`, far end of the search, and unit."""
 
     field: str
     most: float
@@ -443,7 +437,7 @@ QUANTITIES = (
 
 
 def box_with(**changes: Any) -> PredictiveBox:
-    """Return `PredictiveBox()` with some fields changed; `lowest_speed`, km/h, is the lower end of its speeds."""
+    """Return `PredictiveBox()` with some fields changed; `lowest_speed`, km/h, is the lower end of `speed_kmh`."""
     exact = PredictiveBox()
     if "lowest_speed" in changes:
         changes["speed_kmh"] = (changes.pop("lowest_speed"), exact.speed_kmh[1])
@@ -451,10 +445,10 @@ def box_with(**changes: Any) -> PredictiveBox:
 
 
 def tolerances(case: Case) -> tuple[Tolerance, ...]:
-    """Largest value of each of `QUANTITIES` for which all conditions that hold for an exact vehicle still hold.
+    """Find the largest error of each of `QUANTITIES` for which the conditions that hold without errors still hold.
 
-    Found by bisection, the other quantities as in `PredictiveBox()`. `limited_by` is the condition that fails beyond,
-    empty if the whole range was proved. Empty if no condition holds.
+    The other quantities are those of `PredictiveBox()`. `limited_by` is empty if the whole range was proved. The result
+    is empty if no condition holds without errors.
     """
     exact = PredictiveBox()
     holding = [name for name in (*list(HOLDS)[:3], STAYS) if decided(name, case, exact)[0]]
@@ -481,23 +475,16 @@ def tolerances(case: Case) -> tuple[Tolerance, ...]:
 def verify_predictive(
     vehicle: Vehicle, adhesion: RailAdhesion, *, K: float | None = None, seed: int = 0
 ) -> Verification:
-    """Decide the law's conditions for a static adhesion law; the bristle model is replaced by its static curve.
+    """Decide the conditions of the predictive law for a static adhesion law; for `bristle` take its static curve.
 
-    K: N*m/s; by default that of the gains. InputError for another law with a state, or without enclosure.
+    K: switching gain, N*m/s; by default that of `Predictive.for_vehicle`. InputError for another law with a state, or
+    without interval enclosure.
     """
     static = replace(adhesion, law="curve") if adhesion.law == "bristle" else adhesion
     gains = Predictive.for_vehicle(vehicle, **({} if K is None else {"switching_gain": K}))
     case = Case(gains, vehicle, tuple(RailCase.of(static, rail, vehicle) for rail in static.rails), static)
-    found, box = conditions(case), PredictiveBox()
+    box = PredictiveBox()
     shown = {one.name: getattr(box, one.name) for one in fields(box)}
     shown |= {"mass_kg": (vehicle.mass, vehicle.mass_loaded), "rails": static.rails, "adhesion": static.text}
-    return Verification(
-        "predictive",
-        vehicle.inertia_scale,
-        gains.switching_gain,
-        None,
-        seed,
-        found,
-        box=shown,
-        tolerances=tolerances(case),
-    )
+    known = ("predictive", vehicle.inertia_scale, gains.switching_gain, None, seed)
+    return Verification(*known, conditions(case), box=shown, tolerances=tolerances(case))

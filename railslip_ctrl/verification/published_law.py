@@ -1,7 +1,7 @@
-"""Conditions of the published law: the Lyapunov argument by SymPy, reaching and theta by numbers over sets.
+"""Conditions of the published law: the Lyapunov argument by SymPy, reaching and theta by numbers over boxes and runs.
 
-At random states, s' and V' from the plant's numeric rates under the controller's generated law are compared with the
-derived expressions.
+At random states, the derived expressions of s' and V' are compared with those from the plant's numeric rates under the
+generated law.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from .verdict import CORNERS, Condition, checked_at
 
 
 def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> dict[str, Any]:
-    """Compare s' and V' of the plant's rates under (45) and (49) with the derived ones, at random points.
+    """Compare s' and V' from the plant's rates under (45) and (49) with the derived s' and V', at random points.
 
     Returns the largest differences, relative to the sum of the terms' magnitudes, so that cancellation does not count
-    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its rest value, |s| < 2 m/s. Parameters: M, J, B,
-    gains, theta_hat and disturbances within a factor of 2 of the published ones, with both signs where possible.
+    as error. States: 5 to 140 km/h, slip 0.01 to 0.5, z up to twice its rest value, |s| < 2 m/s. The code lists the
+    ranges of parameters, gains, theta_hat and disturbances.
     """
     M, J, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.effective_viscous_friction
     ranges = {
@@ -93,11 +93,11 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> d
 _s, _D, _K, _k = (sliding_symbol(name) for name in ("s", "D", "K", "k"))
 _Mn, _Mp = sliding_symbol("Mn"), sliding_symbol("Mp")
 _STATE = (_s, *TILDE)
-_IDENTITY_TOLERANCE = 1e-10  # a hundred times the largest rounding error of sums of ten terms over 1e5 points
+_IDENTITY_TOLERANCE = 1e-10  # relative; 100 times the largest rounding error of a sum of ten terms over 1e5 points
 
 
 def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """All conditions of the Lyapunov argument; vehicle and gains are used for the numbers."""
+    """Decide all conditions of the Lyapunov argument; vehicle and gains are needed for the numbers."""
     made, errors, (k1_unit, k2_unit) = derive(), identity_errors(vehicle, seed=seed), gain_units()
     failed = [one.name for one in made.steps if not one.checked]
     identity = max(errors["surface_rate"], errors["lyapunov_rate"]) <= _IDENTITY_TOLERANCE
@@ -118,7 +118,7 @@ def lyapunov_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def positive_definite(made: Derivation) -> Condition:
-    """Condition that V of (46) is positive definite."""
+    """Decide whether V of (46) is positive definite."""
     hessian = sp.hessian(made.V, _STATE)
     constant = not any(entry.has(*_STATE) for entry in hessian)
     minors = [hessian[:n, :n].det() for n in (1, 2, 3)]
@@ -130,7 +130,7 @@ def positive_definite(made: Derivation) -> Condition:
 
 
 def cross_term_vanishes(made: Derivation) -> Condition:
-    """Condition (47)-(49): with the adaptation, the cross term of V' vanishes."""
+    """Decide whether the cross term of V' vanishes with the adaptation, (47)-(49)."""
     rate = made.V_rate.subs(dict(zip(RATE, made.adaptation, strict=True)))
     left = sp.expand(rate)
     expected = -plant.r / plant.J * (_D * _s**2 + _K * sp.Abs(_s))
@@ -140,7 +140,7 @@ def cross_term_vanishes(made: Derivation) -> Condition:
 
 
 def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Condition V' <= 0 with the disturbances, which (47) drops."""
+    """Decide whether V' <= 0 with the disturbances, which (47) neglects."""
     # with the resistance alone at (J/r) d = K + x, V' at s = x/(2 D) is (r/J) x^2/(4 D) > 0
     x = sp.Symbol("x", positive=True)
     chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: (_Mn + _Mp) * plant.r / plant.J * (_K + x)}
@@ -154,7 +154,7 @@ def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Co
 
 
 def barbalat(made: Derivation) -> Condition:
-    """Condition that the hypotheses of Barbalat's lemma hold in the ideal case."""
+    """Decide whether the hypotheses of Barbalat's lemma hold without disturbances."""
     phi_squared = sum(one**2 for one in made.phi)
     error = sum(a * b for a, b in zip(TILDE, made.phi, strict=True))
     # Cauchy-Schwarz with its remainder: (theta_tilde' phi)^2 = 2 k V |phi|^2 - k s^2 |phi|^2 - (a square)
@@ -167,11 +167,11 @@ def barbalat(made: Derivation) -> Condition:
 
 
 def invariant_set(made: Derivation) -> Condition:
-    """Condition that the error system is autonomous, as the theorem cited by the paper requires."""
+    """Decide whether the error system is autonomous, as the invariant-set theorem of [Park2008] requires."""
     outside = [one for one in (plant.Ta, plant.omega) if sp.diff(made.error_dynamics, one) != 0]
     speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0]
     motion = plant.motion().v_rate
-    # v changes, and s' depends on it through omega, but v is not a state of the error system
+    # v changes, and s' depends on v through omega, but v is not a state of the error system
     moves = sp.expand(motion) != 0 and sp.diff(speed, plant.v) != 0
     mass_step = made.theta[0].subs(_Mp, sp.Symbol("m1", positive=True)) - made.theta[0].subs(_Mp, 0)
     numbers = {"outside": outside, "omega": speed, "v_rate": motion, "mass_step": sp.factor(mass_step)}
@@ -179,7 +179,7 @@ def invariant_set(made: Derivation) -> Condition:
 
 
 def estimates_converge(made: Derivation) -> Condition:
-    """Condition theta_hat -> theta; the counterexample is an equilibrium with theta_tilde != 0 at constant phi."""
+    """Decide whether theta_hat -> theta; the counterexample is an equilibrium with theta_tilde != 0 at constant phi."""
     c = sp.Symbol("c", positive=True)
     rest = {TILDE[0]: c * made.phi[1], TILDE[1]: -c * made.phi[0], _s: 0}
     ideal = made.error_dynamics - made.disturbance_perturbed
@@ -203,7 +203,7 @@ _LONGEST_STOP = 80.0  # s; longer than any stop
 
 
 def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tuple[Condition, ...]:
-    """All conditions on reaching, boundary layer and theta, for the published law with these gains."""
+    """Decide all conditions on reaching, boundary layer and theta, for the published law with these gains."""
     return (
         reaching_bound(vehicle, gains),
         counterexample(vehicle, gains, seed),
@@ -215,7 +215,10 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Condition (40) for the published disturbances, exact over two boxes; 1 sigma unless stated otherwise."""
+    """Decide (40) for the published disturbances over the published run, the random force within 1 sigma.
+
+    The numbers include the least gains for 3 sigma, at the reference point, and with the other inertia scale.
+    """
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
     box, others_box = (reaching.operating_set(one, sigmas=1.0) for one in (vehicle, rescaled))
@@ -242,7 +245,7 @@ def reaching_bound(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Condition (42): search the box of (40) for the largest s s'."""
+    """Decide (42) by a search for the largest s s'/|s| in the box of (40)."""
     box = reaching.operating_set(vehicle, sigmas=3.0)
     known, unknown = (reaching.search(box, vehicle, gains, seed=seed, known_mass=flag) for flag in (True, False))
     numbers = {"known": known, "unknown": unknown, "box": box, "seed": seed}
@@ -251,11 +254,11 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
 
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
-    """Condition that s reaches 0 and stays within the layer, in simulated disturbed stops without actuator."""
+    """Decide whether s reaches 0 and then stays within the layer, in simulated disturbed stops without actuator."""
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbed=True, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     finite, start = np.abs(run.s[np.isfinite(run.s)]), float(run.s[0, 0])
-    # s must change sign in every run; then the share of the time after it with |s| in the layer
+    # s must change its sign in every run; `inside` is the share of the time afterwards with |s| in the layer
     crossed = np.cumsum(np.abs(np.diff(np.sign(run.s), axis=0, prepend=np.sign(run.s[:1]))) > 1, axis=0) > 0
     after = crossed & np.isfinite(run.s)
     touched = bool(np.all(np.any(after, axis=0)))
@@ -275,7 +278,7 @@ def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]
 
 
 def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Condition that with a boundary layer in the published law the ultimate bound of |s| is within the layer."""
+    """Decide whether the ultimate bound of |s| is within a boundary layer that is added to the published law."""
     largest = reaching.least_gain(vehicle, reaching.reference_set(vehicle, sigmas=1.0), rho=gains.rho)
     inside = largest / (gains.D + gains.K / LAYER_WIDTH)
     bound = inside if inside <= LAYER_WIDTH else (largest - gains.K) / gains.D
@@ -284,13 +287,14 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
-    """Steps of theta, V and s at 25 s of an undisturbed stop without actuator.
+    """Return the steps of theta, V and s at 25 s of an undisturbed stop without actuator, by name.
 
-    - speed: speed at 25 s, m/s; None if the stop ends before, at `end`, s.
+    - end: time at the end of the stop, s.
+    - speed: speed at 25 s, m/s; None if the stop ends earlier.
     - theta_step: step of theta1, 1/(kg m).
-    - jump: step of V if theta_tilde = 0 before, m^2/s^2.
+    - jump: step of V if theta_tilde = 0 before the step, m^2/s^2.
     - friction_level: V due to theta2_tilde after 25 s of B = 0.25 - 0.01 t with constant theta2_hat, m^2/s^2.
-    - surface_step: step of s as the reference changes to that of the wet rail, m/s.
+    - surface_step: step of s when the reference slip changes to that of wet rail, m/s; None if the stop ends earlier.
     """
     run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
     end = float(run.time[np.isfinite(run.speed[:, 0])][-1])
@@ -305,7 +309,10 @@ def parameter_step(vehicle: Vehicle, gains: LawGains) -> dict[str, Any]:
 
 
 def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Condition theta' = 0 of (47); if the stop ends before 25 s, repeated with the as-published inertia scale."""
+    """Decide whether theta' = 0, as (47) assumes.
+
+    If the stop ends before 25 s, the numbers also include a stop with the as-published inertia scale.
+    """
     here = parameter_step(vehicle, gains)
     steps = {vehicle.inertia_scale: here}
     if here["speed"] is None:
@@ -321,11 +328,11 @@ def constant_parameters(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> dict[str, float]:
-    """Drift of theta_hat at constant 100 km/h, dry, from theta_hat = theta, with slip noise `DRIFT_NOISE`.
+    """Simulate the drift of theta_hat at constant 100 km/h on dry rail, from theta_hat = theta, with slip noise.
 
-    The drift is the rate of w' theta_hat over `DRIFT_TIME`, along the direction w = (k2 omega, -k1 Ta), in which s does
-    not move theta_hat: mean and standard_error over the seeds, predicted, and noiseless. `per_second` is the mean as a
-    torque (J/r) |Ta theta1_hat'|, N m per s.
+    The drift is the mean rate of w' theta_hat over `DRIFT_TIME`, with w = (k2 omega, -k1 Ta), the direction in which s
+    does not move theta_hat. Returns its `mean` and `standard_error` over the seeds, its `predicted` value, its
+    `noiseless` value, and `per_second`, the mean as a rate of torque (J/r) |Ta theta1_hat'|, N m per s.
     """
     speed = INITIAL_SPEED_KMH * KMH
     settings: dict[str, Any] = {"duration": DRIFT_TIME, "constant_speed": speed}
@@ -360,7 +367,7 @@ _EXPLAINED = 0.05  # largest relative error of the predicted drift, which is of 
 
 
 def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
-    """Condition that measurement noise does not make theta_hat drift."""
+    """Decide whether theta_hat stays constant under measurement noise, or drifts."""
     seeds = tuple(range(seed, seed + _DRIFT_RUNS))
     found = measured_drift(vehicle, replace(gains, layer=0.0), seeds)
     mean, error = found["mean"], found["standard_error"]

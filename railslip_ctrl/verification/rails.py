@@ -13,14 +13,15 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
 @dataclass(frozen=True)
 class RailAdhesion:
-    """An adhesion law, the rails to verify on, and the reference slip.
+    """Adhesion law, rails and reference slip for which a sliding-mode law is verified.
 
-    - law: name of a published law, whose parameters depend on rail, wheel load and initial speed (30 to 140 km/h); the
-      stiffness of a dynamic law is multiplied by the inertia scale, like a change of units. Or a law with given
-      parameters, which are not changed; `AdhesionLaw.wet` gives those on wet rail.
-    - slip: reference slip ratio on every rail, 0 to 1; by default the law's.
+    - law: adhesion law with fixed parameters, or the name of a published law. The parameters of a published law depend
+      on rail, wheel load and initial speed; the stiffness of a dynamic one is multiplied by the inertia scale.
+    - rails: rail conditions, at least one.
+    - slip: reference slip ratio on every rail, 0 to 1; by default that of the adhesion law.
+    - initial_speed_kmh: initial speed, 30 to 140 km/h.
 
-    InputError for a value outside its range, no rail, or dry rail with parameters for wet rail.
+    InputError for a value outside its range, no rail, or dry rail with a law for wet rail only.
     """
 
     law: AdhesionLaw | str = "bristle"
@@ -31,7 +32,7 @@ class RailAdhesion:
     def __post_init__(self) -> None:
         check_fields(self)
         if not self.rails:
-            raise InputError("rail: none is given; give dry, wet or both")
+            raise InputError("rail: the list is empty; give dry, wet or both")
         object.__setattr__(self, "rails", tuple(rail for rail in Rail if rail in self.rails))
         if self.slip is not None:
             number("slip", self.slip, gt=0, lt=1)
@@ -39,10 +40,10 @@ class RailAdhesion:
             object.__setattr__(self, "law", law_class(self.law).name)
         else:
             for rail in self.rails:
-                self.law.on(rail)  # raises InputError for dry rail with a wet rail's parameters
+                self.law.on(rail)  # raises InputError for dry rail if the law is for wet rail only
 
     def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
-        """Adhesion law on a rail under a vehicle's wheel."""
+        """Return the adhesion law on a rail under a vehicle's wheel."""
         if isinstance(self.law, AdhesionLaw):
             return self.law.on(rail)
         law = published_law(self.law, rail, self.initial_speed_kmh, vehicle.wheel_load)
@@ -52,15 +53,15 @@ class RailAdhesion:
         return law
 
     def reference(self, rail: Rail, vehicle: Vehicle) -> float:
-        """Reference slip ratio on a rail; InputError if there is none."""
+        """Return the reference slip ratio on a rail; InputError without `slip` if the adhesion law has none."""
         slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
         if slip is None:
-            remedy = "`slip` X" if isinstance(self.law, str) else "[reference_slip] in its file, or `slip` X"
-            raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
+            remedy = "`slip`" if isinstance(self.law, str) else "`slip`, or [reference_slip] in the law's file"
+            raise InputError(f"slip: the adhesion law {self.name!r} has no reference slip; give {remedy}")
         return slip
 
     def point(self, rail: Rail, vehicle: Vehicle) -> OperatingPoint:
-        """Operating point at the reference slip on a rail, at 100 km/h."""
+        """Return the operating point on a rail at the reference slip and 100 km/h."""
         slip, speed = self.reference(rail, vehicle), INITIAL_SPEED_KMH * KMH
         return operating_point(self.on(rail, vehicle), vehicle, speed, slip, rail=rail)
 
@@ -75,11 +76,6 @@ class RailAdhesion:
         if isinstance(self.law, AdhesionLaw):
             return f"{self.name} law as given"
         return f"{self.name} model" if self.name == "bristle" else f"published {self.name} law"
-
-    @property
-    def rails_text(self) -> str:
-        """Description of the rails, as "dry and wet"."""
-        return " and ".join(self.rails)
 
 
 PUBLISHED_ADHESION = RailAdhesion()  #: the published bristle model at its reference slips, on both rails

@@ -4,16 +4,16 @@ Td is a fraction q of the acting torque, which contains K: Tb = Ueq + D s + K sg
 
     (J/r) s' sgn s = sgn s [(J/r) d(Tr, Fr) - q Ueq] - (1 + q)(D |s| + K),
 
-so (40) requires K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|. D |s| reduces the bound fully; c/(1 - c) of |Ueq|, which
-contains (J/r) rho e, increases it. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are
-part of d. The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
+so (40) requires K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|. D |s| lowers the bound by its full value. Td raises it
+by up to c/(1 - c) |Ueq|, and Ueq contains (J/r) rho e. The law uses estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b)
+v', whose errors are part of d. The brake's gain multiplies 1 + q, and the law's J is (1 + j) times the wheel's.
 
-The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j, and monotone in q. So it is
-largest at a corner of a box of these, and exact over the box. The adhesion torque is an independent state, as in the
-bristle model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
+The bound is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a, b and j, and monotone in q. So its
+maximum over a box of these quantities is at a corner. The adhesion torque is an independent state, as in the bristle
+model. Ta and Tr grow with the wheel load, which is convex in 1/M, so the maximum stays at a corner.
 
-`search` looks for a counterexample independently: with the law's torque, and s' of the plant, which includes
-theta_tilde' phi. The bound leaves this term to the adaptation.
+`search` is an independent search for a counterexample with the law's torque and s' of the plant. That s' includes
+theta_tilde' phi, which the bound leaves to the adaptation.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi  #: decay, 1/s, and frequen
 
 
 def torque_share(time: Floats) -> Floats:
-    """Ratio of Td to the acting brake torque at times, s, of any shape."""
+    """Return the ratio of Td to the acting brake torque at times, s, of any shape."""
     return np.asarray(TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time))
 
 
 LOWEST_SPEED_KMH = 5.0  #: speed at which the published stop ends ([Park2008] p. 56)
-_VANISHING_SLIP = 1e-9  # slip of the largest rest adhesion: the curve falls from slip 0+, and is 0 at 0
+_VANISHING_SLIP = 1e-9  # slip of the largest adhesion at rest: the curve jumps to its maximum at slip 0+, then falls
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is decided; ranges are (lowest, highest).
+    """Box of operating points over which (40) is decided; ranges are (lowest, highest).
 
     - random_torque: bound of |Tr|, N*m.
     - torque_fraction: c < 1 in |Td| <= c |Tb|.
@@ -70,11 +70,11 @@ class ReachingSet:
     - speed, slip: m/s and ratio; e = (lambda_d - slip) v, omega = (1 - slip) v/r.
     - mass: true mass, kg, without the inertia scale.
     - theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s.
-    - torque_error, rate_error: Ta_hat/Ta - 1 and v'_hat/v' - 1.
-    - inertia_error: J of the law over that of the wheel, less 1.
-    - brake_gain: error of the brake's gain, a share either way < 1.
+    - torque_error, rate_error: relative errors Ta_hat/Ta - 1 and v'_hat/v' - 1.
+    - inertia_error: relative error of the law's J.
+    - brake_gain: largest relative error of the brake's gain, < 1.
     - torque_limits: limits of the command, N*m.
-    - heavier: factor on Ta and Tr at the largest mass, linear in between.
+    - heavier: factor on Ta and Tr at the largest mass; 1 at the smallest, linear in between.
     """
 
     random_torque: float
@@ -95,16 +95,16 @@ class ReachingSet:
 
     @property
     def share(self) -> Range:
-        """Range of acting over commanded torque, less 1: (1 + Td/Tb) times the brake's gain, less 1."""
+        """Range of the ratio of acting to commanded torque, minus 1: (1 + Td/Tb) times the brake's gain, minus 1."""
         c, g = self.torque_fraction, self.brake_gain
         return (1.0 - c) * (1.0 - g) - 1.0, (1.0 + c) * (1.0 + g) - 1.0
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
-    """Easiest point of the published run: 100 km/h, dry, at the reference slip (e = 0), adhesion at rest.
+    """Return the point of the published run that needs the least gain: 100 km/h, dry, e = 0, adhesion at rest.
 
-    The random force is bounded at `sigmas` standard deviations. `with_torque=False` neglects Td, which has decayed by
-    exp(-4) after one second.
+    The random force is bounded at `sigmas` standard deviations. `with_torque=False` neglects Td, which decays by the
+    factor exp(-4) in one second.
     """
     slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
     torque = rest_adhesion_torque(vehicle, speed, slip)
@@ -120,10 +120,10 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 
 
 def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
-    """Box of the published run on dry rail: 100 to 5 km/h, slip from 0 to twice the reference, empty to loaded.
+    """Return the box of the published run on dry rail: 100 to 5 km/h, slip 0 to twice the reference, empty to loaded.
 
-    The adhesion torque ranges from 0 (z = 0, as at the start) to its largest value at rest, independently of the slip.
-    It and the random force follow the wheel load (`load_ratio`). The estimates are exact.
+    The adhesion torque ranges from 0 (z = 0 at the start) to its largest value at rest, independently of the slip.
+    Adhesion torque and random force are proportional to the wheel load (`load_ratio`). The estimates are exact.
     """
     return replace(
         reference_set(vehicle, sigmas=sigmas),
@@ -136,34 +136,34 @@ def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
 
 
 def load_ratio(vehicle: Vehicle) -> float:
-    """Ratio of loaded to empty wheel load; that of the masses if the vehicle has one wheel load for both."""
+    """Return the ratio of loaded to empty wheel load, or that of the masses if both wheel loads are equal."""
     if vehicle.wheel_load_loaded != vehicle.wheel_load:
         return vehicle.wheel_load_loaded / vehicle.wheel_load
     return vehicle.mass_loaded / vehicle.mass
 
 
 def reference_slip(rail: Rail = Rail.DRY) -> float:
-    """Reference slip of the bristle column on a rail."""
+    """Return the reference slip of the published bristle model on a rail."""
     slip = published_law("bristle", rail).reference_slip(rail)
     assert slip is not None, "the bristle model has a published reference"
     return slip
 
 
 def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant, tuple[float, ...]]:
-    """Numeric functions and parameters of the plant with the published bristle model."""
+    """Return numeric functions and parameters of the plant with the published bristle model."""
     law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
     return numeric_plant(type(law)), plant_parameters(law, vehicle)
 
 
 def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
-    """Adhesion torque Ta, N*m, of the bristle model at rest, at a speed, m/s, and a slip ratio."""
+    """Return the adhesion torque Ta, N*m, of the bristle model at rest (z' = 0), at a speed, m/s, and a slip ratio."""
     functions, p = bristle_plant(vehicle, rail)
     z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
 def vanishing_slip_torque(vehicle: Vehicle, rail: Rail = Rail.DRY) -> float:
-    """Largest Ta at rest, N*m: at vanishing slip and 100 km/h."""
+    """Return the largest Ta at rest, N*m, which is at vanishing slip and 100 km/h."""
     return rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail)
 
 
@@ -178,7 +178,7 @@ def with_friction(vehicle: Vehicle, friction: float) -> Vehicle:
 
 @cache
 def derived(arguments: str, which: str) -> Callable[..., Any]:
-    """Make an array function of a derived expression, SI; `arguments` are symbol names of the plant or the law."""
+    """Return the expression `which` of `derive()` as a function of arrays, SI; `arguments` are names of symbols."""
     symbols = [getattr(plant, name, None) or sliding_symbol(name) for name in arguments.split()]
     expression = getattr(derive(), which)
     if which == "adaptive_law_control":  # `switch` stands for sgn s
@@ -189,7 +189,7 @@ def derived(arguments: str, which: str) -> Callable[..., Any]:
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """True theta, (44) corrected, of a vehicle relative to the nominal one, 1/(kg m) and m/s."""
+    """Return the true theta, (44) corrected, of a vehicle relative to the nominal vehicle, 1/(kg m) and m/s."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
@@ -197,7 +197,7 @@ def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
 
 
 def law_parameters(**values: float) -> Any:
-    """Parameters of the generated law from `values`; without layer and limits unless given."""
+    """Return the parameters of the generated law with some `values`; by default no boundary layer and no limits."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
 
@@ -222,9 +222,10 @@ _PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
-    """Rate s' under (45) without theta_tilde' phi_hat, m/s^2; phi_hat = (Ta_hat, omega), acting torque share * Tb.
+    """Return s' under (45) without the term theta_tilde' phi_hat, m/s^2; `share` is acting over commanded torque.
 
-    The adaptation cancels that term in V'; without adaptation theta_hat = theta, and it is 0.
+    phi_hat = (Ta_hat, omega). The adaptation cancels this term in V'. Without adaptation theta_hat = theta, and the
+    term is 0.
     """
     estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
     seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
@@ -242,35 +243,35 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> Callable[..., Any]:
-    """Make the function for the K, N*m, at which s' = 0 at s = 0+ or 0- under (45), with Td = q Tb.
+    """Return the function for the K, N*m, at which s' = 0 at s = 0+ or 0- under (45), with Td = q Tb.
 
-    The adaptation's part is left out. Arguments are `BOX_VARIABLES` and `_PARAMETERS`. ArithmeticError if K is not
-    affine in each of the variables, as after a change of the plant.
+    s' is that of `effective_rate`. Arguments are `BOX_VARIABLES` and `_PARAMETERS`. ArithmeticError if K is not affine
+    in each of the variables, which a change of the plant could cause.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
     approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
-    slope = sp.expand(sp.diff(approach, _K))  # it is linear in K
+    slope = sp.expand(sp.diff(approach, _K))  # `approach` is linear in K
     train = sp.solve(plant.TRAIN.subs(plant.Fa, sp.solve(plant.ADHESION_TORQUE, plant.Fa)[0]), plant.v_rate)[0]
     rest = approach.subs(_K, 0).subs(plant.v_rate, train.subs(plant.M, _Mn + _Mp)).subs(_Mp, 1 / _INVERSE_MASS - _Mn)
     wheel_speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0].subs(plant.sigma, _SLIP * plant.v)
     rest = sp.expand(rest.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
-    # both linear in q: K = -rest/slope is monotone in it
+    # if rest and slope are linear in q, K = -rest/slope is monotone in q
     if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
-        raise ArithmeticError("the bound on K is not affine in the variables of its box; the plant has been changed")
+        raise ArithmeticError("K: the bound is not affine in each variable of the box; the plant has been changed")
     made: Callable[..., Any] = sp.lambdify([*BOX_VARIABLES, *_PARAMETERS], -rest / slope, "numpy", cse=True)
     return made
 
 
 def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
-    """Least gain K_min, N*m, >= 0: for K above it (40) holds down to s = 0 over the box; below it fails at a corner.
+    """Return the least gain K_min, N*m, >= 0, above which (40) holds down to s = 0 over the box.
 
-    The law's nominal parameters are the vehicle's.
+    For a smaller K (40) fails at a corner of the box. The law's nominal parameters are those of the vehicle.
     """
     return max(0.0, float(np.max(_at_corners(vehicle, box, rho))))
 
 
 def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
-    """K required by (40), N*m, at every corner, in a fixed order."""
+    """Return the K that (40) requires, N*m, at every corner, in a fixed order."""
     random = (-box.random_torque, box.random_torque)
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
     errors, sides = (box.torque_error, box.rate_error, box.inertia_error), ((-1.0, 1.0), box.share)
@@ -286,12 +287,12 @@ def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.r
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
-    """Least |s|, m/s, at which D |s| compensates for a K (N*m) below `least_gain`; 0 if K suffices; D > 0."""
+    """Return the least |s|, m/s, at which D |s| replaces the missing part of K (N*m); 0 if K suffices; D > 0."""
     return max(0.0, least_gain(vehicle, box) - K) / D
 
 
 def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
-    """Time until s = 0 from s = start (m/s) without disturbances, s: ln(1 + D |start|/K)/D0; inf for K = 0."""
+    """Return the time from s = start (m/s) to s = 0 without disturbances, s: ln(1 + D |start|/K)/D0; inf for K = 0."""
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
@@ -300,13 +301,13 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
 def tolerated_error(
     vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
 ) -> float:
-    """Largest error `name`, a share either way, for which K (N*m) satisfies (40) over the box.
+    """Return the largest relative error `name` for which K (N*m) satisfies (40) over the box.
 
-    The other error is that of the box. 0 if K does not suffice. Exact, as the bound is affine in the error.
+    The other error is that of the box. 0 if K is too small without error. Exact, because the bound is affine in the
+    error.
     """
-    none: dict[str, Any] = {name: (0.0, 0.0)}
-    all_of_it: dict[str, Any] = {name: (-1.0, 1.0)}
-    exact, wrong = (_at_corners(vehicle, replace(box, **change)) for change in (none, all_of_it))
+    errors: tuple[dict[str, Any], ...] = ({name: (0.0, 0.0)}, {name: (-1.0, 1.0)})
+    exact, wrong = (_at_corners(vehicle, replace(box, **error)) for error in errors)
     if np.max(exact) >= K:
         return 0.0
     grows = wrong > exact
@@ -319,8 +320,8 @@ def tolerated_error(
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "share", "theta_hat1", "theta_hat2", "a", "b", "j", "side")
 """Coordinates of the search, in this order.
 
-Units: m/s, 1, N*m, kg, N*m, acting over commanded torque less 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1, J of the
-law over the wheel's less 1, and a number with the sign of s.
+Units: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, and 1 for the others. share: acting over commanded torque, minus 1; a, b:
+relative errors of Ta_hat and v'_hat; j: relative error of the law's J; side: a number with the sign of s.
 """
 
 _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which the optimiser starts
@@ -328,7 +329,10 @@ _RANDOM_POINTS, _STARTS = 20_000, 2  # random points, and best points from which
 
 @dataclass(frozen=True)
 class WorstPoint:
-    """Largest s s'/|s| found (`excess`, m/s^2; negative if the condition holds), its point, and the evaluations."""
+    """Result of `search`: the largest s s'/|s| (`excess`, m/s^2), its point, and the number of evaluations.
+
+    The reaching condition holds at all points of the search if `excess` is negative.
+    """
 
     excess: float
     point: tuple[float, ...]
@@ -338,10 +342,10 @@ class WorstPoint:
 def approach(
     points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0, *, limits: Range = (-math.inf, math.inf)
 ) -> Floats:
-    """Value of s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, commands within limits, N*m.
+    """Return s s'/|s|, m/s^2, at points of `SEARCHED` (12, n) with |s| = surface, m/s, and commands within limits, N*m.
 
-    s' comes from the plant's rates on dry rail under (45). s is independent of e, as its integral may have any value.
-    The law's other nominal parameters are the vehicle's.
+    s' comes from the plant's rates on dry rail under (45). s does not depend on e, because the integral of e may have
+    any value. The law's other nominal parameters are those of the vehicle.
     """
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, j, side = points
     functions, parameters = bristle_plant(vehicle)
@@ -361,10 +365,10 @@ def approach(
 
 
 def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, known_mass: bool = False) -> WorstPoint:
-    """Search the largest s s'/|s| at s -> 0: corners of the box, random points, then L-BFGS-B from the best ones.
+    """Search the largest s s'/|s| for s -> 0 at corners and random points of the box, then by L-BFGS-B from the best.
 
-    The resistance is the vehicle's at the speed; the command is limited by the box. `known_mass`: theta_hat1 = theta1
-    at each point, instead of the box's range.
+    The resistance is that of the vehicle at the speed; the box limits the command. `known_mass=True` takes theta_hat1 =
+    theta1 at each point instead of the box's range.
     """
     from scipy.optimize import minimize
 
@@ -392,7 +396,7 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, kn
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
-    """Convert shares (0 to 1) of the box's sides to points of `SEARCHED`, both (12, n); Ta, Tr grow with the mass."""
+    """Return the points of `SEARCHED` at shares (0 to 1) of the box's sides, (12, n); Ta, Tr grow with the mass."""
     random = (-box.random_torque, box.random_torque)
     known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error, box.inertia_error)
     sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, box.share, *known, (-1.0, 1.0))

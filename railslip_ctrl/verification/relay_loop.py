@@ -1,4 +1,4 @@
-"""The loop around s: linear path seen by the relay of the published sliding-mode law with the brake actuator.
+"""Linear loop around the relay of the published sliding-mode law, with the brake actuator.
 
 The law is [Park2008] (33)-(36), (41), (45), with gains in SI: s = e + rho int e, e = lambda_d v - sigma, and
 
@@ -51,10 +51,10 @@ _TOLERANCE = 1e-9  # relative tolerance of the bisection, far above the rounding
 
 
 def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
-    """Upper end of the first range of gains above `start` (> 0) in which `stable` holds, by bisection to 1e-9.
+    """Return the upper end of the first range of gains above `start` (> 0) in which `stable` holds, to 1e-9.
 
-    0 if it holds nowhere, inf if it holds up to 1e6 start. Gains are tried in steps of 20 %, so narrower ranges may be
-    missed.
+    0 if no gain is stable, inf if the range reaches 1e6 start. Gains are tried in steps of 20 %, so that a narrower
+    range may be missed.
     """
     gains = [start * _RATIO**n for n in range(_STEPS)]
     first = next((n for n, gain in enumerate(gains) if stable(gain)), None)
@@ -72,9 +72,9 @@ def stable_up_to(stable: Callable[[float], bool], start: float) -> float:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """Linear loop around the law's relay at frozen speed; InputError for a plant with the speed as a state.
+    """Linear loop around the law's relay at frozen speed. It contains rho and D, but neither K nor the adaptation.
 
-    rho and D are part of the loop; K and the adaptation (k1; k2 is 12.96 times it) are used only by some methods.
+    InputError for a plant that has the train speed as a state.
     """
 
     plant: LinearPlant
@@ -83,7 +83,7 @@ class SurfaceLoop:
 
     def __post_init__(self) -> None:
         if self.plant.speed_state:
-            raise InputError("plant: the speed is a state; linearise with the speed frozen (speed_state=False)")
+            raise InputError("plant: the train speed is a state; linearise at constant speed (speed_state=False)")
 
     def with_gains(self, **changes: Any) -> SurfaceLoop:
         """Return the loop with some of its gains changed."""
@@ -110,7 +110,7 @@ class SurfaceLoop:
         return np.atleast_1d(numerator / self.plant.gain), denominator
 
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
-        """Controller C(s) from -sigma to the commanded torque, N*m/(m/s).
+        """Return the controller C(s) from -sigma to the commanded torque, N*m/(m/s).
 
         `relay_gain` (N*m/(m/s)) replaces the relay (describing function, or K/layer). `adaptation` is k as printed; its
         linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
@@ -124,32 +124,32 @@ class SurfaceLoop:
         numerator = np.polymul([1.0, 0.0, 0.0], direct)
         numerator = np.polyadd(numerator, np.polymul(np.polymul(on_s, surface), zeros))
         denominator = np.polymul([1.0, 0.0, 0.0], zeros)
-        # without adaptation, an integrator has no output and cancels
+        # without adaptation, a pole and a zero at 0 cancel
         while numerator.size > 1 and numerator[-1] == 0.0 and denominator[-1] == 0.0:
             numerator, denominator = numerator[:-1], denominator[:-1]
         return Rational.from_polynomials(numerator, denominator)
 
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
-        """Loop opened at the commanded torque, with exact dead time; `relay_gain`, `adaptation` as of `controller`."""
+        """Return the loop opened at the commanded torque, with exact dead time; arguments as for `controller`."""
         lag = Rational.from_polynomials(np.array([1.0]), np.trim_zeros(np.array([self.actuator.lag, 1.0]), "f"))
         acted_on = lag * Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
         controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
         return DeadTimeLoop(controller * acted_on, self.actuator.dead_time)
 
     def unstable_poles(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> float:
-        """Exact number of unstable closed-loop poles; `relay_gain`, `adaptation` as of `controller`."""
+        """Return the exact number of unstable closed-loop poles; arguments as for `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).unstable_closed_loop_poles
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
-        """True if the linear loop is stable, by the exact root count; arguments as of `controller`."""
+        """Return True if the linear loop is stable, by the exact root count; arguments as for `controller`."""
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     def sliding_existence(self) -> dict[str, Any]:
-        """Existence of an ideal sliding mode on s = 0 by the relay's path W ([Utkin1992]), with the reason.
+        """Return whether an ideal sliding mode on s = 0 `exists` ([Utkin1992]), with the reason by name.
 
-        It `exists` for relative degree 1 and no dead time: only then does a switch reverse s' at once. relative_degree:
-        poles minus zeros of W without its dead time, as 1/P + Ga C grows like (J/r) s and G tends to 1.
-        high_frequency_gain: lim s^relative_degree W(s), (m/s) s^-relative_degree/(N*m), > 0.
+        It exists only if W has relative degree 1 and no dead time: only then does a switch of the relay reverse s' at
+        once. relative_degree: number of poles minus zeros of W without its dead time. high_frequency_gain: limit of
+        s^relative_degree W(s) for s to infinity, (m/s) s^-relative_degree/(N*m), > 0.
         """
         lag, dead_time = self.actuator.lag, self.actuator.dead_time
         degree, gain = (2, self.plant.gain / lag) if lag > 0 else (1, self.plant.gain)
@@ -158,7 +158,7 @@ class SurfaceLoop:
 
     @cached_property
     def largest_relay_gain(self) -> float:
-        """Largest stable relay gain, N*m/(m/s); inf if no gain destabilises the loop, 0 if none stabilises it.
+        """Largest stable relay gain, N*m/(m/s); inf if every gain is stable, 0 if no gain is stable.
 
         A boundary layer wider than K over this gain does not oscillate.
         """

@@ -3,8 +3,8 @@
 All use the derived error dynamics, and V with a gain for each component. With Td = q Tb for the acting Tb, the dynamics
 are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), with h = 1 + q > 0 and phi = (Ta_hat, omega) of the law. The
 effective disturbance d includes the errors of Ta_hat and v'_hat, but not s, D or K (`effective_disturbance`). d_max
-bounds |d|, m/s^2; (J/r) d_max is K_min of (40). The actuator is not included: the torque acts at once. The conditions
-are the proofs, with a check of their hypotheses, and simulated runs.
+bounds |d|, m/s^2, and (J/r) d_max is the least gain of (40). The actuator is not included: the torque acts at once. The
+conditions are the proofs, with a check of their hypotheses, and simulated runs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LAYER = sp.Symbol("Phi", positive=True)
 LEAK = sp.Symbol("ell", positive=True)
 d, d_max = sp.Symbol("d", real=True), sp.Symbol("d_max", nonnegative=True)
 SHARE = sp.Symbol("h", positive=True)  # 1 + Td/Tb
-# slacks of the proofs: excess of s over a bound; of d_max over d; of the gain over that of (40)
+# differences in the proofs: s minus a bound, d_max minus d, gain minus the least gain of (40)
 _outside = sp.Symbol("x", positive=True)
 _below, _spare = sp.Symbol("y", nonnegative=True), sp.Symbol("m", nonnegative=True)
 
@@ -50,7 +50,7 @@ BRAKE_GAIN = 0.15  #: relative error of the brake's gain (friction of the pads),
 INERTIA_ERROR = 0.05  #: relative error of the law's J
 GAIN_MARGIN = 1.1  #: K over the least gain of (40)
 LAYER_WIDTH = 0.2  # half width of the boundary layer, m/s: 0.7 % of slip at 100 km/h
-_BOX_MARGIN = 0.1  # of the box's width, added at either side
+_BOX_MARGIN = 0.1  # margin of `parameter_box` at either side, relative to the farthest theta
 LOWEST_FRICTION = -0.25  # B at the end of the longest published stop, N m s: the printed 0.25 - 0.01 t at 50 s
 
 
@@ -58,7 +58,7 @@ LOWEST_FRICTION = -0.25  # B at the end of the longest published stop, N m s: th
 def effective_disturbance() -> sp.Expr:
     """Derive d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, with Td = (h - 1) Tb.
 
-    ArithmeticError if d contains s, D or K, as its bound would then depend on the gains.
+    ArithmeticError if d contains s, D or K: a bound of d would then depend on the gains.
     """
     effective = sp.expand((reaching.effective_rate(derive(), SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))) / SHARE)
     if effective.has(s, D, K, *TILDE):
@@ -67,7 +67,7 @@ def effective_disturbance() -> sp.Expr:
 
 
 def _error_rate(made: Derivation) -> sp.Expr:
-    """Rate s' in theta_tilde, h and the symbol d for `effective_disturbance`."""
+    """Return s' in theta_tilde, h and the symbol d, which stands for `effective_disturbance`."""
     effective_disturbance()  # raises ArithmeticError if s' does not have this form
     ideal = made.error_dynamics - made.disturbance_perturbed
     known = ideal.subs(dict.fromkeys(TILDE, 0))
@@ -75,21 +75,21 @@ def _error_rate(made: Derivation) -> sp.Expr:
 
 
 def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
-    """V' with the matrix gain along a given s', for any theta_hat'; theta is constant."""
+    """Return V' with the matrix gain for an `error_rate` s' and any theta_hat'; theta is constant."""
     rate = sp.diff(made.V_matrix, s) * error_rate
     return rate - sum(sp.diff(made.V_matrix, a) * b for a, b in zip(TILDE, RATE, strict=True))
 
 
 @cache
 def boundary_layer_proved() -> bool:
-    """Prove for sat(s/Phi) and known theta: finally |s| <= d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi.
+    """Prove for sat(s/Phi) and known theta: |s| falls to d_max/(D0 + K0/Phi) if d_max <= K0 + D0 Phi.
 
-    Above the layer s'/h < 0; within it, at x above the bound, s'/h <= -(D0 + K0/Phi) x; h = 1 + Td/Tb > 0.
+    Above the layer s'/h < 0. In the layer, where s exceeds the bound by x, s'/h <= -(D0 + K0/Phi) x.
     """
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
-    # above the bound s falls at least at the rate h x (D0 + K0/Phi); below it by symmetry, as s' is odd in (s, d)
+    # above the bound s falls at least at the rate h x (D0 + K0/Phi); for s < 0 by symmetry, because s' is odd in (s, d)
     beyond = inside.subs(d, d_max - _below).subs(s, bound + _outside)
     above = known.subs(sp.sign(s), 1).subs(s, LAYER + _outside).subs(d, d_max - _below)
     entered = sp.expand(above.subs(d_max, K0 + D0 * LAYER - _spare))
@@ -101,10 +101,10 @@ def boundary_layer_proved() -> bool:
 
 @cache
 def dead_zone_proved() -> bool:
-    """Prove for the dead zone: V' <= -h D0 s_D^2, so |s| -> [0, Phi].
+    """Prove for the dead zone that V' <= -h D0 s_D^2, so that |s| enters [0, Phi].
 
-    theta_hat_i' = k_i s_D phi_i with s_D = s - Phi sat(s/Phi), which replaces s in V. Inside the layer s_D = 0,
-    theta_hat is constant and V' = 0.
+    s_D = s - Phi sat(s/Phi) replaces s in V, and theta_hat_i' = k_i s_D phi_i. Inside the layer s_D = 0, theta_hat is
+    constant and V' = 0.
     """
     made = derive()
     above = _error_rate(made).subs(sp.sign(s), 1)
@@ -121,7 +121,7 @@ def dead_zone_proved() -> bool:
 
 @cache
 def projection_proved() -> bool:
-    """Prove for projection to a box that contains theta: the cross term of V' is 0 inside and <= 0 on a face."""
+    """Prove for projection to a box with theta inside: the cross term of V' is 0 inside and <= 0 on a face."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
     cross = sp.expand(rate - rate.subs(dict.fromkeys(TILDE, 0)))
@@ -142,8 +142,8 @@ def projection_proved() -> bool:
 def leak_proved() -> bool:
     """Prove for the leak, if K0 >= d_max: V' <= -c V + ell V_theta with c = min(2 h D0, ell).
 
-    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i), so finally V <= ell V_theta/c for
-    the smallest h.
+    theta_hat_i' = k_i s phi_i - ell theta_hat_i and V_theta = sum theta_i^2/(2 k_i). So V falls to ell V_theta/c, with
+    c for the smallest h.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))
@@ -162,7 +162,7 @@ def leak_proved() -> bool:
 
 @cache
 def matrix_gain() -> tuple[bool, sp.Expr]:
-    """Prove for theta_hat_i' = k_i s phi_i: V' = -(r/J)(D s^2 + K |s|) for any positive gains; (verdict, V')."""
+    """Prove for theta_hat_i' = k_i s phi_i that V' = -(r/J)(D s^2 + K |s|) for any gains > 0; return (verdict, V')."""
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made).subs({d: 0, SHARE: 1}))
     final = sp.expand(rate.subs(dict(zip(RATE, made.adaptation_matrix, strict=True))))
@@ -171,7 +171,7 @@ def matrix_gain() -> tuple[bool, sp.Expr]:
 
 
 def gain_units() -> tuple[str, str]:
-    """Units of the gains of theta1 and theta2, from s' = theta' phi and theta_hat_i' = k_i s phi_i."""
+    """Return the units of k1 and k2, from s' = theta' phi and theta_hat_i' = k_i s phi_i."""
     kg, metre, second = units = sp.symbols("kg m s", positive=True)
     found = []
     for phi in (kg * metre**2 / second**2, 1 / second):  # Ta, omega
@@ -185,10 +185,10 @@ def gain_units() -> tuple[str, str]:
 
 
 def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
-    """Box of the published run for the design, with errors of estimates, brake gain and J.
+    """Return the box of the published run, with errors of estimates, brake gain and J, for which K is designed.
 
-    The random force is bounded at `SIGMAS` standard deviations, theta_hat is in `parameter_box`, and the torque is not
-    limited.
+    The random force is bounded at `SIGMAS` standard deviations, and theta_hat is in `parameter_box`. The torque has no
+    limits.
     """
     first, second = parameter_box(vehicle)
     wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
@@ -199,42 +199,42 @@ def robust_set(vehicle: Vehicle) -> reaching.ReachingSet:
 
 
 def effective_torque(vehicle: Vehicle) -> float:
-    """Effective disturbance (J/r) d_max over `robust_set`, N*m: the least K of (40)."""
+    """Return the effective disturbance (J/r) d_max over `robust_set`, N*m, which is the least K of (40)."""
     return reaching.least_gain(vehicle, robust_set(vehicle))
 
 
 def design_gain(vehicle: Vehicle) -> float:
-    """Gain K, N*m: `GAIN_MARGIN` times the least K of (40) over `robust_set`."""
+    """Return the gain K, N*m: `GAIN_MARGIN` times the least K of (40) over `robust_set`."""
     return GAIN_MARGIN * effective_torque(vehicle)
 
 
 def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Gains with boundary layer, dead zone, projection and matrix gain; K by default from `design_gain`."""
+    """Return gains with boundary layer, dead zone, projection and matrix gain; K by default from `design_gain`."""
     K = design_gain(vehicle) if K is None else K
     return replace(PUBLISHED_LAW, K=K, D=D, layer=LAYER_WIDTH, dead_zone=True, box=parameter_box(vehicle))
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Gains with relay and leak ell = 2 h D0 at the smallest h, the largest leak that does not slow the bound's decay.
+    """Return gains with relay and leak; K, N*m, by default `GAIN_MARGIN` times the gain of `leak_bound`.
 
-    K: N*m; by default `GAIN_MARGIN` times the least K of (40) over the set that the leak makes invariant.
+    The leak is ell = 2 h D0 at the smallest h, the smallest leak with which the bound decays at its largest rate.
     """
     leaking = replace(PUBLISHED_LAW, D=D, leak=slowest_rate(vehicle, D))
     return replace(leaking, K=GAIN_MARGIN * leak_bound(vehicle, leaking)["gain"] if K is None else K)
 
 
 def slowest_rate(vehicle: Vehicle, D: float) -> float:
-    """Slowest decay rate 2 h D0, 1/s, at the smallest h (`least_share`)."""
+    """Return the slowest decay rate 2 h D0, 1/s, which is that at the smallest h (`least_share`)."""
     return 2.0 * least_share() * vehicle.wheel.radius / vehicle.effective_inertia * D
 
 
 def least_share() -> float:
-    """Smallest h, acting over commanded torque, with brake gain and Td at their worst."""
+    """Return the smallest h, the ratio of acting to commanded torque, over the errors of brake gain and Td."""
     return (1.0 - reaching.TORQUE_FRACTION) * (1.0 - BRAKE_GAIN)
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Box of theta for empty to loaded mass and B from nominal to the end of the longest stop, widened by a tenth."""
+    """Return the box of theta for masses from empty to loaded and B from nominal to `LOWEST_FRICTION`, plus a tenth."""
     first, second = (
         (min(0.0, corner) - _BOX_MARGIN * abs(corner), max(0.0, corner) + _BOX_MARGIN * abs(corner))
         for corner in farthest_theta(vehicle).tolist()
@@ -243,7 +243,7 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 
 
 def farthest_theta(vehicle: Vehicle) -> Floats:
-    """Value of theta at the loaded mass and with B at the end of the longest stop, relative to the vehicle."""
+    """Return theta at the loaded mass and with B = `LOWEST_FRICTION`, relative to the vehicle."""
     far = reaching.with_friction(vehicle, LOWEST_FRICTION).model_copy(update={"mass": vehicle.mass_loaded})
     return reaching.true_theta(far, vehicle)
 
@@ -252,23 +252,18 @@ def farthest_theta(vehicle: Vehicle) -> Floats:
 
 
 _DURATION = 60.0  # s; longer than any stop of these designs
-_RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0), due to the steps of 2 ms
-_BOUND_TOLERANCE = 0.01
-"""Accepted relative overshoot of a bound: a sampled relay overshoots by one step of K0."""
+_RISE_TOLERANCE = 1e-3  #: accepted rise of V in a run, relative to V(0); steps of 2 ms cause it
+_BOUND_TOLERANCE = 0.01  #: accepted relative excess over a bound: a sampled relay overshoots by K0 times one step
 
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
-    """All conditions of the robust variants; K (N m) by default that of the design, D in N m/(m/s)."""
+    """Decide all conditions of the robust variants; K (N m) by default that of the design, D in N m/(m/s)."""
     gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest, bound = effective_torque(vehicle), leak_bound(vehicle, leaking)
     seeds, size = tuple(range(seed, seed + RUNS)), gains.layer
-    # met: the layer is wide enough for (J/r) d_max = largest, N*m; bound: ultimate bound of |s| in it, m/s
-    layer: dict[str, Any] = {
-        "met": largest <= gains.K + D * size,
-        "bound": largest / (D + gains.K / size),
-        "largest": largest,
-    }
-    layer |= {"K": gains.K, "D": D, "layer": size}
+    # met: the layer is wide enough for (J/r) d_max = largest, N*m; bound: ultimate bound of |s|, m/s
+    layer: dict[str, Any] = {"met": largest <= gains.K + D * size, "bound": largest / (D + gains.K / size)}
+    layer |= {"largest": largest, "K": gains.K, "D": D, "layer": size}
     (proved, rate), (first, second) = matrix_gain(), gain_units()
     box, theta = parameter_box(vehicle), reaching.true_theta(vehicle.loaded(), vehicle).tolist()
     contained = all(low <= value <= high for value, (low, high) in zip(theta, box, strict=True))
@@ -286,19 +281,18 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
         _down_to_5_kmh("dead zone in the adaptation", adapted, "symbolic", layer),
         Condition("projection", projection_proved() and contained, "symbolic", {"box": box, "theta": theta}),
         _dead_zone_runs(vehicle, gains, largest, seeds),
-        # over the set of theta_hat that the bound makes invariant
         _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound["gain"] < leaking.K, "symbolic", leak),
         _leak_runs(vehicle, leaking, bound, seeds),
     )
 
 
 def _down_to_5_kmh(name: str, holds: bool, how: str, numbers: dict[str, Any], **more: Any) -> Condition:
-    """Make a condition over the published run; if it holds, it does so down to 5 km/h."""
+    """Return a condition over the published run, which holds, if it holds at all, down to 5 km/h."""
     return Condition(name, holds, how, numbers, down_to_kmh=reaching.LOWEST_SPEED_KMH if holds else None, **more)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
-    """Condition (40) over the design's box, with the largest errors of the estimates that K tolerates."""
+    """Decide (40) over the box of the design, and find the largest errors of the estimates that K tolerates."""
     box = robust_set(vehicle)
     exact = replace(box, torque_error=(0.0, 0.0), rate_error=(0.0, 0.0))
     tolerated = {
@@ -310,7 +304,7 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool) -> Condition:
-    """Condition s s' < 0 of the plant at this K, by search; torque unlimited, or from 0 to the full brake torque."""
+    """Decide s s' < 0 of the plant by search; `limited=True` limits the torque to 0 .. full brake torque."""
     box = robust_set(vehicle)
     if limited:
         box = replace(box, torque_limits=(0.0, full_brake_torque(vehicle)))
@@ -321,7 +315,7 @@ def _gain_search(vehicle: Vehicle, gains: LawGains, seed: int, *, limited: bool)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """Condition (40) if Ta_hat is that of the other rail."""
+    """Decide (40) for a Ta_hat of the wrong rail: dry instead of wet, or wet instead of dry."""
     box = robust_set(vehicle)
     on_wet, on_dry = (reaching.vanishing_slip_torque(vehicle, rail) for rail in (Rail.WET, Rail.DRY))
     wet = on_wet / on_dry
@@ -339,7 +333,7 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any], seeds: tuple[int, ...]) -> Condition:
-    """Condition that |s| keeps the layer's bound in simulated disturbed stops, with known theta."""
+    """Decide whether |s| stays within its bound in simulated disturbed stops with a boundary layer and known theta."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbed=True, seeds=seeds)
     kept, numbers = _in_the_layer(run, gains, layer["bound"], layer["largest"])
@@ -349,7 +343,7 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, layer: dict[str, Any]
 
 
 def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
-    """Largest (J/r)|d|, N*m, of s' = theta_tilde' phi + h (d - D0 s - K0 sat) along a run with the published Td."""
+    """Return the largest (J/r)|d|, N*m, of s' = theta_tilde' phi + h (d - D0 s - K0 sat) with the published Td."""
     switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
     q = reaching.torque_share(run.time)[:, None]
     return float(np.nanmax(np.abs((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))))
@@ -358,8 +352,8 @@ def largest_disturbance(run: IdealRun, gains: LawGains) -> float:
 def _in_the_layer(run: IdealRun, gains: LawGains, bound: float, largest: float) -> tuple[bool, dict[str, Any]]:
     """Check that |s| falls below the bound, m/s, and stays there, and that the disturbance is at most `largest`, N*m.
 
-    reached: latest time, s, of the runs' first entries (inf if a run never enters); highest: largest |s| after them;
-    disturbed: largest disturbance, N*m.
+    Returns the verdict and numbers: `reached`, time, s, at which the last run falls below the bound (inf: never);
+    `highest`, largest |s| afterwards; `disturbed`, largest disturbance, N*m.
     """
     size, disturbed = np.abs(run.s), largest_disturbance(run, gains)
     first, reached, highest = np.argmax(size <= bound, axis=0), math.inf, gains.layer
@@ -376,11 +370,11 @@ def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...])
 
 
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """Condition on the whole design in runs: V (in s_D) never rises, |s| stays in the layer, theta_hat in its box."""
+    """Decide in runs whether V (with s_D) never rises, |s| stays in the layer, and theta_hat stays in its box."""
     run = _unknown_load_run(vehicle, gains, seeds)
     V = run.V - 0.5 * run.s**2 + 0.5 * np.maximum(np.abs(run.s) - gains.layer, 0.0) ** 2
     rise = float(np.nanmax(V - np.fmin.accumulate(V, axis=0))) / float(V[0, 0])
-    assert gains.box is not None, "the design has one"
+    assert gains.box is not None, "`dead_zone_design` sets it"
     low, high = np.array(gains.box).T
     hats = run.theta_hat[np.isfinite(run.theta_hat[..., 0])]
     boxed = bool(np.all((hats >= low) & (hats <= high)))
@@ -394,14 +388,15 @@ def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tu
 
 
 def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
-    """Bound of the leak: V(t) <= V(0) exp(-rate t) + level (1 - exp(-rate t)).
+    """Return the numbers of the bound with leak, V(t) <= V(0) exp(-rate t) + level (1 - exp(-rate t)), by name.
 
-    - rate: 1/s.
-    - level, start: m^2/s^2; start = V(0), from free rolling at 100 km/h with theta_hat = 0.
-    - surface: |s| at that level, m/s.
-    - gain: least K of (40), N*m, over the theta_hat with V <= max(V(0), level); with a larger K that set is invariant.
+    - rate: decay rate, 1/s.
+    - level: ultimate bound of V, m^2/s^2.
+    - start: V(0) of free rolling at 100 km/h with theta_hat = 0, m^2/s^2.
+    - surface: |s| for V = level, m/s.
+    - gain: least K of (40), N*m, over the set V <= max(V(0), level); with a larger K this set is invariant.
 
-    theta is the largest: that of the loaded vehicle with the viscous friction at the end of the longest stop.
+    theta is `farthest_theta`.
     """
     theta = farthest_theta(vehicle)
     k = (gains.k1, gains.k2)
@@ -409,7 +404,7 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> dict[str, float]:
     c = min(slowest_rate(vehicle, gains.D), gains.leak)
     level = gains.leak * of_theta / c
     start = 0.5 * (reaching.reference_slip() * INITIAL_SPEED_KMH * KMH) ** 2 + of_theta
-    # |theta_tilde_i| <= sqrt(2 k_i V), and theta is between 0, empty, and the loaded vehicle's
+    # |theta_tilde_i| <= sqrt(2 k_i V), and theta is between 0 (empty vehicle) and that of the loaded vehicle
     reach = [math.sqrt(2.0 * gain * max(start, level)) for gain in k]
     first, second = ((min(0.0, float(x)) - w, max(0.0, float(x)) + w) for x, w in zip(theta, reach, strict=True))
     asked = reaching.least_gain(vehicle, replace(robust_set(vehicle), theta_hat1=first, theta_hat2=second))

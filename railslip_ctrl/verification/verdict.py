@@ -13,30 +13,31 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 
 RULE = "relative degree"
-"""Method of a condition on sliding: a delay, or a relative degree above 1 from the relay to s, excludes it."""
+"""Method: a delay, or a relative degree above 1 from the relay to s, excludes a sliding mode."""
 
 CORNERS = "checked at the corners"
-"""Method: a bound that is affine in each quantity (proved with SymPy), evaluated in floats at a box's corners."""
+"""Method: the bound is affine in each quantity (proved with SymPy), and evaluated in floats at the box's corners."""
 
 
 def checked_at(points: int) -> str:
-    """Method of a condition that was evaluated in floats at this number of points."""
+    """Return the method of a condition that was evaluated in floats at a number of `points`."""
     return f"checked at {points} points"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition with its verdict; its name is unique in a verification. `report.verification` writes its text.
+    """A stability condition with its verdict.
 
-    - holds: verdict; None if not decided.
-    - how: method; None if not decided. "symbolic": proved with SymPy or in closed form; "proved over the box": by
-      interval arithmetic; "counterexample": violated at a point of the box; `RULE`; `CORNERS`; `checked_at`;
-      "simulated": from runs.
-    - numbers: numbers behind the verdict.
-    - claimed: whether [Park2008] claims the condition or relies on it.
-    - down_to_kmh: the condition holds from 100 km/h down to this speed; None if it does not hold, or does not depend on
-      speed.
-    - tolerated: largest errors of the law's quantities, by name, as shares either way; inf if there is no bound.
+    - name: name, unique in a verification. `report.verification` writes the text.
+    - holds: verdict; None if undecided.
+    - how: method, None if undecided: "symbolic" (proved with SymPy or in closed form), "proved over the box" (by
+      interval arithmetic), "counterexample" (violated at a point of the box), "simulated", or `RULE`, `CORNERS`,
+      `checked_at`.
+    - numbers: numbers that decide the condition.
+    - claimed: True if [Park2008] claims the condition or relies on it.
+    - down_to_kmh: lowest speed of the range from 100 km/h in which the condition holds; None if it does not hold or
+      does not depend on speed.
+    - tolerated: largest relative errors of the law's estimates, by name; inf without bound.
     """
 
     name: str
@@ -50,7 +51,10 @@ class Condition:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest value of one quantity for which all conditions still hold, with the other quantities as in the box."""
+    """Largest `value` of one quantity, in `unit`, for which all conditions still hold, the others as in the box.
+
+    `limited_by` is the condition that fails for larger values.
+    """
 
     name: str
     value: float
@@ -60,13 +64,14 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Verification:
-    """Verification of a law: its conditions in order, and the settings.
+    """Verification of a law: settings, and conditions in order.
 
-    - law: "paper" (with the robust variants' conditions), "robust" or "predictive".
-    - K, D: gains of the law, N*m (N*m/s for the predictive law) and N*m/(m/s) (None for it).
+    - law: "paper" (with the conditions of the robust variants), "robust" or "predictive".
+    - K: switching gain, N*m, for the predictive law N*m/s.
+    - D: gain on s, N*m/(m/s); None for the predictive law.
     - seed: first seed of random numbers.
-    - box, tolerances: of a law that is decided over a box.
-    - findings: numbers for the conclusion with the actuator (`report.verification.conclusion_text`); None without
+    - box, tolerances: ranges of the quantities, and largest errors; empty unless the law is "predictive".
+    - findings: numbers for the conclusion about the actuator (`report.verification.conclusion_text`); None without
       actuator, and for the predictive law.
     """
 
@@ -96,13 +101,13 @@ class Verification:
         return tuple(one for one in self.conditions if one.holds is None)
 
     def __getitem__(self, name: str) -> Condition:
-        """Condition of this name; KeyError for an unknown name."""
+        """Return the condition with a name; KeyError for an unknown name."""
         return {one.name: one for one in self.conditions}[name]
 
 
 @dataclass(frozen=True)
 class NoLock:
-    """Largest certified acting torque, N*m, by speed (km/h) and slip, (speeds, slips); 0 if none is certified."""
+    """Largest certified acting torque, N*m, by speed (km/h) and slip, (speeds, slips); 0 if no torque is certified."""
 
     speeds_kmh: Floats
     slips: Floats
@@ -111,10 +116,9 @@ class NoLock:
 
 @dataclass(frozen=True)
 class ReleasedRun:
-    """Samples of a run, with the result whether the wheel certainly does not lock if the brake is released then.
+    """Samples of a run; `inside` is True if the wheel certainly does not lock when the brake is released at the sample.
 
-    All of shape (n,): speed (m/s), slip, torque (largest acting torque over the following dead time, N*m), and inside,
-    the result.
+    All arrays have shape (n,). speed: m/s; torque: largest acting torque over the following dead time, N*m.
     """
 
     speed: Floats
@@ -124,11 +128,11 @@ class ReleasedRun:
 
     @property
     def share(self) -> float:
-        """Share of the samples that certainly do not lock."""
+        """Share of the samples from which the wheel certainly does not lock."""
         return float(np.mean(self.inside))
 
     @property
     def outside_kmh(self) -> tuple[float, float] | None:
-        """Lowest and highest speed, km/h, of the samples that may lock; None if there are none."""
+        """Lowest and highest speed, km/h, of the samples from which the wheel may lock; None without such samples."""
         speeds = self.speed[~self.inside] / KMH
         return (float(speeds.min()), float(speeds.max())) if speeds.size else None

@@ -1,7 +1,7 @@
 """Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of one of its runs.
 
-The folder has a manifest and a Parquet file for each finished part; a file is always complete. The parts are fixed when
-a campaign begins; resuming runs the missing ones.
+The runs are divided into parts when a campaign begins. The folder has a manifest and a Parquet file for each finished
+part; a file is always complete. A resumed campaign runs the missing parts.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 
 REFUSED = "values not allowed"
-"""Outcome of a run that was not started because a record refused its sampled values (a mass above the loaded mass)."""
+"""Outcome of a run that was not started because its sampled values are not allowed, as a mass above the loaded mass."""
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
 FORMAT = 2
 
-# runs in a part: few, as a kill loses them and a worker sends them in one message; many, to have few files
+# runs in a part: few, because an interruption loses an unfinished part; many, so that the folder has few files
 _FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
-_GPU_PART = 100_000  # runs in a part on a GPU: enough to keep it busy
-_AHEAD = 3  # queued parts for each worker: none waits, and memory does not grow with the number of runs
+_GPU_PART = 100_000  # runs in a part on a GPU: enough to use all its processors
+_AHEAD = 3  # queued parts for each worker: no worker waits, and memory does not grow with the number of runs
 _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 
@@ -53,9 +53,9 @@ _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of the results; it is null for a run that did not stop if `of_stop`.
+    """A column of the results. If `of_stop` is true, the column is null for a run that did not stop.
 
-    Reports show the number times `scale` in `shown_unit` ("": the unit of the column).
+    Reports show the number times `scale` in `shown_unit`, or in the unit of the column if `shown_unit` is "".
     """
 
     name: str
@@ -67,7 +67,7 @@ class Measure:
     shown_unit: str = ""
 
     def of(self, run: Run) -> float | None:
-        """Value for a run; None if the run has none."""
+        """Return the value for a run; None if the value is not defined for the run."""
         value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
         return None if math.isnan(value) else value
 
@@ -105,19 +105,19 @@ COLUMNS = MEASURES + OTHERS
 
 
 def measured(name: str) -> Measure:
-    """Measure of a column by its name."""
+    """Return the measure of a column by the column's name."""
     return next(measure for measure in MEASURES if measure.name == name)
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Row of a run, None for missing numbers; `run` None is a run whose values were refused."""
+    """Return the row of a run, with None for missing numbers; `run` is None if the sampled values are not allowed."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
-    """Rows of run number i, one for each controller."""
+    """Simulate run number i; return its rows, one for each controller."""
     values, ready = campaign.values(i), dict[str, Simulator]()
     with suppress(InputError):
         case = campaign.case(i)
@@ -142,13 +142,13 @@ def check_version(version: str) -> None:
 
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Rows of a part, computed by a worker. InputError if the worker has another version of the package."""
+    """Return the rows of a part, computed by a worker; InputError if the worker has another version of the package."""
     check_version(version)
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
-    """Rows of a part as of `run_part`, computed on this machine's GPU."""
+    """Return the rows of a part as `run_part` does, computed on this machine's GPU."""
     check_version(version)
     found: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
@@ -197,15 +197,15 @@ class Store:
             known = content["package"], content["format"]
             version, fingerprint, size = content["version"], content["hash"], int(content["part_runs"])
         except (OSError, ValueError, LookupError, TypeError):
-            raise InputError(f"{where}: {MANIFEST} is not that of a campaign; choose another folder") from None
+            raise InputError(f"{where}: {MANIFEST} is not the manifest of a campaign; choose another folder") from None
         if known != ("railslip_ctrl", FORMAT) or version != __version__:
             raise InputError(
-                f"{where} was begun with version {version} (format {known[1]}), this is {__version__} (format "
-                f"{FORMAT}); finish it with version {version}, or choose another folder"
+                f"{where}: the campaign was begun with version {version} (format {known[1]}), but this is version "
+                f"{__version__} (format {FORMAT}); finish it with version {version}, or choose another folder"
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
-                f"{where} holds another campaign; choose another folder, or the campaign it was begun with"
+                f"{where}: it holds another campaign; choose another folder, or give the campaign of this folder"
             )
         return cls(campaign, folder, size)
 
@@ -213,8 +213,8 @@ class Store:
     def claimed(self) -> Iterator[Store]:
         """Claim the store for writing by this process alone, and begin it if it is new.
 
-        If the block fails before a part is finished, a new store is removed. InputError if another process writes to
-        the folder, or it cannot be written to.
+        A new store is removed if the block fails before a part is finished. InputError if another process writes to
+        the folder, or if the folder is not writable.
         """
         with claimed(self.folder):
             store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # may have been begun meanwhile
@@ -249,29 +249,29 @@ class Store:
             raise unwritable(self.folder, error) from None
 
     def part(self, i: int) -> Part:
-        """Part with run number i."""
+        """Return the part that contains run number i."""
         start = i // self.part_runs * self.part_runs
         return Part(start, min(start + self.part_runs, self.campaign.runs))
 
     def parts(self) -> Iterator[Part]:
-        """All parts in order."""
+        """Yield all parts in order."""
         return map(self.part, range(0, self.campaign.runs, self.part_runs))
 
     def path(self, part: Part) -> Path:
-        """Path of a part's file, which need not exist yet."""
+        """Return the path of a part's file, which exists if the part is finished."""
         return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
 
     def finished(self) -> Iterator[Part]:
-        """Finished parts in order."""
+        """Yield the finished parts in order."""
         return (part for part in self.parts() if self.path(part).is_file())
 
     @property
     def complete(self) -> bool:
-        """Whether every part is finished."""
+        """True if every part is finished."""
         return all(self.path(part).is_file() for part in self.parts())
 
     def write(self, part: Part, rows: Rows) -> None:
-        """Write the `rows` of a part, all or nothing. InputError if the folder cannot be written to."""
+        """Write the `rows` of a part as one complete file; InputError if the folder is not writable."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -283,7 +283,7 @@ class Store:
             raise unwritable(self.folder, error) from None
 
     def read(self, part: Part, columns: list[str] | None = None) -> pa.Table:
-        """Read the rows of a part in order of run and controller; all `columns` or some.
+        """Return the rows of a part in order of run and controller; `columns` are names, by default all.
 
         InputError for a damaged file.
         """
@@ -294,14 +294,18 @@ class Store:
         try:
             table = pq.ParquetFile(path).read(columns)
         except (OSError, pa.ArrowInvalid) as error:
-            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); delete it and resume") from None
+            raise InputError(
+                f"{path}: cannot be read ({' '.join(str(error).split())}); delete the file and run the campaign again"
+            ) from None
         expected = (part.stop - part.start) * len(self.campaign.controllers)
         if table.num_rows != expected:
-            raise InputError(f"{path}: has {table.num_rows} rows instead of {expected}; delete it and resume")
+            raise InputError(
+                f"{path}: has {table.num_rows} rows instead of {expected}; delete the file and run the campaign again"
+            )
         return table
 
     def row(self, i: int) -> dict[str, dict[str, Any]]:
-        """Rows of run number i by controller; empty if its part is not finished."""
+        """Return the rows of run number i by controller; empty if the part of this run is not finished."""
         rows = self.read(self.part(i)).to_pylist() if self.path(self.part(i)).is_file() else []
         return {row["controller"]: row for row in rows if row["run"] == i}
 
@@ -319,7 +323,7 @@ class Store:
 
 
 def _foreign(folder: Path) -> bool:
-    """Whether a folder without a manifest has files that a killed campaign cannot have left."""
+    """Return True if a folder without a manifest has files that are not from an interrupted campaign."""
     return any(
         not path.name.startswith((INCOMPLETE, LOCK))
         and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
@@ -339,18 +343,18 @@ def execute(
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
-    """Run the missing parts of a `campaign` into its `folder`, new or resumed, and return the complete store.
+    """Run the missing parts of a `campaign` into a new or existing `folder`; return the complete store.
 
     The options do not change the rows:
 
-    - `workers`: number of processes; left out, one for each core; 1 runs in this process.
-    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead. They need the same
-      version of this package, but no common file system.
-    - `part_runs`: number of runs between checkpoints; left out, it follows from the number of runs.
-    - `progress`: receives numbers of finished runs, first the number of those already stored.
+    - `workers`: number of processes; by default one for each core; 1 runs in this process.
+    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``), whose workers then run the campaign. The workers
+      need the same version of this package, but no common file system.
+    - `part_runs`: number of runs in a part; the default depends on the number of runs.
+    - `progress`: function that receives numbers of finished runs, first the number of runs already stored.
 
-    InputError if the folder holds other files, cannot be written to or is in use, if a worker dies, or if the cluster
-    cannot be reached or has another version.
+    InputError if the folder holds other files, is not writable or is in use, if a worker process dies, or if the
+    cluster cannot be reached or has another version of this package.
     """
     work: Work = run_part
     if campaign.device == "gpu":
@@ -362,7 +366,7 @@ def execute(
     if store.complete:
         tell(campaign.runs)
         return store
-    # the cluster is reached before anything is written
+    # connect to the cluster before anything is written
     with made as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
         for controller in campaign.controllers:  # compile each kernel once while the workers start
@@ -383,17 +387,19 @@ def execute(
 # --- where parts are run --------------------------------------------------------------------------------------------
 
 Work = Callable[[Any, Any, str], Any]
-"""Task of a worker: a function of the data common to all tasks, the task, and the version that the worker must have."""
+"""Function that a worker runs: of the data common to all tasks, the task, and the version of the package."""
 
 Workers = tuple[Callable[[Any], "Future[Any]"], int]
 """Function that submits a task, and the number of tasks that keeps every worker busy."""
 
 
 def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
-    """Workers for tasks: this process, several processes or a cluster, as for `execute`."""
+    """Return the workers for tasks: this process, several processes or a cluster, as for `execute`."""
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
-        raise InputError("workers: a cluster has its own workers; give either workers or scheduler")
+        raise InputError(
+            "workers: not allowed with a scheduler, whose cluster has its own workers; give one of the two"
+        )
     count = cpu_count() if workers is None else workers
     if count < 1:
         raise InputError(f"workers: {count} is not allowed; give an integer >= 1")
@@ -410,21 +416,21 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
-    """Processes, not threads: preparing a run takes a third of its time and holds the interpreter's lock."""
+    """Start worker processes. Threads would wait: preparing a run takes a third of its time under Python's lock."""
     cache_folder()  # the workers inherit a temporary one
     try:
         with processes(count) as submit:
             for _ in range(count):
-                submit(_nothing)  # starts a process each
+                submit(_nothing)  # each call starts a process
             yield lambda task: submit(work, shared, task, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
-            "workers: a worker process died (out of memory?); run the same command again with fewer workers to continue"
+            "workers: a worker process ended, perhaps for lack of memory; run the command again with fewer workers"
         ) from None
 
 
 def _nothing() -> None:
-    """Task without effect: the worker starts and imports what it needs."""
+    """Do nothing; the first task of a process makes it import this package."""
 
 
 @contextmanager
@@ -446,13 +452,13 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
             yield lambda task: submit(work, sent, task, __version__), ahead
     except (KilledWorker, CancelledError, TimeoutError) as error:
         raise InputError(
-            f"scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
-            "to continue"
+            f"scheduler: a task failed on the cluster ({' '.join(str(error).split())[:200]}); run the command again to "
+            "continue"
         ) from None
 
 
 async def _reach(scheduler: str) -> None:
-    """Check that a scheduler answers: a Dask client without one waits long and prints warnings."""
+    """Check that a scheduler answers, because a Dask client without scheduler waits long and prints warnings."""
     from distributed import Security
     from distributed.core import rpc
 
@@ -470,7 +476,7 @@ async def _reach(scheduler: str) -> None:
 class Replay:
     """Repeated run `number` of a campaign: the sampled `values`, SI, by name, and the `runs` by controller.
 
-    `stored`: the campaign's folder has this run, and all its numbers are equal to the last bit.
+    `stored` is True if the campaign's folder has this run; its numbers are then equal to those of the repeated run.
     """
 
     number: int
@@ -482,9 +488,9 @@ class Replay:
 def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     """Repeat run number `i` (from 0) of a `campaign` and record its time series at every sample.
 
-    InputError for a number out of range, refused values, or a difference from the numbers stored in the campaign's
-    `folder`, if it has this run (another processor or NumPy may round differently). Runs of a GPU are compared to
-    1e-9.
+    InputError for a number out of range, for values that are not allowed, or if the numbers differ from those stored in
+    the campaign's `folder`: another processor or version of NumPy may round differently. Runs of a GPU may differ by
+    1e-9, relative.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
@@ -494,8 +500,8 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
         for column, value in before.items():
             if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
-                    f"run {i}, {name}: {column} is {again[column]!r}, but {value!r} is stored; replay it where the "
-                    "campaign ran, with the same versions"
+                    f"run {i}, {name}: {column} is {again[column]!r}, but {value!r} is stored; replay the run on the "
+                    "machine of the campaign, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))
 

@@ -1,7 +1,7 @@
 """Probability of a rare event over a campaign's quantities, its random force and its sensor noise.
 
-The inputs of a stop are standard normal: a quantity is the quantile of its distribution at Phi(z). Noise after
-`_REMEMBERED` times the duration of the nominal stop comes from a seed, which is the last input.
+The inputs of a stop are standard normal variables z: a quantity is the quantile of its distribution at Phi(z). Noise
+after `_REMEMBERED` times the duration of the nominal stop comes from a seed, which is the last input.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ EBCL = range(10)  #: confidence levels of the emergency brake deceleration of ET
 FORCE, SENSORS = "random force", "sensor noise"
 
 _REMEMBERED = 2.0
-_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # beyond these a warning is given
-_DISAGREE = 3.5  # standard deviations: with 8 repeats, Student's law exceeds them in 1 of 100 cases by chance
-_SHOWN = 8  # failing stops from which the one with the least noise is chosen
+_MOST_APART, _MOST_VARIATION, _LEAST_ACCEPTED, _MOST_REPEATED = 0.1, 0.3, 0.05, 0.05  # limits of the warnings
+_DISAGREE = 3.5  # standard errors between the two methods; with 8 repeats 1 of 100 differences is larger by chance
+_SHOWN = 8  # number of failing stops among which the stop with the least noise is chosen
 _STREAM = 2**32 - 2  # child of the campaign's seed; no run has this number
 
 _MEASURES: dict[str, tuple[str, Callable[[Run], float]]] = {
@@ -56,14 +56,14 @@ _KINDS: dict[str, tuple[Any, Any]] = {
 
 
 def _deceleration(run: Run) -> float:
-    """Mean deceleration over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 if the run did not stop."""
+    """Return the mean deceleration over the distance of a stop, (v0^2 - v1^2)/(2 s), m/s^2; 0 if it did not stop."""
     scenario = run.scenario
     change = scenario.initial_speed**2 - scenario.final_speed**2
     return change / (2.0 * run.braking_distance) if run.stopped else 0.0
 
 
 class Event(NamedTuple):
-    """Event: the `measure` of a stop exceeds a `threshold`, in the measure's unit."""
+    """Event that the `measure` of a stop exceeds a `threshold`, which has the measure's unit."""
 
     measure: str
     threshold: float
@@ -74,7 +74,7 @@ class Event(NamedTuple):
         return _MEASURES[self.measure][0]
 
     def __str__(self) -> str:
-        """The event in the form that `read` takes."""
+        """Return the event as text that `read` accepts."""
         return f"{self.measure} > {self.threshold:g} {self.unit}".removesuffix(" 1")
 
     @classmethod
@@ -94,11 +94,11 @@ class Event(NamedTuple):
 
 
 class Stops:
-    """Limit state of a campaign's stops: the measure of each stop, +inf if the stop has none.
+    """Limit state of a campaign's stops: a function from inputs to the measure of the stop, +inf without a measure.
 
-    `groups` has the inputs of each quantity, of the random force and of the sensor noise, if present; `counts` has the
-    number of stops and of those refused or broken off. InputError for a campaign with several controllers, with a
-    grid, or without a random input.
+    `groups`: indices of the inputs of each quantity, of the random force and of the sensor noise. `counts`: number of
+    stops, and number of stops whose values are not allowed or that ended early. InputError for a campaign with several
+    controllers, with a grid, or without a random input.
     """
 
     def __init__(self, campaign: Campaign, measure: str) -> None:
@@ -122,7 +122,7 @@ class Stops:
             raise InputError("quantity: no input is random; give a quantity, a random force or sensor noise")
 
     def drawn(self, point: Floats) -> tuple[dict[str, float], Noise]:
-        """Values of the quantities by name, and the noise, at a point."""
+        """Return the values of the quantities by name, and the noise, at a point (values of all inputs)."""
         from scipy.special import ndtr
 
         quantities = self.campaign.quantities
@@ -132,13 +132,13 @@ class Stops:
         return values, Noise(force, sensors.reshape(-1, 2), int(point[-1:].view(np.int64)[0]) & (2**63 - 1))
 
     def run(self, point: Floats, record_every: int | None = None) -> Run:
-        """Simulate the stop at a point. InputError for values that a record refuses."""
+        """Simulate the stop at a point; InputError for values that are not allowed."""
         values, noise = self.drawn(point)
         scenario, (controller,) = self.campaign.with_values(values.values())
         return Simulator(scenario, controller).run(noise, record_every=record_every)
 
     def __call__(self, points: Floats) -> Floats:
-        """Measure at each of the points (n, inputs), shape (n,)."""
+        """Return the measure at each of the points (n, inputs), shape (n,)."""
         return np.array([self._value(point) for point in points])
 
     def _value(self, point: Floats) -> float:
@@ -155,11 +155,11 @@ class Stops:
 
 @by_content
 class Tail(NamedTuple):
-    """Probability that the measure is worse than each value.
+    """Probability that the measure of a stop is worse than x, as a function of x.
 
-    - x: values, 1-D, in the measure's unit.
-    - value, low, high: probability and its interval, arrays of one length, ratios.
-    - plain: from the independent stops alone, with Wilson's interval: rows of (x, share, low, high), (n, 4), ratios.
+    - x: values of the measure, 1-D, in its unit.
+    - value, low, high: probability and its interval at each x, ratios.
+    - plain: share of the independent stops with Wilson's interval: rows (x, share, low, high), (n, 4), ratios.
     """
 
     x: Floats
@@ -171,7 +171,7 @@ class Tail(NamedTuple):
 
 @by_content
 class FailingStop(NamedTuple):
-    """Most likely failing stop found: its distance in standard deviations from the medians, its draws, its run."""
+    """Most likely stop with the event: its distance from the medians in standard deviations, its draws, and its run."""
 
     distance: float
     values: dict[str, float]
@@ -183,15 +183,15 @@ class FailingStop(NamedTuple):
 class RareEvent:
     """Probability of an event in a campaign's stops.
 
-    - probability: `importance` if its variation is smaller and there is no warning, else `subset`.
-    - subset, importance: estimates of both methods, with 95 % interval and coefficient of variation, ratios; NaN for
-      importance sampling if no stop met the event.
+    - probability: `importance` if its variation is smaller and no warning speaks against it, else `subset`.
+    - subset, importance: estimates by subset simulation and by importance sampling, with 95 % interval and coefficient
+      of variation, ratios; `importance` is NaN if no stop had the event.
     - levels: thresholds of the levels, in the event's unit.
-    - shares: share of each quantity, and of the noise, in the mean of the inputs of the event.
-    - stop: most likely failing stop, or None if no stop met the event or it was refused.
-    - tail: tail of the event's measure, in its unit.
+    - shares: contribution of each quantity and of the noise to the mean inputs of the event, ratios.
+    - stop: most likely stop with the event; None if no stop had the event or its values are not allowed.
+    - tail: probability as a function of the measure's value.
     - stops: number of simulated stops.
-    - warnings: reasons not to trust the numbers; empty if there are none.
+    - warnings: reasons not to trust the numbers; empty without warnings.
     """
 
     campaign: Campaign
@@ -212,13 +212,13 @@ class RareEvent:
         return self.event.measure, self.event.unit
 
     def __str__(self) -> str:
-        """Estimate with its interval in one line."""
+        """Return the probability with its interval in one line."""
         value, low, high, _ = self.probability
         return f"P({self.event}) = {value:.3g} [{low:.2g}, {high:.2g}], {self.stops} stops"
 
 
 class Factor(NamedTuple):
-    """Kdry_rst of a level: the ratio to the nominal deceleration that a stop falls below with the `probability`."""
+    """Factor Kdry_rst of a confidence level: `probability` of a deceleration below `factor` times the nominal one."""
 
     level: int
     probability: float
@@ -230,8 +230,8 @@ class ConfidenceLevels:
     """Table of Kdry_rst over the confidence levels of ETCS.
 
     - nominal: mean deceleration of the nominal stop, m/s^2.
-    - factors: one for each of `EBCL`.
-    - tail: probability of a smaller factor.
+    - factors: factors, one for each confidence level of `EBCL`.
+    - tail: probability of a smaller factor, as a function of the factor.
     - campaign, stops, warnings, measured: as in `RareEvent`.
     """
 
@@ -245,13 +245,13 @@ class ConfidenceLevels:
     warnings: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Factor of the highest level in one line."""
+        """Return the factor of the highest confidence level in one line."""
         last = self.factors[-1]
         return f"Kdry_rst = {last.factor.value:.3g} at EBCL {last.level}, {self.stops} stops"
 
 
 def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: str) -> dict[str, Any]:
-    """Finished task as arrays by name; a task is a kind of `_KINDS`, its number, and its arguments."""
+    """Do a task of a study and return its result as arrays by name; a task is (kind of `_KINDS`, number, arguments)."""
     check_version(version)
     (campaign, event), (kind, i, given) = shared, task
     stops = Stops(campaign, event.measure)
@@ -261,7 +261,7 @@ def work(shared: tuple[Campaign, Event], task: tuple[str, int, Any], version: st
 
 
 class _Study:
-    """Stops of a campaign under study for an event; each task is done once and kept in the folder, if there is one."""
+    """Study of an event in a campaign's stops; with a folder, finished tasks are kept in it and not repeated."""
 
     def __init__(self, campaign: Campaign, event: Event, points: int, repeats: int) -> None:
         number("points", points, ge=100)
@@ -272,7 +272,7 @@ class _Study:
     def at_work(
         self, folder: str | Path | None, workers: int | None, scheduler: str | None, progress: Callable[[str], None]
     ) -> Iterator[None]:
-        """Connect the workers, and do the pilot and the repeats."""
+        """Connect the workers, and run the pilot and the repeats."""
         campaign, event, self._progress = self.stops.campaign, self.event, progress
         what = json.dumps([__version__, {**described(campaign), "runs": 0}, *map(str, event), self.points])
         where = TemporaryDirectory() if folder is None else nullcontext(folder)
@@ -286,7 +286,7 @@ class _Study:
             yield
 
     def done(self, kind: str, count: int, *given: Any) -> list[Any]:
-        """Results of `count` tasks of a kind, read from the folder if they are there."""
+        """Return the results of `count` tasks of a kind; results in the folder are read."""
         paths = [self._folder / f"{kind}-{i}.npz" for i in range(count)]
         waiting = {path: self._submit((kind, i, given)) for i, path in enumerate(paths) if not path.is_file()}
         found = []
@@ -301,13 +301,14 @@ class _Study:
         return found
 
     def tail(self) -> Tail:
-        """Tail over the values of every level."""
+        """Return the tail over the values of all levels."""
         rows = np.concatenate([one.values for one in self.repeats], axis=1)
         finite = [row[np.isfinite(row)] for row in rows]
         if not any(row.size for row in finite):
             raise InputError(
-                f"{self.event.measure}: no stop has one; each was refused, broken off or longer than longest_time "
-                f"{self.stops.campaign.scenario.longest_time:g} s; give a longer time, or narrower distributions"
+                f"{self.event.measure}: no stop reached the final speed within longest_time "
+                f"{self.stops.campaign.scenario.longest_time:g} s with allowed values; give a longer time, or narrower "
+                "distributions"
             )
         x = np.unique(np.concatenate([np.quantile(row, np.linspace(0.005, 0.995, 100)) for row in finite if row.size]))
         first = np.sort(rows[0])[::-1]
@@ -316,10 +317,10 @@ class _Study:
         return Tail(x, *subset.pooled(np.array([one.exceeded(x) for one in self.repeats]))[:3], plain)
 
     def warnings(self) -> list[str]:
-        """Warnings about levels and outcomes."""
+        """Return the warnings about levels and outcomes."""
         found, threshold = [], self.event.threshold
         if (same := max(map(subset.repeated, self.repeats))) > _MOST_REPEATED:
-            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level share their value")
+            found.append(f"the outcome is discrete: {100 * same:.0f} % of the stops of a level have equal values")
         if (low := np.mean([one.accepted for one in self.repeats], axis=0).min(initial=1.0)) < _LEAST_ACCEPTED:
             found.append(f"the levels stall: only {100 * low:.1f} % of a level's moves are accepted; give more points")
         if not any(one.probability(threshold) for one in self.repeats) and math.isfinite(threshold):
@@ -331,11 +332,11 @@ class _Study:
 
     @property
     def reached(self) -> float:
-        """Probability of the last level."""
+        """Estimated probability of the last level."""
         return float(np.mean([np.prod(one.shares) for one in self.repeats]))
 
     def candidates(self, mean: Floats, kept: Floats) -> Iterator[Floats]:
-        """Points in the direction of the design point: the `mean`, then those `kept`, with increasing noise."""
+        """Yield candidates for the design point: `mean` of the event's points, then points `kept` by the repeats."""
         yield mean
         count = len(self.stops.campaign.quantities)
         nearest = kept[np.argsort(np.linalg.norm(kept[:, :count], axis=1))[:_SHOWN]]
@@ -355,15 +356,15 @@ def rare_event(
     repeats: int = REPEATS,
     progress: Callable[[str], None] = lambda message: None,
 ) -> RareEvent:
-    """Probability of an event over a campaign's quantities, random force and sensor noise.
+    """Compute the probability of an event over a campaign's quantities, random force and sensor noise.
 
-    - campaign: has one controller and no grid; its number of runs and its sampling have no effect.
+    - campaign: campaign with one controller and no grid; its number of runs and its sampling have no effect.
     - event: "lock", or a bound with its unit: "distance > 420 m", "time > 20 s", "slip > 0.5" (ratio).
-    - folder: keeps finished repeats, so that the study is resumed; left out, nothing is kept.
+    - folder: folder for finished repeats, so that an interrupted study is resumed; by default nothing is kept.
     - workers, scheduler: processes, or a Dask scheduler, as for `execute`; they do not change the numbers.
-    - points: number of stops in each level of a repeat, and about the design point for each repeat.
-    - repeats: number of independent repeats, from which the interval follows.
-    - progress: receives a line for each finished task.
+    - points: number of stops in each level of a repeat, and of importance samples for each repeat.
+    - repeats: number of independent repeats, from which the interval is computed.
+    - progress: function that receives a line for each finished task.
 
     Returns the probability with its interval, in a `RareEvent`. InputError for a wrong event or campaign.
     """
@@ -382,15 +383,15 @@ def rare_event(
             between = subset.apart(stops, kept, threshold, stream(campaign.seed, _STREAM, len(_KINDS)))
             if between > _MOST_APART:
                 warnings.append(
-                    f"the event is not one region: {100 * between:.0f} % of the pairs of its stops have stops without "
-                    "the event between them; the probability lacks regions that no repeat has met"
+                    f"the event may have several regions: between {100 * between:.0f} % of the pairs of its stops are "
+                    "stops without the event; regions that no repeat has found are missing in the probability"
                 )
             values = np.array([one.value for one in study.done("importance", repeats, centre, points)])
             importance = subset.pooled(values)
             off = abs(math.log(max(importance.value, 1e-300) / by_subset.value))
             if off > _DISAGREE * math.hypot(by_subset.variation, importance.variation):
                 warnings.append(f"the methods disagree: importance sampling gives {importance.value:.3g}")
-            with suppress(InputError):  # it is refused itself, of which `study.warnings` tells
+            with suppress(InputError):  # its values are not allowed; `study.warnings` reports such stops
                 run = stops.run(centre, record_every=1)
                 stop = FailingStop(float(np.linalg.norm(centre)), *stops.drawn(centre), run)
         better = importance is not None and importance.variation < by_subset.variation and not warnings
@@ -427,7 +428,7 @@ def confidence_levels(
 
     - campaign, folder, workers, scheduler, points, repeats, progress: as in `rare_event`.
 
-    Returns ratios with 95 % intervals, and the whole tail. InputError as for `rare_event`, and if the nominal run does
+    Returns factors with 95 % intervals, and the whole tail. InputError as for `rare_event`, or if the nominal run does
     not stop.
     """
     study = _Study(campaign, Event("deceleration", math.inf), points, repeats)
@@ -438,7 +439,7 @@ def confidence_levels(
         tail, warnings = study.tail(), study.warnings()
     ratio, plain = -tail.x / nominal, tail.plain / [-nominal, 1.0, 1.0, 1.0]
     probabilities = [0.5, *(10.0**-n for n in EBCL[1:])]
-    value, high, low = (  # the factors at which the falling curves of probability have each level; NaN beyond their end
+    value, high, low = (  # factors at which the curves of probability reach each level; NaN beyond their end
         np.interp(-np.log(probabilities), -np.log(curve[curve > 0.0]), ratio[curve > 0.0], right=math.nan)
         for curve in tail[1:4]
     )

@@ -1,6 +1,6 @@
 """Campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
 
-In a TOML file numbers are in SI, or strings with a unit that fits the quantity's path.
+In a TOML file a number is in SI, or a text with a unit of the quantity.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ T = TypeVar("T")
 MOST_RUNS = 10**9
 LARGEST_SEED = 2**63 - 1
 CUT = 4.0
-"""Standard deviations at which a normal distribution is cut off by default: no quantity may become infinite."""
+"""Standard deviations at which a normal distribution is cut off by default, so that every value is finite."""
 
-_FARTHEST = 8.0  # standard deviations: bounds that leave only a tail beyond (1e-15) are taken for a mistake
+_FARTHEST = 8.0  # standard deviations; bounds beyond leave a probability below 1e-15 and are refused as a mistake
 _LISTED = 200  # characters of the list of paths in an error
 _DRAW = 2  # child of a run's seed for the quantities; random force and noise have the children 0 and 1
-_DESIGN = 2**32 - 1  # child of the campaign's seed for points laid out together; no run has this number
+_DESIGN = 2**32 - 1  # child of the campaign's seed for points that are drawn together; no run has this number
 
 
 # --- distributions --------------------------------------------------------------------------------------------------
 
 
 class Distribution:
-    """A quantity's distribution, SI, by its quantile function."""
+    """Distribution of a quantity, SI, given by its quantile function."""
 
     low: Any
     high: Any
@@ -75,13 +75,13 @@ class Distribution:
         return self.low, self.high
 
     def at(self, u: float) -> float:
-        """Quantile: the value at a share `u` of the distribution, 0 <= u < 1."""
+        """Return the quantile at probability `u`, 0 <= u < 1."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """Equally likely from `low` to `high`, SI. InputError unless low < high."""
+    """Uniform distribution from `low` to `high`, SI. InputError unless low < high."""
 
     low: float
     high: float
@@ -92,7 +92,9 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal with `mean` and standard deviation `std`, SI, cut off at `low` and `high`, by default at `CUT` deviations.
+    """Normal distribution with `mean` and standard deviation `std`, SI, cut off at `low` and `high`.
+
+    By default it is cut off at `CUT` standard deviations from the mean.
 
     InputError for `std` <= 0, or bounds that leave almost nothing of the distribution.
     """
@@ -107,7 +109,7 @@ class Normal(Distribution):
         super().__post_init__()
         low, high = self._cut
         if low > _FARTHEST or high < -_FARTHEST:
-            raise InputError("normal: almost no probability between low and high; give bounds nearer to the mean")
+            raise InputError("normal: low and high leave almost no probability; give bounds nearer to the mean")
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -123,7 +125,7 @@ class Normal(Distribution):
         from scipy.special import ndtr, ndtri  # importing scipy.stats would take half a second in each worker
 
         (low, high), (least, most) = self._cut, self.ends
-        if low > 0.0:  # above the mean the upper tail is the more precise one
+        if low > 0.0:  # above the mean the upper tail is more precise
             above, below = ndtr(-low), ndtr(-high)
             z = -float(ndtri(above - u * (above - below)))
         else:
@@ -134,10 +136,10 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class LogNormal(Distribution):
-    """Log-normal: `median`, SI, and `spread`, the standard deviation of the logarithm.
+    """Log-normal distribution with `median`, SI, and `spread`, the standard deviation of the logarithm.
 
-    Cut off at `low` and `high`, by default at `CUT` standard deviations. InputError for a median, spread or low that
-    is not positive.
+    It is cut off at `low` and `high`, by default at `CUT` standard deviations. InputError for a median, spread or low
+    that is not positive.
     """
 
     median: float
@@ -165,7 +167,7 @@ class LogNormal(Distribution):
 
 @dataclass(frozen=True)
 class Triangular(Distribution):
-    """Most likely at `mode`, falling linearly to `low` and `high`, SI. InputError unless low <= mode <= high."""
+    """Triangular density from `low` to `high` with its maximum at `mode`, SI. InputError unless low <= mode <= high."""
 
     low: float
     mode: float
@@ -203,7 +205,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of the `values`, SI, equally likely or by `weights` > 0. InputError for weights that do not fit."""
+    """One of the `values`, SI, equally likely or by `weights` > 0. InputError unless each value has a weight."""
 
     weights: tuple[float, ...] | None = None
 
@@ -224,7 +226,7 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """Each of the `values` (SI) in turn, combined with every value of the campaign's other grids."""
+    """All of the `values`, SI, each combined with every value of the campaign's other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
@@ -234,7 +236,7 @@ DISTRIBUTIONS: dict[str, Any] = {
 
 
 class Sampling(StrEnum):
-    """Layout of points in the unit cube."""
+    """Method that samples points of the unit cube."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -242,7 +244,7 @@ class Sampling(StrEnum):
 
 
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
-    """Point number i in the unit cube."""
+    """Return the sampled point number i of the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
         return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
@@ -259,7 +261,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
 
 @lru_cache(maxsize=4)
 def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
-    """All points of a Latin hypercube: each depends on the others, so they are made together (8 bytes a number)."""
+    """Return all points of a Latin hypercube, which are drawn together because each depends on the others."""
     from scipy.stats import qmc
 
     points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
@@ -267,7 +269,7 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
-    """Random generator of a child of a seed."""
+    """Return the random generator of a child of a seed; `key` identifies the child."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
@@ -275,7 +277,7 @@ def stream(seed: int, *key: int) -> np.random.Generator:
 
 
 def described(value: Any) -> Any:
-    """A record as plain data for JSON: its kind and its members by name."""
+    """Return a record as plain data for JSON: its kind and its members by name."""
     if isinstance(value, Enum):
         return value.value
     if value is None or isinstance(value, (str, bool, int, float)):
@@ -296,9 +298,9 @@ def described(value: Any) -> Any:
 class Quantity:
     """A quantity that varies from run to run: the `paths` that it is written to, and its `distribution`, SI.
 
-    A path is looked up in the scenario ("vehicle.mass"), then in all controllers that have it ("kp"). With a
-    controller's name in front it is that controller's alone ("pi.kp"). A `relative` value is a factor on the number
-    that each path has in the campaign's scenario or controller.
+    A path names a number of the scenario ("vehicle.mass"), or else of every controller with this number ("kp"). With a
+    controller's name in front it names a number of this controller only ("pi.kp"). If `relative` is true, the value is
+    a factor on the numbers of the campaign's scenario or controllers.
     """
 
     paths: tuple[str, ...]
@@ -307,13 +309,13 @@ class Quantity:
 
     @property
     def name(self) -> str:
-        """Name of its column."""
+        """Name of the quantity's column in the results."""
         return self.paths[0] + (" factor" if self.relative else "")
 
 
 @dataclass(frozen=True)
 class SampledRun:
-    """One run: the sampled values by name, the scenario and the controllers with these values, and the seed."""
+    """One run of a campaign: sampled values by name, scenario and controllers with these values, and seed."""
 
     values: dict[str, float]
     scenario: Scenario
@@ -323,15 +325,21 @@ class SampledRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Many runs; run number i (from 0) depends on the campaign and i alone, not on other runs or the machine.
+    """Many runs of a scenario with varied quantities. Run number i (from 0) depends only on the campaign and i.
 
-    Each run has the same sampled vehicle, rail and noise for every controller. `quantities` change the `scenario` and
-    the `controllers`; a controller is anything that `simulation.step_objects.as_control` takes, and gets a number
-    behind the name of its kind if that name is taken. `sampling` is the joint sampling of the quantities. `runs` is
-    from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1. On the `device` "gpu" random force and noise come from a counter.
+    Each run has the same sampled vehicle, rail and noise for every controller.
 
-    InputError: no controller, two of one name, a path that does not exist or is given twice, a number of runs or a seed
-    out of range, runs that do not fit the grid or the Sobol sequence, or ends of a quantity that a record refuses.
+    - scenario: the braking run.
+    - controllers: controllers as for `simulate`; a second one of a kind gets a number behind its name.
+    - quantities: quantities of scenario and controllers that vary from run to run.
+    - runs: number of runs, 1 to `MOST_RUNS`.
+    - seed: 0 to 2^63 - 1.
+    - sampling: joint sampling of the quantities.
+    - device: "cpu" or "gpu"; on the GPU random force and noise come from a counter.
+
+    InputError: no controller, two with one name, a path that does not exist or is given twice, a number of runs or a
+    seed out of range, a number of runs that does not fit the grid or the Sobol sequence, or a quantity whose smallest
+    or largest value is not allowed.
     """
 
     scenario: Scenario
@@ -351,7 +359,7 @@ class Campaign:
             raise InputError("controllers: the list is empty; give at least one")
         if twice := [name for name in names if names.count(name) > 1]:
             raise InputError(
-                f"controllers: two have the name {twice[0]!r}; name each (name= of LinearControl, or in its file)"
+                f"controllers: two have the name {twice[0]!r}; give each its own name (key or argument `name`)"
             )
         if not 1 <= self.runs <= MOST_RUNS:
             raise InputError(f"runs: {self.runs} is not allowed; give an integer from 1 to {MOST_RUNS}")
@@ -374,19 +382,19 @@ class Campaign:
 
     @property
     def quantity_units(self) -> dict[str, str]:
-        """Unit of each quantity's column by name; "" if it is not known, "1" for a factor."""
+        """Unit of each quantity by name: "1" for a factor, "" if the unit is not known."""
         return {q.name: "1" if q.relative else self.number_at(q.paths[0]).unit for q in self.quantities}
 
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that the results depend on."""
         content = described(self)
-        if self.device == "cpu":  # left out, so that folders from before there was a device stay valid
+        if self.device == "cpu":  # left out, because folders of older versions have no device
             del content["device"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def number_at(self, path: str) -> Number:
-        """Number at a path as of `Quantity`. InputError, with the nearest path, if there is none."""
+        """Return the number at a path of a `Quantity`; InputError, with the nearest path, for an unknown path."""
         if path not in self._paths:
             near = close_match(path, self._paths) or f"scenario: {', '.join(self._paths)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is not a number of scenario or controllers; {near.rstrip()}")
@@ -394,15 +402,15 @@ class Campaign:
         return self._numbers[owner][own]
 
     def case(self, i: int) -> SampledRun:
-        """Run number i, ready to simulate. InputError for a number out of range or values that a record refuses."""
+        """Return run number i with its values; InputError for a number out of range or values that are not allowed."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
         draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
-        """Sampled values of run number i by name; InputError for a number out of range.
+        """Return the sampled values of run number i by name; InputError for a number out of range.
 
-        The grid point is i modulo the number of points; the value of the first grid changes fastest.
+        The grid point is i modulo the number of grid points; the value of the first grid changes fastest.
         """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
@@ -418,7 +426,7 @@ class Campaign:
         return values
 
     def grid_values(self, point: int) -> dict[str, float]:
-        """Values of the grids by name at a `point`, which is numbered from 0."""
+        """Return the values of the grids by name at grid point number `point`, from 0."""
         grids = {quantity.name for quantity in self.quantities if isinstance(quantity.distribution, Grid)}
         return {name: value for name, value in self.values(point).items() if name in grids}
 
@@ -433,7 +441,7 @@ class Campaign:
 
     @cached_property
     def _paths(self) -> dict[str, list[tuple[int, str]]]:
-        """For each path that a quantity may name: indices in `_numbers`, and paths there. The scenario has priority."""
+        """Index in `_numbers` and path in that record, by path of a `Quantity`; the scenario has priority."""
         found: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
@@ -444,7 +452,7 @@ class Campaign:
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """For each quantity: index in `_numbers`, path, and factor on the value."""
+        """Targets of each quantity: index in `_numbers`, path in that record, and factor on the value."""
         taken: set[tuple[int, str]] = set()
         found: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
@@ -455,14 +463,14 @@ class Campaign:
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
                 if scale is None:
                     raise InputError(
-                        f"quantity: {path!r} has no number that a factor could multiply; give the value itself"
+                        f"quantity: {path!r} is not set, so that a factor has no effect; give the value itself"
                     )
                 taken.add((owner, path))
                 found[-1].append((owner, path, scale))
         return found
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Numbers by path, SI, that `values`, one for each quantity, change: key 0 the scenario, i controller i."""
+        """Return the numbers that `values`, one a quantity, change, SI, by path; key 0: scenario, i: controller i."""
         found: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
@@ -470,12 +478,12 @@ class Campaign:
         return found
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Scenario and controllers with `values`, SI, one for each quantity. InputError if a record refuses one."""
+        """Return scenario and controllers with `values`, SI, one a quantity; InputError for a value not allowed."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
         scenario, nominal = records[0], self.scenario
-        if scenario.beliefs != nominal.beliefs:  # controllers believe in the nominal vehicle, not in the sampled one
+        if scenario.beliefs != nominal.beliefs:  # controllers assume the nominal vehicle, not the sampled one
             believed, before = scenario.beliefs.of(nominal.vehicle), nominal.believed_vehicle
             records[1:] = [control.believing(believed, before) for control in records[1:]]
         return scenario, tuple(records[1:])
@@ -495,7 +503,7 @@ class Campaign:
             )
 
     def _check_ends(self) -> None:
-        """Check that both ends of every quantity, the others at their medians, make a scenario and its controllers."""
+        """Raise InputError if an end of a quantity is not allowed, with the other quantities at their medians."""
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -503,7 +511,7 @@ class Campaign:
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
-    """The controllers `made` from `given`; one with the name of its kind gets a number if that name is taken."""
+    """Return the controllers `made` from `given`; a default name that is taken gets a number behind it."""
     found: dict[str, Controller] = {}
     twice = []  # controllers with a name that the user gave twice; `Campaign` refuses them
     for one, control in zip(given, made, strict=True):
@@ -529,7 +537,7 @@ _LISTS = ("values", "weights")
 
 
 class ControllerTable(Record):
-    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes two of one kind."""
+    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes two controllers of one kind."""
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
@@ -565,7 +573,7 @@ class CampaignKeys(BaseModel):
 
 
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
-    """Load a campaign from a TOML file; `controllers`, names or files, replace its own.
+    """Load a campaign from a TOML file; `controllers`, names or files, replace the controllers of the file.
 
     InputError: one line with the file, the key, the value and what is allowed.
     """
@@ -587,7 +595,7 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """Call `make`; an InputError gets the position in the file in front, without repeating it."""
+    """Call `make`; put the position in the file in front of the message of an InputError."""
     try:
         return make()
     except InputError as error:
@@ -601,7 +609,7 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
     if keys.controller.lower().endswith((".toml", ".py")):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
-            raise InputError(f"{key}: {keys.controller} states it itself; leave it out")
+            raise InputError(f"{key}: not allowed, because {keys.controller} contains this key; leave it out")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
         found = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
@@ -646,7 +654,7 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
-    """A number, or a tuple of numbers, in SI; a path without a known unit takes plain numbers only."""
+    """Return a number, or a tuple of numbers, in SI; without a known unit only plain numbers are allowed."""
     unit = "1" if name in _WITHOUT_UNIT else unit or "1"
     if name in _LISTS:
         if not isinstance(value, list):

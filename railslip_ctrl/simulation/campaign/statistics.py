@@ -1,6 +1,6 @@
-"""Statistics of a campaign: estimates, comparisons on the same runs, worst runs; and a campaign in one call.
+"""Statistics of a campaign: estimates, comparisons of controllers, worst runs; and `campaign`, a campaign in one call.
 
-Parts are read one column at a time, so that memory is some tens of bytes a run.
+Parts are read one column at a time, so that some tens of bytes of memory are needed for each run.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95  #: of every interval
 LEVELS = (0.05, 0.5, 0.95)  #: quantiles reported
-WORST = 5  #: worst runs listed of each controller
-LISTED = 20  #: failed runs listed by number
+WORST = 5  #: number of worst runs in the list of each controller
+LISTED = 20  #: number of failed runs in a list
 
 BINS = 120
-_SHOWN = 2000  # runs in the record for pictures; the runs are independent, so the first ones are a random sample
+_SHOWN = 2000  # runs in the sample for pictures; the runs are independent, so the first runs are a random sample
 
 
 # --- estimates with their confidence intervals ----------------------------------------------------------------------
 
 
 class Estimate(NamedTuple):
-    """A value and the bounds of its confidence interval; a bound is infinite if there are too few runs."""
+    """A value and the bounds of its confidence interval; a bound is infinite for too few runs."""
 
     value: float
     low: float
@@ -56,7 +56,7 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean, sample standard deviation, minimum and maximum of the finite values; NaN if there are too few."""
+    """Count, mean, sample standard deviation, minimum and maximum of finite values; NaN for too few values."""
 
     count: int
     mean: float
@@ -74,7 +74,7 @@ class Moments:
 
     @property
     def estimate(self) -> Estimate:
-        """Mean with Student's interval."""
+        """Return the mean with Student's interval."""
         if self.count < 2:
             return Estimate(self.mean, -math.inf, math.inf) if self.count else _UNKNOWN
         from scipy import stats
@@ -84,7 +84,7 @@ class Moments:
 
 
 def share(count: int, total: int) -> Estimate:
-    """Share with Wilson's interval; NaN if the total is 0."""
+    """Return the share count/total with Wilson's interval; NaN if the total is 0."""
     if total == 0:
         return _UNKNOWN
     from scipy import stats
@@ -94,7 +94,7 @@ def share(count: int, total: int) -> Estimate:
 
 
 def quantile(values: Floats, level: float) -> Estimate:
-    """Quantile, and its interval between two order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
+    """Return a quantile with its interval by order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
     from scipy import stats
 
     low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
@@ -107,20 +107,20 @@ def quantile(values: Floats, level: float) -> Estimate:
 
 @by_content
 class Histogram(NamedTuple):
-    """Counts between `edges`, which are one more than the counts."""
+    """Histogram with n `counts` between n + 1 `edges`."""
 
     edges: Floats
     counts: Integers
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
-        """Histogram of the finite values, with `BINS` bins; a single value gets a nonzero width."""
+        """Return the histogram of the finite values, with `BINS` bins; a single value gets a nonzero width."""
         low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + max(abs(low), 1.0) * 1e-3, BINS + 1)
         return cls(edges, np.histogram(values, edges)[0])
 
     def merged(self) -> Histogram:
-        """Histogram with fewer bins, at most about 2 n^(1/3) for n values, the rule of Rice University."""
+        """Return the histogram with fewer bins, at most about 2 n^(1/3) for n values (Rice rule)."""
         most = 2.0 * max(int(self.counts.sum()), 1) ** (1.0 / 3.0)
         bins = self.counts.size
         size = next(k for k in range(1, bins + 1) if (bins % k == 0 and bins / k <= most) or k == bins)
@@ -132,7 +132,7 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """A measure over the runs that stopped and have a finite value; `excluded` counts stopped runs without one."""
+    """Statistics of a measure over the stopped runs; `excluded` is the number of stopped runs without finite value."""
 
     moments: Moments
     excluded: int
@@ -144,8 +144,10 @@ class MeasureSummary:
 class ControllerSummary:
     """Statistics of one controller over the finished runs.
 
-    `outcomes` counts every run; `failed` lists, by outcome, the first runs that did not stop; `not_stopped` and
-    `locked` are shares of all runs; `worst` has the rows of the stopped runs with the highest `worst_by`.
+    - outcomes: number of runs by outcome.
+    - failed: numbers of the first runs that did not stop, by outcome.
+    - not_stopped, locked: shares of all runs.
+    - worst: rows of the stopped runs with the highest values of the measure `worst_by`.
     """
 
     name: str
@@ -176,7 +178,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """One point of the campaign's grids: its values, and by controller the means and the number of failed runs."""
+    """One grid point of a campaign: its values, and by controller the means and the number of failed runs."""
 
     values: dict[str, float]
     means: dict[tuple[str, str], Estimate]
@@ -187,8 +189,8 @@ class PointSummary:
 class CampaignSummary:
     """Statistics of the finished `runs` of a `campaign`: by `controllers`, `paired`, and by `points` of the grids.
 
-    `worst_by` is the measure that ranks the worst runs. For pictures, `sample` has the quantities and `worst_by` of the
-    first runs by controller, SI, NaN for a run that did not stop.
+    `worst_by` is the measure that ranks the worst runs. `sample` is for pictures: by controller, the quantities and
+    `worst_by` of the first runs, SI, NaN for a run that did not stop.
     """
 
     campaign: Campaign
@@ -200,23 +202,23 @@ class CampaignSummary:
     sample: dict[str, Columns]
 
     def table(self) -> str:
-        """Table with a line for each controller: stopped runs, braking distance, slip, runs with a locked wheel."""
+        """Return a table with a line for each controller: stopped runs, braking distance, slip, locked runs."""
         text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)  # a room above this one
         return text
 
     @property
     def complete(self) -> bool:
-        """Whether every run is finished."""
+        """True if every run is finished."""
         return self.runs == self.campaign.runs
 
     @property
     def any_stopped(self) -> bool:
-        """Whether any run of any controller stopped."""
+        """True if a run of any controller stopped."""
         return any(found.stopped for found in self.controllers.values())
 
 
 def check_measure(name: str) -> None:
-    """Raise InputError, with the nearest name, unless a measure has this name."""
+    """Raise InputError, with the nearest name, for an unknown measure."""
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
@@ -231,7 +233,7 @@ class _Runs:
         self._store, self._parts = store, list(store.finished())
         self.names = store.campaign.controller_names
         if not self._parts:
-            raise InputError(f"out: {str(store.folder)!r} has no finished part yet; run the campaign")
+            raise InputError(f"out: {str(store.folder)!r} has no finished part; run the campaign")
         self.number = np.concatenate([np.arange(*part) for part in self._parts])
         outcomes = self._column("outcome").combine_chunks().dictionary_encode()
         self.outcomes: list[str] = outcomes.dictionary.to_pylist()
@@ -244,17 +246,17 @@ class _Runs:
         return pa.concat_tables(self._store.read(part, [name]) for part in self._parts).column(0)
 
     def column(self, name: str) -> Floats:
-        """Values of a column; NaN if a run has no number."""
+        """Return the values of a column; NaN for a run without a number."""
         values: Floats = self._column(name).to_numpy().reshape(-1, len(self.names))
         return values
 
     def of_stopped(self, name: str) -> Floats:
-        """Values of a column; NaN also for a run that did not stop."""
+        """Return the values of a column; NaN for a run without a number or that did not stop."""
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
-        """Rows of controller number k with the highest values."""
+        """Return the rows of controller number k with the highest `values`."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
         found = []
         for i in self.number[order].tolist():
@@ -265,9 +267,10 @@ class _Runs:
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """Statistics of the finished runs of a campaign's `store`; `worst_by` is the name of a measure.
+    """Return the statistics of the finished runs in a campaign's `store`.
 
-    InputError for an unknown measure, or if no part is finished.
+    `worst_by` is the name of the measure that ranks the worst runs. InputError for an unknown measure, or if no part is
+    finished.
     """
     check_measure(worst_by)
     runs, campaign = _Runs(store), store.campaign
@@ -310,7 +313,7 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
 
 
 def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
-    """Summaries of the controllers, still without their measures and worst runs."""
+    """Return the summaries of the controllers without measures and worst runs, which `summarise` adds."""
     locked, found = np.isfinite(runs.column("first_lock_s")), {}
     for k, name in enumerate(runs.names):
         numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}
@@ -361,9 +364,9 @@ def campaign(
     - runs: number of runs of each controller.
     - quantities: quantities that vary from run to run, SI.
     - seed: seed of the campaign; the same seed gives the same runs.
-    - folder: folder that keeps the runs, so that an interrupted campaign is resumed; left out, nothing is kept.
-    - workers: number of processes. More than one import the calling script again, which then needs its `if
-      __name__ == "__main__"`.
+    - folder: folder for the runs, so that an interrupted campaign is resumed; by default nothing is kept.
+    - workers: number of processes. With more than one, the calling script needs `if __name__ == "__main__"`, because
+      each process imports it.
 
     Returns statistics in SI; `table()` has a line for each controller. InputError as for `Campaign` and `execute`.
     """

@@ -24,15 +24,15 @@ from .statistics import CONFIDENCE
 LimitState = Callable[[Floats], Floats]
 
 _SHARE = 0.1  # share of the points beyond the next threshold
-_ACCEPTED = 0.35  # share of accepted moves; with 0.44 of [Papaioannou2015] the estimate varies by a fifth more
-_KEPT = 20  # points of the event that a repeat keeps
-_PAIRS = 40  # pairs of these points between which the event is checked
-_FARTHEST = 1.5  # times a point of the event: the farthest point of the search for the event's boundary
+_ACCEPTED = 0.35  # share of accepted moves; with the 0.44 of [Papaioannou2015] the variation is a fifth larger
+_KEPT = 20  # number of points of the event that a repeat returns
+_PAIRS = 40  # number of pairs of these points for the check of the points between them
+_FARTHEST = 1.5  # end of the search for the event's boundary, relative to a point of the event
 
 
 @by_content
 class Levels(NamedTuple):
-    """Thresholds, and the step of the moves in each level, (n,); a step of 1 draws a new point."""
+    """Threshold and step of the moves for each level, (n,); a step of 1 draws an independent point."""
 
     thresholds: Floats
     steps: Floats
@@ -40,12 +40,13 @@ class Levels(NamedTuple):
 
 @by_content
 class Repeat(NamedTuple):
-    """One independent estimate.
+    """One independent estimate by subset simulation.
 
-    - thresholds, shares, accepted: of each level, with the shares of points that reach it and of moves that stay
-      beyond it, (levels,).
-    - values: of the first points, then of the points of each level, (levels + 1, n); -inf if no point reached it.
-    - mean, points: mean, and some, of the points of the event, or of the last level if no point met the event.
+    - thresholds: threshold of each level, (levels,).
+    - shares: share of the points that reach each level, (levels,).
+    - accepted: share of the moves in each level that stay beyond its threshold, (levels,).
+    - values: values of the first points, then of the points of each level, (levels + 1, n); -inf for an empty level.
+    - mean, points: mean, and some, of the points of the event; without such points, of the last level.
     """
 
     thresholds: Floats
@@ -56,25 +57,25 @@ class Repeat(NamedTuple):
     points: Floats
 
     def exceeded(self, x: Floats) -> Floats:
-        """Probabilities of values of at least `x`, in the shape of `x`."""
+        """Return the probabilities of values of at least `x`, in the shape of `x`."""
         place = np.searchsorted(self.thresholds, x, side="right")
         shares = [np.mean(self.values[k] >= at) for k, at in zip(place, x, strict=True)]
         return np.asarray(np.append(1.0, np.cumprod(self.shares))[place] * shares)
 
     def probability(self, threshold: float) -> float:
-        """Estimate of the event's probability."""
+        """Return the estimated probability of values above the threshold."""
         return float(self.exceeded(np.nextafter([threshold], math.inf))[0])
 
 
 @by_content
 class Sampled(NamedTuple):
-    """An estimate by importance sampling."""
+    """Estimate by importance sampling."""
 
     value: Floats
 
 
 def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smallest: float, count: int) -> Levels:
-    """Levels down to the event, or to probability `smallest`; they end if the values rise no more."""
+    """Find levels down to the event or to probability `smallest`; stop if the values do not rise any more."""
     points = rng.standard_normal((count, inputs))
     values, reached, step, thresholds, steps = limit_state(points), 1.0, 0.8, list[float](), list[float]()
     while np.mean(values > threshold) < _SHARE and reached > 1.001 * smallest / _SHARE:
@@ -82,7 +83,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
         if len(places) == 1:
             break
         shares = np.cumsum(counts[::-1])[::-1] / count
-        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # the nearest of a discrete outcome's shares
+        k = 1 + int(np.argmin(np.abs(np.log(shares[1:] / _SHARE))))  # a discrete outcome has few shares: the nearest
         points, values, _, step = _beyond(limit_state, points, values, places[k], step, rng, adapt=True)
         reached *= float(shares[k])
         thresholds.append(float(places[k]))
@@ -93,7 +94,7 @@ def pilot(limit_state: LimitState, inputs: int, rng: Any, threshold: float, smal
 def repeat(
     limit_state: LimitState, inputs: int, rng: Any, threshold: float, levels: Sequence[Floats], count: int
 ) -> Repeat:
-    """Make an estimate with given levels and `count` points in each."""
+    """Make an independent estimate with fixed `levels` and `count` points in each level."""
     thresholds, steps = levels
     points = rng.standard_normal((count, inputs))
     values, shares, accepted = limit_state(points), np.zeros(len(thresholds)), np.zeros(len(thresholds))
@@ -112,10 +113,10 @@ def repeat(
 def _beyond(
     limit_state: LimitState, points: Floats, values: Floats, level: float, step: float, rng: Any, adapt: bool = False
 ) -> tuple[Floats, Floats, float, float]:
-    """Points beyond a level, their values, the share of accepted moves, and the step, which may `adapt`.
+    """Return points beyond a level, their values, the share of accepted moves, and the step s, which may `adapt`.
 
-    Chains begin at the points that reach the level. A move is z' = sqrt(1 - s^2) z + s w with w standard normal; it is
-    refused if it leaves the level.
+    Chains begin at the points that reach the level. A move is z' = sqrt(1 - s^2) z + s w with w standard normal. A move
+    to a value below the level is rejected.
     """
     start = rng.permutation(np.flatnonzero(values >= level))
     at, value, left = points[start], values[start], len(values) - len(start)
@@ -137,7 +138,7 @@ def _beyond(
 
 @by_content
 class Pooled(NamedTuple):
-    """Mean of independent estimates, its interval and its coefficient of variation, all of one shape."""
+    """Mean of independent estimates, with interval and coefficient of variation, all of one shape."""
 
     value: Any
     low: Any
@@ -146,7 +147,7 @@ class Pooled(NamedTuple):
 
 
 def pooled(estimates: Floats) -> Pooled:
-    """Pool estimates, (repeats, ...); the interval is that of the mean of a log-normal variable (Cox)."""
+    """Return the mean of estimates, (repeats, ...), with Cox's interval for the mean of a log-normal variable."""
     from scipy.special import stdtrit
 
     count, mean = len(estimates), np.mean(estimates, axis=0)
@@ -158,9 +159,10 @@ def pooled(estimates: Floats) -> Pooled:
 
 
 def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
-    """Mean of the repeats' `means`, each group scaled by their agreement, and the groups' shares of its squared length.
+    """Return the mean of the repeats' `means`, and each group's share of its squared length.
 
-    The squared lengths are products of different repeats, so that chance does not increase them.
+    A group of inputs is scaled down if the repeats disagree. The squared lengths are products of different repeats, so
+    that chance does not increase them.
     """
     count, mean = len(means), means.mean(axis=0)
     squared = ((count * mean) ** 2 - np.sum(means**2, axis=0)) / (count * (count - 1))
@@ -172,7 +174,7 @@ def direction(means: Floats, groups: Iterable[slice]) -> tuple[Floats, Floats]:
 
 
 def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshold: float) -> Floats:
-    """First point of the event between the origin and the first candidate that has one, else the last candidate."""
+    """Return the first event point on the way from the origin to a candidate; without one, the last candidate."""
     for way in candidates:
         low, high = 0.0, _FARTHEST
         for count in (30, 20):  # resolves 1/400 of the distance
@@ -187,14 +189,14 @@ def design_point(limit_state: LimitState, candidates: Iterable[Floats], threshol
 
 
 def importance(limit_state: LimitState, inputs: int, rng: Any, threshold: float, centre: Floats, count: int) -> Sampled:
-    """Estimate of the event's probability from `count` points about its design point, `centre`."""
+    """Estimate the event's probability from `count` points about its design point, `centre`."""
     points = centre + rng.standard_normal((count, inputs))
     weights = np.exp(0.5 * float(centre @ centre) - points @ centre)
     return Sampled(np.mean(weights * (limit_state(points) > threshold)))
 
 
 def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -> float:
-    """Share of pairs of event points with a point outside the event between them: 0 for one region without holes."""
+    """Return the share of pairs of event points with a non-event point between them; 0 if the event is convex."""
     first, second = points[rng.integers(len(points), size=(2, _PAIRS))]
     middle, length = first + second, 0.5 * np.linalg.norm([first, second], axis=2).sum(axis=0)
     middle *= (length / np.maximum(np.linalg.norm(middle, axis=1), 1e-300))[:, None]
@@ -202,7 +204,7 @@ def apart(limit_state: LimitState, points: Floats, threshold: float, rng: Any) -
 
 
 def repeated(found: Repeat) -> float:
-    """Largest share of a level's new finite values that are repeated: 0 for a continuous outcome."""
+    """Return the largest share, over the levels, of new finite values that are repeated; 0 for a continuous outcome."""
     new = found.values.shape[1] * np.append(1.0, (1.0 - found.shares) * found.accepted)
     different = [len(np.unique(row[np.isfinite(row)])) + np.count_nonzero(np.isinf(row)) for row in found.values]
     return float(np.max(1.0 - np.array(different) / np.maximum(new, 1.0)))
