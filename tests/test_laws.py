@@ -458,7 +458,7 @@ def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
     law = file("bare.toml", f'law = "burckhardt"\n{PARAMETERS}')
     for command in ("linearize", "margins", "tune --ms-max 2", "verify --law predictive", "simulate"):
         told = refused(railslip(*command.split(), "--adhesion", law))
-        assert re.search(r"--slip: adhesion '(bare.toml|burckhardt)' has no reference slip", told)
+        assert re.search(r"--slip: .*'(bare.toml|burckhardt)' has no reference slip", told)
     assert "--slip: adhesion 'polach' has no reference slip" in refused(railslip("simulate", "--adhesion", "polach"))
     for given, slips in ((("--slip", "0.1"), (0.1, 0.1)), (("--gains", "beam"), (0.119, 0.059))):
         status, out, _ = railslip("simulate", "--adhesion", law, *given, "--no-noise", "--json")

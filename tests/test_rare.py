@@ -154,8 +154,8 @@ def test_chance_gives_inputs_that_do_not_matter_no_share(estimated):
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        (OPPOSITE, "not one region"),
-        (CASES["four branches"], "not one region"),
+        (OPPOSITE, "may have several regions"),
+        (CASES["four branches"], "may have several regions"),
         (DISCRETE, "outcome is discrete"),
         (FLAT, "levels stall: no stop met the event"),
         (THIN, "of a level's moves are accepted"),
