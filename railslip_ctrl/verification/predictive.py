@@ -110,7 +110,7 @@ def holding_torque() -> tuple[sp.Expr, ...]:
         along = sp.diff(part, _F) * (_F_slip * slip_rate + _F_v * v_rate)
         return sp.expand(along + sp.diff(part, plant.v) * v_rate + sp.diff(part, plant.slip) * slip_rate)
 
-    # each part is a factor times a shorter expression, because SymPy may not finish the factorisation of the product
+    # each part is a factor times a shorter expression, because SymPy may not finish the factorization of the product
     parts = ((1, rate(hold - decelerating)), (decelerating / v_rate, rate(v_rate)))
     pole = sum(sp.Abs(factor) * sp.Abs(sp.cancel(sp.diff(one, _off))) for factor, one in parts)
     drift = sum(sp.Abs(factor * v_rate) * sp.Abs(sp.cancel(one.subs(_off, 0) / v_rate)) for factor, one in parts)
