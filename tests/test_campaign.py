@@ -143,7 +143,7 @@ def mass(distribution, relative=False, *paths):
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
     (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
-    (lambda: Normal(0.0, 1.0, 9.0, 10.0), "normal: .* low and high"),
+    (lambda: Normal(0.0, 1.0, 9.0, 10.0), "normal: low and high"),
     (lambda: LogNormal(-1.0, 0.1), "median: -1"), (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
     (lambda: Choice(()), "choice: .* at least one"), (lambda: Choice((1.0,), (0.0,)), "weights"),
     (lambda: Grid((math.nan,)), "grid: .* finite"),
@@ -197,7 +197,7 @@ def test_a_file_gives_the_campaign(tmp_path):
     ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
     ("kp = 1500", "", "kp and ki: "),
     ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is "),
-    ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml states it"),
+    ('controller = "pi"\nname', 'controller = "x.toml"\nname', "ki: .*x.toml"),
     ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
     ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
 ])  # fmt: skip
@@ -276,7 +276,7 @@ def test_what_cannot_be_executed_or_summed_up_is_refused(finished, tmp_path):
         assert not out.exists()
     with pytest.raises(InputError, match="a worker has version"):
         run_part(short(), Part(0, 1), "0.0.0")
-    with pytest.raises(InputError, match="no finished part yet"):
+    with pytest.raises(InputError, match="out: .*no finished part"):
         summarise(Store.open(short(), out))
     with pytest.raises(InputError, match="holds another campaign"):
         execute(replace(finished.campaign, seed=4), finished.folder)
@@ -300,7 +300,7 @@ def test_two_do_not_write_into_one_folder_and_a_damaged_part_is_named(finished, 
     execute(finished.campaign, tmp_path / "out", workers=1, part_runs=12)
     first = store.path(next(store.parts()))
     first.write_bytes(first.read_bytes()[:100])
-    with pytest.raises(InputError, match="delete it and resume"):
+    with pytest.raises(InputError, match=r"runs-0000000000-0000000011\.parquet: .*delete"):
         summarise(store)
     pq.write_table(finished.read(Part(0, 5)).slice(0, 3), first)
     with pytest.raises(InputError, match=r"3 rows .* 24"):

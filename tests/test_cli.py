@@ -114,11 +114,11 @@ SEEDS = "give a whole number from 2 to 100000"
     ("tune --ms-max 2 --lead-filter 0.6", "error: --lead-filter: does not go with structure 'pi'"),
     ("report --no-html --controller own.py", "the result of linear is invalid"),
     ("report --no-html --out .", "--out: the working folder"),
-    ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given does not go with the law 'paper'"),
-    ("verify --law paper --slip 0.1", "--slip: 0.1 does not go with the law 'paper'"),
+    ("verify --law paper --adhesion law.toml", "--adhesion: dahl as given is not allowed with the law 'paper'"),
+    ("verify --law paper --slip 0.1", "--slip: 0.1 is not allowed with the law 'paper'"),
     ("verify --law layered", "--law: 'layered' was replaced by the predictive law; give --law predictive"),
-    ("verify --law predictive --adhesion law.toml", "adhesion: dahl has a state"),
-    ("verify --law robust --adhesion burckhardt --slip 0.05", "does not go with the law 'robust'"),
+    ("verify --law predictive --adhesion law.toml", "--adhesion: the law dahl has a state"),
+    ("verify --law robust --adhesion burckhardt --slip 0.05", "--adhesion: burckhardt is not allowed with the law 'robust'"),
     ("verify --law theirs", "--law: 'theirs' is not allowed; give 'paper' or 'robust' or 'predictive'"),
     ("verify --K 1e6", "--K: 1e+06 is not allowed; give a value from 0 to 10000 (N*m)"),
     ("verify --law predictive --D 3", "--D: 3 is not allowed; the predictive law has no D, leave it out"),
@@ -151,7 +151,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --adaptive --controller pi-lead", "choose 'asmc'"),
     ("simulate --seed -1", "--seed: '-1' is not allowed; give a whole number"),
     ("simulate --seed no.npz", "no.npz: no such file"),
-    ("simulate --seed empty.npz", "empty.npz: has no draws; give a seed"),
+    ("simulate --seed empty.npz", "empty.npz: has no random numbers of a run"),
     ("simulate --initial-speed 5", "--initial-speed: 5 km/h is outside 30 to 140 km/h"),
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),
@@ -284,7 +284,7 @@ def test_a_law_without_closed_form_says_so(derived):
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in told(derivation, code, numbers):
         assert "Ta is evaluated from these numbers outside the control law" in text
-    with pytest.raises(InputError, match="'beam' is not the law of the derivation, 'burckhardt'"):
+    with pytest.raises(InputError, match="'beam' .*'burckhardt'"):
         law_numbers(derived[0], published_law("beam", Rail.DRY))
 
 

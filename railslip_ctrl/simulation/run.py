@@ -118,7 +118,7 @@ class Noise(NamedTuple):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read the random numbers from a file of `numpy.savez`; InputError for another file."""
+        """Read the random numbers from the file `path` of `numpy.savez`; InputError for another file."""
         try:
             with np.load(path) as file:
                 return cls(file["force"].ravel(), file["sensors"].reshape(-1, 2), int(file["seed"]))
@@ -143,14 +143,14 @@ class Run:
     - braking_time, braking_distance, final_speed: s, m, m/s.
     - energies: energy balance.
     - mean_abs_slip_error: mean over time of |slip - reference|, slip ratio; NaN for a controller without a reference.
-    - mean_abs_slip_error_published: the mean for the reference 0.132/0.092 of [Park2008]; NaN unless the scenario is
-      the published one and the controller has a reference.
+    - mean_abs_slip_error_published: the mean for the reference 0.132/0.092 of [Park2008], slip ratio; NaN unless the
+      scenario is the published one and the controller has a reference.
     - max_slip: highest slip ratio; locked_fraction: share of time with r omega < 0.02 v.
     - first_lock: time at which r omega first fell below 0.02 v, s; NaN if never.
     - max_torque, max_torque_rate, rms_torque_rate: numbers of the acting torque, N*m and N*m/s.
     - steps: number of integration steps.
     - signals: time series if they were recorded, else None.
-    - controller_signals: states of the controller at `signals.time`, by name, arrays of one length.
+    - controller_signals: states of the controller at `signals.time`, by name, in their units, arrays of one length.
     """
 
     scenario: Scenario

@@ -75,7 +75,7 @@ class Distribution:
         return self.low, self.high
 
     def at(self, u: float) -> float:
-        """Return the quantile at probability `u`, 0 <= u < 1."""
+        """Return the quantile at probability `u`, a ratio, 0 <= u < 1."""
         raise NotImplementedError
 
 
