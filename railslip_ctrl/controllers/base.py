@@ -1,7 +1,8 @@
-"""Base class of all controller kinds: a record of parameters, a state, and a step in named fields.
+"""Base class of all kinds of controllers.
 
-A kind is one class in one file of this package or of the user's. Everything else follows from the class: its TOML file,
-its options, the kernel of a braking run, its C99 program, its label in reports, its verdict over an envelope.
+A kind of controller is one class in one file, of this package or of the user. The class has the parameters as fields,
+the state as a record, and the control law as a function `step`. The package derives everything else from the class:
+TOML file, options, kernel of a braking run, C99 program, label in reports, verdict over an envelope.
 """
 
 from __future__ import annotations
@@ -38,10 +39,10 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_PERIOD", "PERIOD", "Controller", "DesignNumber", "Measurement", "Situation", "outside"]
 
 PERIOD = 0.01
-"""Default sampling period, s: that of common brake control units."""
+"""Default sampling period, s; common brake control units use it."""
 
 LEAST_PERIOD = 1e-5
-"""Shortest sampling period, s; a shorter one fills memory and gains no accuracy."""
+"""Shortest allowed sampling period, s; a shorter one needs more memory without being more accurate."""
 
 _FIRST = 1  # index of the first parameter in a kernel's row, which begins with the reference slip ratio
 
@@ -49,7 +50,7 @@ _FIRST = 1  # index of the first parameter in a kernel's row, which begins with 
 class Measurement(NamedTuple):
     """Measurements of one sample: time (s), train speed (m/s), wheel speed (rad/s), and `applied_torque` (N*m).
 
-    `applied_torque` is the command that the brake took since the sample before.
+    `applied_torque` is the command since the previous sample, after the limits of the brake.
     """
 
     time: float
@@ -62,7 +63,7 @@ class Measurement(NamedTuple):
 class Situation:
     """Conditions of a step: the `rail`, the sampling `period` (s), and the `assumed` adhesion law.
 
-    The law is None outside a run for a controller without its own law.
+    Outside a run, `assumed` is None for a controller without an adhesion law of its own.
     """
 
     rail: Rail
@@ -83,17 +84,17 @@ _BELIEFS: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
         "nominal_viscous_friction": lambda vehicle: vehicle.wheel.viscous_friction,
     }
 )
-"""Fields that state what a controller believes about its vehicle; a field left out takes the vehicle's value."""
+"""Fields for the vehicle parameters that a controller assumes, each with a function that reads it from a vehicle."""
 
 
 _GIVEN = {*_BELIEFS, "period", "tracking_time", "torque_min", "torque_max"} | {
     *("initial_torque", "hand_over_torque", "hand_over_speed")
 }
-"""Numbers that are not design numbers: beliefs, limits, start and hand-over."""
+"""Fields that are not design numbers: assumed vehicle parameters, period, limits, start and hand-over."""
 
 
 class DesignNumber(NamedTuple):
-    """A number that a user tunes: its name, value, unit, meaning, and upper bound."""
+    """A number that a user tunes: its name, value, unit, meaning, and upper bound `most`."""
 
     name: str
     value: float
@@ -105,9 +106,9 @@ class DesignNumber(NamedTuple):
 class Controller(Record):
     """Base of the controller kinds.
 
-    A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`), `step`, a static method, and,
-    if it has a memory, `State` (a record of its state with the values at the start). If `step` needs other numbers than
-    the fields, the kind also defines `Parameters` (a record of them) and `parameters`.
+    A kind defines `kind`, `title`, `source`, its parameters (fields made by `quantity`) and the static method `step`.
+    If it has a memory, it also defines `State`, a record whose defaults are the initial values. If `step` needs other
+    numbers than the fields, the kind defines `Parameters`, a record of these numbers, and the method `parameters`.
     """
 
     kind: ClassVar[str]
@@ -118,22 +119,22 @@ class Controller(Record):
     """Source of the control law."""
     Parameters: ClassVar[type[Record] | None] = None
     no_loop: ClassVar[str] = "it is not linear"
-    """Reason why it has no linear loop, if it has none."""
+    """Reason why the controller has no linear loop, as a text for messages."""
     follows_reference: ClassVar[bool] = True
-    """Whether it holds the reference slip; otherwise it has its own slip."""
+    """Whether the controller tracks `reference`; otherwise `reference` is optional and only used to judge the slip."""
     by_rule: ClassVar[bool] = False
-    """Whether `for_vehicle` needs the vehicle alone; its name is then a choice of `--controller`."""
+    """Whether `for_vehicle` needs only the vehicle; the name of the kind is then a choice of `--controller`."""
     finds_slip: ClassVar[bool] = False
-    """Whether it finds the slip to hold by itself; see `held_slip`."""
+    """Whether the controller searches for its reference slip during the run; see `held_slip`."""
 
     class State(Record):
         """State of a controller without memory."""
 
-    name: str = Field("", description="its name in reports; the kind's if left out")
+    name: str = Field("", description="name in reports; the kind's name if left out")
     period: float | None = quantity(
         "s", "sampling period; every step of the run if left out", ge=LEAST_PERIOD, default=None
     )
-    reference: ReferenceSlip | None = Field(REFERENCE, description="slip ratio to be held")
+    reference: ReferenceSlip | None = Field(REFERENCE, description="reference slip ratio")
 
     @model_validator(mode="after")
     def _limits_in_order(self) -> Self:
@@ -156,7 +157,7 @@ class Controller(Record):
 
     @classmethod
     def state_fields(cls) -> dict[str, Any]:
-        """Names and types of the fields of the state, numbers before lists of numbers."""
+        """Names and types of the fields of the state."""
         return _hints(cls.State)
 
     @classmethod
@@ -182,7 +183,7 @@ class Controller(Record):
         return self.name or self.kind
 
     def described(self) -> str:
-        """Label and parameters in one line."""
+        """Text of the label and the parameters, in one line."""
         parameters = (
             f"{name.replace('_', ' ')} {getattr(self, name):.6g}{'' if unit == '1' else f' {unit}'}"
             for name, unit in self.units().items()
@@ -191,11 +192,11 @@ class Controller(Record):
         return ", ".join([self.label, *parameters])
 
     def limits_described(self) -> str:
-        """Its torque limits, initial torque and anti-windup in one line."""
+        """Text of the torque limits, the initial torque and the anti-windup, in one line."""
         return f"torque {torque_range(self.least_torque, self.largest_torque)}"
 
     def gain_values(self) -> dict[str, Any]:
-        """Parameters for JSON; a name has the suffix "_si" of its unit, if it has a unit."""
+        """Parameters by name, for JSON; the name of a quantity with a unit ends in "_si"."""
         return {
             name if unit == "1" else f"{name}_si": getattr(self, name)
             for name, unit in self.units().items()
@@ -216,7 +217,7 @@ class Controller(Record):
 
     @property
     def controlled_from(self) -> float:
-        """Train speed, m/s, below which it holds a torque instead of controlling slip; 0 if it always controls slip."""
+        """Train speed, m/s, below which the controller commands a torque without slip control; 0: never."""
         return float(getattr(self, "hand_over_speed", 0.0))
 
     def headline(self) -> str:
@@ -224,15 +225,15 @@ class Controller(Record):
         return self.title
 
     def handed_over(self) -> str:
-        """Description of the torque that it holds below `controlled_from`."""
+        """Text of the torque that the controller commands below `controlled_from`."""
         return f"{getattr(self, 'hand_over_torque', 0.0):.4g} N·m"
 
     # --- design ---
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Numbers that a user tunes: gains first, then those of its own kind, then inherited ones.
+        """Numbers that a user tunes: first kp and ki, then fields that the kind itself defines, then inherited fields.
 
-        Beliefs about the vehicle, limits, start and hand-over are left out.
+        Assumed vehicle parameters, period, limits, start and hand-over are left out.
         """
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
         shaped = [n for n in self.units() if n not in _GIVEN and isinstance(getattr(self, n), float)]
@@ -247,8 +248,8 @@ class Controller(Record):
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
         """Copy of the controller with some design numbers changed.
 
-        - values: by name, in the units of `design_numbers`.
-        - others: other fields.
+        - values: new design numbers by name, in the units of `design_numbers`.
+        - others: new values of other fields.
 
         InputError as for a new controller.
         """
@@ -261,12 +262,12 @@ class Controller(Record):
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
         """Make the controller for a vehicle by the rule of its kind; `given` parameters replace those of the rule.
 
-        InfeasibleDesignError, with the reason, if the rule has no controller for the vehicle.
+        InfeasibleDesignError, with the reason, if the rule gives no controller for the vehicle.
         """
         return cls(**given).believing(vehicle)
 
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
-        """Copy in which the beliefs that are not set, or are those of a vehicle `before`, are those of a vehicle."""
+        """Copy that assumes the parameters of a `vehicle` where it has none, or those of the vehicle `before`."""
         changed = {}
         for name in _BELIEFS.keys() & type(self).model_fields.keys():
             now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)
@@ -283,26 +284,26 @@ class Controller(Record):
         return None
 
     def held_slip(self, law: AdhesionLaw, speed: float, wheel_load: float) -> float | None:
-        """Slip ratio that it finds under an adhesion `law`, at a train `speed`, m/s, and a `wheel_load`, N.
+        """Slip ratio at which to judge the loop, for an adhesion `law`, a train `speed`, m/s, and a `wheel_load`, N.
 
-        None if it holds its reference.
+        None if the loop is judged at the reference slip.
         """
         return None
 
     def slip_numbers(self) -> tuple[Any, ...]:
-        """All of its own that `held_slip` and `speeds_to_judge` depend on."""
+        """Parameters on which `held_slip` and `speeds_to_judge` depend."""
         return (self.model_dump_json(),)
 
     def speeds_to_judge(self) -> tuple[float, ...]:
-        """Train speeds, m/s, at which its loop changes; they are judged in addition to those of an envelope."""
+        """Train speeds, m/s, at which the loop changes; they are judged in addition to the speeds of an envelope."""
         return ()
 
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms of each case's sampled loop, Ms inf if unstable; None if `linear` gives the loop.
+        """Stability and Ms of the sampled loop of n cases, Ms inf if unstable; None if `linear` gives the loop.
 
-        - case: indices in `points` and in `brakes`, (n,) each.
+        - case: for each case its index in `points` and its index in `brakes`, (n,) each.
         """
         return None
 
@@ -318,76 +319,76 @@ class Controller(Record):
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Functions that the step calls as `outside`, by name.
+        """Python functions, by name, for those that the module of the step marks as `outside`.
 
-        With a `model`, functions of this adhesion law are included; `outside_text` has the others.
+        With a `model`, they include the functions of this adhesion law; `outside_text` defines the others.
         """
         return {}
 
     def outside_numbers(self, situation: Situation) -> Mapping[str, Any]:
-        """Parameters in a `situation` that only functions of the assumed adhesion law read."""
+        """Parameters, by name, that only the functions of the assumed adhesion law read, in a `situation`."""
         return {}
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        """Step with all its functions, as Python runs it and as the C program has it."""
+        """Step with all functions that it calls, as used in Python and in the C program."""
         model = None if self.model_law is None else type(self.model_law)
         return with_functions(type(self).step, self.outside_functions(model))
 
     @classmethod
     def described_in(cls) -> tuple[type, ...]:
-        """Classes whose fields have meaning, unit and bounds of the step's numbers, in order of priority."""
-        return tuple(one for one in (getattr(cls, "State", None), cls.Parameters, cls) if one is not None)
+        """Classes whose fields define meaning, unit and bounds of the step's numbers, in order of priority."""
+        return tuple(owner for owner in (getattr(cls, "State", None), cls.Parameters, cls) if owner is not None)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Lines for the head of its C program: assumptions, and conditions that are not met."""
+        """Lines for the head of the C program: assumptions, and conditions that are not met."""
         return ()
 
     # --- a braking run ---
 
     @property
     def model_law(self) -> AdhesionLaw | None:
-        """Adhesion law that it assumes; None for the law of the run."""
+        """Adhesion law that the controller assumes; None for the law of the run."""
         return None
 
     @property
     def model_follows_rail(self) -> bool:
-        """Whether the assumed law follows the rail."""
+        """Whether the assumed adhesion law changes when the rail changes."""
         return True
 
     @classmethod
     def outside_text(cls, model: type[AdhesionLaw] | None) -> str:
-        """Kernel text of the functions that the step calls as `outside`; `model` is the assumed law."""
+        """Kernel text of the functions marked as `outside` that the step calls; `model` is the assumed law."""
         return ""
 
     def source_text(self) -> str:
-        """Text of its `command` in a kernel."""
+        """Kernel text that defines `command`, the step of the controller."""
         return _source_text(type(self), None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
-        """Its numbers in a kernel: reference slip, parameters in a `situation`, arrays; `state` is the initial one."""
-        held = math.nan if self.reference is None else self.reference.on(situation.rail)
-        values = {**self.parameters(situation), "period": situation.period, "reference_slip": held}
+        """Numbers for a kernel: reference slip, parameters in a `situation`, arrays; `state` is the initial state."""
+        slip = math.nan if self.reference is None else self.reference.on(situation.rail)
+        values = {**self.parameters(situation), "period": situation.period, "reference_slip": slip}
         layout = layout_of(type(self))
         numbers = {name: math.nan if value is None else value for name, value in values.items()}
-        return (held, *layout.row(numbers, [len(getattr(state, name)) for name in layout.state_arrays]))
+        return (slip, *layout.row(numbers, [len(getattr(state, name)) for name in layout.state_arrays]))
 
     @classmethod
     def flat(cls, state: Any) -> list[float]:
-        """State as a list of numbers, in the order of a kernel."""
+        """Numbers of a state as a list, in the order of a kernel."""
         layout = layout_of(cls)
         arrays = (number for name in layout.state_arrays for number in getattr(state, name))
         return [*(float(getattr(state, name)) for name in layout.state), *map(float, arrays)]
 
     def logged(self, state: Any) -> dict[str, int]:
-        """Names of the numbers of `flat` that a run records, and their indices."""
+        """Names of the state's numbers that a run records, and their indices in `flat`."""
         layout = layout_of(type(self))
         arrays = (f"{name}_{i}" for name in layout.state_arrays for i in range(len(getattr(state, name))))
         return {name: place for place, name in enumerate((*layout.state, *arrays))}
 
     def __reduce__(self) -> Any:
-        """Rebuild information for another process, which cannot import the file of a user's kind."""
+        """Pickle the controller, with the class of a user's kind, whose file another process cannot import."""
         module = sys.modules.get(type(self).__module__)
         if module is None or getattr(module, "__spec__", None) is not None:
             return super().__reduce__()
@@ -401,36 +402,38 @@ class Controller(Record):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Make the controller from the keys of a file, `content`, at a `path`.
+        """Make the controller from `content`, the keys of the file at a `path`.
 
-        `initial_speed` (m/s) is v0 of an adhesion model that depends on v0.
+        `initial_speed` is the initial speed v0, m/s, for an adhesion law that depends on v0.
         """
         return validated(cls, content, file_name(path))
 
     def file_keys(self) -> dict[str, Any]:
-        """Keys of its TOML file."""
+        """Keys of the TOML file with their values."""
         return {name: value for name, value in self if value is not None and name not in ("name", "reference")}
 
     @property
     def toml(self) -> str:
-        """Text of its TOML file: every number with its unit, and the Python file of a user's kind.
+        """Text of the TOML file: every number with its unit, and the name of the Python file of a user's kind.
 
         InputError for a field that is None although its default is not.
         """
         return self._file_text(Path())
 
     def _file_text(self, folder: Path) -> str:
-        """Text of its TOML file with paths relative to a folder."""
+        """Text of the TOML file with paths relative to a folder."""
         for name, field in type(self).model_fields.items():
             if getattr(self, name) is None and field.default is not None:
-                raise InputError(f"{name}: has no value, but a file without it means {field.default}; give a value")
+                raise InputError(
+                    f"{name}: None cannot be saved; a file without the key means {field.default}; give a value"
+                )
         lines, tables = [f"kind = {_toml(self.kind)}", f"name = {_toml(self.label)}"], list[str]()
         if (python := python_file(type(self))) is not None:
             lines.append(f"python = {_toml(os.path.relpath(python, folder))}")
         units = self.units()
         for name, value in self.file_keys().items():
             if isinstance(value, Record):
-                tables += ["", f"[{name}]", *(f"{key} = {_toml(one)}" for key, one in value if one is not None)]
+                tables += ["", f"[{name}]", *(f"{key} = {_toml(inner)}" for key, inner in value if inner is not None)]
             else:
                 unit = units.get(name, "1")
                 lines.append(f"{name} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
@@ -439,7 +442,7 @@ class Controller(Record):
         return "\n".join([*lines, *tables]) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write its TOML file to a `path`; every command and `load_controller` read it.
+        """Write the controller to a TOML file at a `path`; every command and `load_controller` read it.
 
         InputError if it cannot be written.
         """
@@ -451,7 +454,7 @@ class Controller(Record):
 
 
 def python_file(kind: type[Controller]) -> str | None:
-    """Python file of a user's kind; None for a kind of the package, or of an interactive session."""
+    """Name of the Python file of a user's kind; None for a kind of the package, or defined at a prompt."""
     if kind.__module__.startswith(f"{__package__}."):
         return None
     try:
@@ -461,7 +464,7 @@ def python_file(kind: type[Controller]) -> str | None:
 
 
 def _sent(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
-    """Rebuild a controller whose kind cannot be imported."""
+    """Rebuild a pickled controller whose kind cannot be imported."""
     from numba import cloudpickle
 
     made: type[Controller] = cloudpickle.loads(kind)
@@ -470,7 +473,7 @@ def _sent(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[
 
 
 _SENT: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
-"""Kernel texts of the kinds whose source is in another process."""
+"""Kernel texts of kinds that another process has defined, by kind and assumed adhesion law."""
 
 
 def torque_range(least: float, most: float) -> str:
@@ -484,7 +487,8 @@ def _toml(value: Any) -> str:
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict | Record):
-        return "{" + ", ".join(f"{name} = {_toml(one)}" for name, one in dict(value).items() if one is not None) + "}"
+        entries = (f"{name} = {_toml(inner)}" for name, inner in dict(value).items() if inner is not None)
+        return "{" + ", ".join(entries) + "}"
     return (
         repr(float(value))
         if isinstance(value, float)

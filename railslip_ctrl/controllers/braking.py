@@ -1,4 +1,4 @@
-"""Make a controller that brakes of any linear system."""
+"""Conversion of any linear system to a controller for braking runs."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
 SURE_SHARE = 0.8
-"""Start and hand-over torque of a linear controller, relative to the brake torque at the point of least adhesion.
+"""Initial and hand-over torque of a linear controller over the brake torque at the operating point of least adhesion.
 
-The rest is reserve for the random force.
+The other 20 % are a margin for the random force.
 """
 
 
 def linear_control(system: Any, **fields: Any) -> LinearControl:
-    """Return the controller of a linear system: a PI, transfer function or state space.
+    """Return a controller of the kind PI, transfer function or state space for a linear system.
 
-    It is sampled every 10 ms or at its own period, by Tustin's rule, unless `fields` set them. InputError if it is not
-    a linear system.
+    It is sampled by Tustin's rule every 10 ms, or at the system's own period; `fields` may set another rule and period.
+    InputError if `system` is not linear.
     """
     design = linear_controller(system)
     kind = fields.pop("kind", None)
@@ -48,10 +48,10 @@ def braking_control(
     period: float | None = None,
     **fields: Any,
 ) -> LinearControl:
-    """Return the controller of a linear system for some operating points, by Tustin's rule, within 0 and full brake.
+    """Return the controller of a linear system for some operating points, with torque between 0 and the full brake.
 
-    It starts with `SURE_SHARE` of the torque at the point of least adhesion, and holds that torque below a speed (km/h;
-    0: never).
+    The initial torque is `SURE_SHARE` of the brake torque at the point of least adhesion. Below `hand_over_kmh` (km/h;
+    0: never) the controller commands this torque without slip control.
     """
     sure = SURE_SHARE * min(point.brake_torque for point in points)
     vehicle = points[0].vehicle

@@ -1,20 +1,20 @@
-"""Registry of the kinds, reading of their files, and conversion of any given controller.
+"""Registry of the kinds, reading of controller files, and conversion of any given controller.
 
-An example of a file:
+Example of a controller file:
 
-kind = "pi"                       # name of the kind; the other keys are its parameters, plain numbers SI
+kind = "pi"                       # name of the kind; the other keys are its parameters; plain numbers are SI
 kp = "336 N*m/(km/h)"
 ki = 1220.0
 torque_max = "9 kN*m"
-hand_over_speed = "20 km/h"       # below this speed hand_over_torque is commanded; left out: slip control at any speed
+hand_over_speed = "20 km/h"       # below it hand_over_torque is commanded; without this key: slip control at any speed
 hand_over_torque = 1862.0
 
-[reference]                       # reference slip ratio; left out: 0.132 dry, 0.092 wet
+[reference]                       # reference slip ratio; without this table: 0.132 dry, 0.092 wet
 dry = 0.132
 wet = 0.092
 
-The file of a user's own kind also has the key `python`, the Python file with its class. A Python file is run and
-assigns a controller, or the class of a kind, to `CONTROLLER`.
+The file of a user's own kind also has the key `python`, the name of the Python file with its class. A Python file is
+run; it must assign a controller, or the class of a kind, to `CONTROLLER`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 @cache
 def controller_kinds() -> Mapping[str, type[Controller]]:
-    """Return the kinds that a file may have, by name."""
+    """Return the kinds that a file may name, by name."""
     kinds: dict[str, type[Controller]] = {}
     names = {module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])}
     for name in names - {"step_calls"}:  # this module loads Numba
@@ -76,17 +76,17 @@ def is_kind(thing: Any) -> TypeGuard[type[Controller]]:
 
 @cache
 def structures() -> Mapping[str, type[Controller]]:
-    """Return the kinds that `tune` makes, by name: those with gains kp and ki, and those with a loop of their own."""
+    """Return the kinds that `tune` can tune, by name: those with gains kp and ki, and those that define `loop`."""
     with_gains = {name: kind for name, kind in controller_kinds().items() if issubclass(kind, PI)}
     with_loop = {name: kind for name, kind in controller_kinds().items() if kind.loop is not Controller.loop}
     return MappingProxyType({**with_gains, **with_loop})
 
 
 def structure_named(name: str | type[Controller]) -> type[Controller]:
-    """Return the class of a kind that `tune` makes.
+    """Return the class of a kind that `tune` can tune.
 
-    It is given by its name, by a Python file that assigns it to CONTROLLER, or as the class itself. InputError for
-    anything else.
+    `name` is the name of the kind, the name of a Python file that assigns the class to CONTROLLER, or the class.
+    InputError for anything else.
     """
     if isinstance(name, str) and name.lower().endswith(".py"):
         path, name = Path(name), _from_python(Path(name))
@@ -106,11 +106,11 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
     """Read a controller from a TOML or Python file.
 
     - path: TOML file as described in this module, or a Python file, which is run; use only files that you trust.
-    - initial_speed: v0 of the run, m/s, for a controller whose own adhesion model has polynomials of v0.
+    - initial_speed: initial speed v0 of the run, m/s, for a controller whose own adhesion law depends on v0.
 
-    Returns the controller. From a Python file it is the object `CONTROLLER`: a linear system, a step object, a
-    function, a controller, or the class of a kind. InputError: one line with the file, the key, the value and what is
-    allowed; for a Python file that fails, its line.
+    Returns the controller. For a Python file it is the object `CONTROLLER`: a linear system, an object with a step, a
+    function, a controller, or the class of a kind. InputError: one line with file, key, value and allowed values; for a
+    Python file that fails, with the line in this file.
     """
     path = given_path(path)
     where = file_name(path)
@@ -166,13 +166,17 @@ def as_control(
 ) -> Controller:
     """Convert any given controller to a `Controller` that runs on a vehicle.
 
-    - controller: a `Controller`, or a design that has one; the class of a kind, made for the vehicle by its rule; a
-      linear system (`systems.linear_controller`), sampled every 10 ms or at its own period, by Tustin's rule, within 0
-      and the vehicle's full brake, with anti-windup; or any other object with a step, called at its `period`.
-    - vehicle: vehicle for the parameters that the controller does not set.
-    - reference, name: used if the controller has none.
+    - controller: one of the following.
 
-    InputError for any other object, or for a linear controller without a reference slip.
+      - a `Controller`, or a design with an attribute `controller`;
+      - the class of a kind, which makes the controller by the rule of `for_vehicle`;
+      - a linear system (`systems.linear_controller`), which is sampled by Tustin's rule every 10 ms or at its own
+        period; its torque is limited to 0 and the vehicle's full brake, with anti-windup;
+      - any other object with a step, or a function, which is called at its `period`.
+    - vehicle: vehicle for the parameters that the controller does not set.
+    - reference, name: reference slip and name for a controller that has none.
+
+    InputError for any other object, or if a controller that tracks a reference slip has none.
     """
     if isinstance(own := getattr(controller, "controller", None), Controller):
         controller = own

@@ -1,7 +1,7 @@
-"""Guard between any controller and its brake, against bad samples, a stuck sensor, a locked wheel and limits.
+"""Guard between a controller and the brake: it handles bad samples, a stuck sensor, a locked wheel and torque limits.
 
-Python (`ControlUnit`) and the generated C99 use the same functions. In these g is the guard's state, m the measurement
-and q the guard's parameters.
+Python (`ControlUnit`) and the generated C99 use the same functions. Their arguments are the guard's state g, the
+measurement m, and the guard's parameters q.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .linear import full_brake_torque
 class Status(IntEnum):
     """Action of the guard at a sample.
 
-    - OK: the controller's command, within the limits
-    - HOLDING: bad sample; the last command is held
-    - RELEASING: bad samples for longer than the hold time; the command falls to 0
-    - FAULT: the samples are still bad; the command is 0
+    - OK: the sample is good; the command is the controller's, within the limits
+    - HOLDING: the sample is bad; the command is the last one
+    - RELEASING: samples have been bad for longer than the hold time; the command falls to 0
+    - FAULT: samples are still bad; the command is 0
     - LOCKED: the wheel is locked while the train moves; the command is 0
     """
 
@@ -41,27 +41,27 @@ OK, HOLDING, RELEASING, FAULT, LOCKED = (float(status) for status in Status)
 
 
 class Guard(Record):
-    """Parameters of the guard, SI; `for_controller` takes limits and wheel radius from a controller."""
+    """Parameters of the guard, SI; `for_controller` copies the limits and the wheel radius of a controller."""
 
     period: float = quantity("s", "sampling period", gt=0)
     radius: float = quantity("m", "wheel radius", gt=0)
-    torque_min: float = quantity("N*m", "least command", default=0.0, le=0)
+    torque_min: float = quantity("N*m", "smallest command", default=0.0, le=0)
     torque_max: float = quantity("N*m", "largest command", gt=0)
     speed_max: float = quantity("m/s", "largest plausible train speed", gt=0, default=150.0)
     wheel_speed_max: float = quantity("rad/s", "largest plausible wheel speed", gt=0, default=600.0)
-    hold_time: float = quantity("s", "time for which bad samples hold the last command", ge=0, default=0.1)
-    release_time: float = quantity("s", "time in which the largest command is then released", gt=0, default=0.2)
+    hold_time: float = quantity("s", "time for which the last command is held while samples are bad", ge=0, default=0.1)
+    release_time: float = quantity("s", "time in which the largest command then falls to 0", gt=0, default=0.2)
     stuck_time: float = quantity(
-        "s", "time without change of the wheel speed after which the sensor counts as stuck", gt=0, default=1.0
+        "s", "time without change of the measured wheel speed after which the sensor counts as stuck", gt=0, default=1.0
     )
     locked_share: float = quantity(
         "1", "share of the train speed below which the wheel counts as locked", gt=0, lt=1, default=0.02
     )
-    lock_time: float = quantity("s", "longest time for which a wheel may be locked", ge=0, default=0.1)
-    moving_speed: float = quantity("m/s", "train speed below which a wheel may be locked", ge=0, default=0.5)
+    lock_time: float = quantity("s", "time after which the brake of a locked wheel is released", ge=0, default=0.1)
+    moving_speed: float = quantity("m/s", "train speed below which a locked wheel is allowed", ge=0, default=0.5)
     ahead_share: float = quantity(
         "1",
-        "share of the train speed by which the rim speed may exceed it, in addition to moving_speed",
+        "share of the train speed, in addition to moving_speed, by which the rim speed may exceed the train speed",
         gt=0,
         default=0.2,
     )
@@ -69,7 +69,7 @@ class Guard(Record):
     class State(Record):
         """State of the guard."""
 
-        status: float = quantity("1", "action at the last sample, see `Status`", default=0.0)
+        status: float = quantity("1", "action at the last sample, as in `Status`", default=0.0)
         last_command: float = quantity("N*m", "command of the previous sample", default=0.0)
         last_wheel_speed: float = quantity("rad/s", "wheel speed of the previous sample", default=-1.0)
         same_time: float = quantity("s", "time for which the wheel speed has not changed", default=0.0)
@@ -78,7 +78,7 @@ class Guard(Record):
 
     @classmethod
     def for_controller(cls, control: Controller, vehicle: Vehicle, period: float) -> Self:
-        """Return the guard of a controller, with the controller's limits, or else 0 and the vehicle's full brake."""
+        """Return the guard of a controller; limits that the controller lacks are 0 and the vehicle's full brake."""
         least, most = control.least_torque, control.largest_torque
         radius = getattr(control, "radius", None)
         return cls(
@@ -90,15 +90,15 @@ class Guard(Record):
 
 
 _SAME_TIME = 1e-9
-"""Relative tolerance for comparing times, which are sums of periods."""
+"""Relative tolerance for comparing times, because sums of periods have rounding errors."""
 
 
 def is_good(g: Any, m: Any, q: Any) -> Any:
     """Return 1 if the controller may use a sample, else 0.
 
-    A sample is bad if a speed is not finite, negative or above the sensor's range; if the wheel speed has not changed
-    for `stuck_time` while torque acts; or if the rim speed is far above the train speed, which braking cannot cause, so
-    that one of the sensors is wrong.
+    A sample is bad if a speed is not finite, negative or above the sensor's range, or if the wheel speed has not
+    changed for `stuck_time` while torque acts. It is also bad if the rim speed is far above the train speed: braking
+    cannot cause this, so that one of the sensors must be wrong.
     """
     v, omega = m.train_speed, m.wheel_speed
     plausible = 1.0 if 0.0 <= v <= q.speed_max and 0.0 <= omega <= q.wheel_speed_max else 0.0  # 0 for NaN
@@ -120,7 +120,7 @@ def valid_applied_torque(g: Any, m: Any, q: Any) -> Any:
 
 
 def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
-    """Return the command to the brake, N*m, for the controller's command `wanted`; set the status."""
+    """Return the command to the brake, N*m, for the controller's command `wanted`, and set the status."""
     if good > 0.0 and math.isfinite(wanted):
         torque = min(max(wanted, q.torque_min), q.torque_max)
         g.bad_time, g.status = 0.0, OK
@@ -142,21 +142,21 @@ def guarded(g: Any, m: Any, q: Any, good: float, wanted: float) -> Any:
 
 
 class Command(NamedTuple):
-    """Command to the brake, N*m, and action of the guard."""
+    """Command `torque` to the brake, N*m, and action `status` of the guard."""
 
     torque: float
     status: Status
 
 
 class ControlUnit:
-    """Controller with its guard, run sample by sample like the generated C99.
+    """Controller with its guard, which runs sample by sample like the generated C99.
 
     - control: a controller.
     - vehicle: vehicle for the parameters that the controller does not set.
     - speed: train speed when the brake is applied, m/s.
-    - rail: rail condition of the reference slip.
+    - rail: rail condition for the reference slip.
 
-    InputError: a controller that is only a Python step, or parameters that the guard rejects.
+    InputError: a controller given as a Python object or function with a step, or parameters that the guard rejects.
     """
 
     @checked
@@ -177,7 +177,7 @@ class ControlUnit:
         return self._x
 
     def step(self, train_speed: float, wheel_speed: float, applied_torque: float) -> Command:
-        """Make one sample and return the command.
+        """Return the command of one sample.
 
         - train_speed: m/s; wheel_speed: rad/s.
         - applied_torque: torque that the brake applied since the previous sample, N*m; 0 in the first.
@@ -188,7 +188,7 @@ class ControlUnit:
         if good > 0.0:
             try:
                 wanted = self._step(self._x, m, self._p)
-            except (ArithmeticError, ValueError):  # C gives an infinite number or NaN instead
+            except (ArithmeticError, ValueError):  # where C computes an infinite number or NaN
                 wanted = math.nan
         torque = guarded(self._g, m, self._q, good, wanted)
         self._samples += 1

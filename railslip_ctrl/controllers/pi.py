@@ -1,4 +1,4 @@
-"""The kinds PI, PI with a lead, and PID in series form."""
+"""PI controller, PI with a lead, and PID in series form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .linear import LinearControl
 from .systems import PIController
 
 FILTER_RATIO = 0.1
-"""Default time constant of a lead's filter, relative to that of the lead: the usual N = 10 of a PID."""
+"""Default time constant of the lead's filter over that of the lead; the usual N = 10 of a PID."""
 
 
 class PI(LinearControl):
@@ -34,9 +34,9 @@ class PI(LinearControl):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller as `LinearControl.for_vehicle`, with the given kp and ki.
+        """Return the controller with the given kp and ki, and the limits of `LinearControl.for_vehicle`.
 
-        InfeasibleDesignError without kp and ki, which `tune` finds.
+        InfeasibleDesignError without kp and ki; `tune` computes them.
         """
         if not {"kp", "ki"} <= given.keys():
             raise InfeasibleDesignError(
@@ -57,15 +57,15 @@ class PI(LinearControl):
 
     @classmethod
     def compensator(cls, actuator: Actuator, lead: float | None, lead_filter: float | None) -> PIController:
-        """Return the factor beside kp + ki/s when the gains are tuned for an `actuator`.
+        """Return the fixed factor that multiplies kp + ki/s while the gains are tuned for an `actuator`.
 
-        `lead` and `lead_filter`, s, follow from the rule of the kind if they are None.
+        If `lead` or `lead_filter`, s, is None, it follows from the rule of the kind.
         """
         return PIController(PIGains(kp=1.0, ki=0.0), lead or 0.0, lead_filter or 0.0)
 
 
 class PILead(PI):
-    """PI with a lead that cancels the actuator's lag, and a filter of a tenth of that time constant."""
+    """PI with a lead; by rule the lead cancels the actuator's lag, and its filter is ten times faster."""
 
     kind: ClassVar[str] = "pi-lead"
     title: ClassVar[str] = "PI with a lead on the actuator's lag"
@@ -80,14 +80,14 @@ class PILead(PI):
 
 
 class PID(PILead):
-    """PID in series form: a PI-lead whose lead, the derivative time, is tuned too."""
+    """PID in series form: a PI-lead whose lead, the derivative time, is also tuned."""
 
     kind: ClassVar[str] = "pid"
     title: ClassVar[str] = "PID in series form"
 
 
 def pi_control(design: PIController, kind: type[PI] | None = None, **fields: Any) -> PI:
-    """Return the controller of a PI design: of a `kind`, or else a `PILead` if it has a lead; `fields` are set too."""
+    """Return the controller of a PI design: of a `kind`, by default `PILead` or `PI`; `fields` are further fields."""
     kind = kind or (PILead if design.lead > 0 else PI)
     times = {"lead": design.lead, "lead_filter": design.lead_filter}
     return kind(kp=design.gains.kp, ki=design.gains.ki, **times, **fields)

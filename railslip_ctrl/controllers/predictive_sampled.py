@@ -1,9 +1,9 @@
-"""Sampled loop of the predictive law, with its step in z and the wheel behind hold and dead time exact.
+"""Sampled loop of the predictive law; the law, the wheel and the dead time are sampled exactly.
 
-Within the boundary layer the step is linear. With w = z - 1 and a constant train speed its command is -L times the
-command applied to the brake, L = N/D. D depends on the controller alone; N has the wheel's responses to a held command,
+Within the boundary layer the step of the law is linear, and its loop is L = N/D in w = z - 1, for a constant train
+speed. D depends only on the controller. N has the responses of the wheel to a command that is held for one period,
 which are ratios of polynomials in w over z^periods ([Astrom1997] 2). The only poles of D + N outside the unit circle
-are those of the wheel, so that its winding along the circle counts the unstable poles of the closed loop.
+are those of the wheel; the winding number of D + N along the circle therefore counts the unstable closed-loop poles.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
     Rows = NDArray[np.intp]
 
-KEPT = 1024  #: number of operating points whose linear wheel is cached: an envelope with tolerances has 300 to 400
-_GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; its lowest, relative to 1/(dead time + lag)
-_CLOSER, _CLOSE_GRID = 5, 9  # refinements at a peak, and points of each; |S| is flat there, relative error 1e-9
-_TURN = 1.0  # rad, largest change of the angle of D + N in a step along the circle
-_NARROWEST = 1e-9  # rad/s, smallest step; smaller ones occur only at a zero on the circle
-_TERMS, _SMALL = 14, 0.5  # terms of the exponential's series, and its largest norm: error 0.5^15/15! = 2e-17
+KEPT = 1024  #: number of operating points whose linear wheel is cached; an envelope with tolerances has 300 to 400
+_GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; lowest frequency over 1/(dead time + lag)
+_CLOSER, _CLOSE_GRID = 5, 9  # number of refinements at a peak, points of each; relative error of the peak 1e-9
+_TURN = 1.0  # rad, largest change of the angle of D + N between frequencies, which makes the winding number reliable
+_NARROWEST = 1e-9  # rad/s, smallest interval of frequencies; only at a zero on the circle would it become smaller
+_TERMS, _SMALL = 14, 0.5  # terms of the series of exp, largest norm of its argument: error 0.5^15/15! = 2e-17
 
 
 @dataclass(frozen=True)
 class SampledLaws:
-    """Sampled loops of one law in n cases with wheels of one order.
+    """Sampled loops of one predictive law in n cases, whose wheels have the same order.
 
     - law: the controller, a `Predictive`; its sampling period is `period`, s.
     - slip: reference slip ratio, (n,).
     - unstable: number of unstable poles of the wheel, (n,).
     - pole: denominator of the wheel, coefficients in descending powers of w, (n, order).
-    - sigma, speed: numerators to the slip velocity and to the speed gained in a period, (n, 2, order), one for each of
-      the two commands that act in a period.
-    - periods: whole periods of the brake's dead time, (n,).
+    - sigma, speed: numerators of the responses of the slip velocity and of the change of speed in a period,
+      (n, 2, order), for each of the two commands that act within a period.
+    - periods: number of whole periods in the brake's dead time, (n,).
     """
 
     law: Any
@@ -62,7 +62,7 @@ class SampledLaws:
         return float(self.law.period)
 
     def parts(self, omega: Floats, row: Rows) -> tuple[Complexes, Complexes]:
-        """Return D and N at frequencies `omega`, rad/s, from 0 to pi/h, of the cases with indices `row`, (n,).
+        """Return D and N of the cases with indices `row`, (n,), at frequencies `omega`, rad/s, from 0 to pi/h.
 
         - omega: (n, k), or (1, k) for the same frequencies in all cases.
         """
@@ -95,7 +95,7 @@ class SampledLaws:
 
     @cached_property
     def stable_and_ms(self) -> tuple[NDArray[np.bool_], Floats]:
-        """Stability of each loop, and its Ms, inf if unstable, (n,)."""
+        """Stability of each loop, (n,), and its Ms, (n,), inf if unstable."""
         lowest = _LOWEST / (self.law.dead_time + self.law.lag)
         grid = np.append(0.0, np.geomspace(lowest, math.pi / self.period, _GRID))
         every = np.arange(self.slip.size)
@@ -116,7 +116,7 @@ class SampledLaws:
         return stable, ms
 
     def _windings(self, grid: Floats, values: Complexes) -> Rows:
-        """Return the winding number of D + N along the unit circle, (n,), from its upper half."""
+        """Return the winding number of D + N along the unit circle, (n,), computed on the upper half."""
         change = np.angle(values[:, 1:] / values[:, :-1])
         total = np.where(np.abs(change) <= _TURN, change, 0.0).sum(axis=1)
         row, at = np.nonzero(np.abs(change) > _TURN)
@@ -136,9 +136,9 @@ class SampledLaws:
 
 @dataclass(frozen=True)
 class SampledLaw:
-    """Single loop of the predictive law: `of` has only one case.
+    """Sampled loop of the predictive law in one case, the only one of `of`.
 
-    - wheel: rates of slip velocity, adhesion state and train speed, as of `linear_wheel`, (m + 1, m + 2).
+    - wheel: matrix of the wheel from `linear_wheel`, (m + 1, m + 2).
     - brake: dead time and lag, s.
     """
 
@@ -152,7 +152,7 @@ class SampledLaw:
         return self.of.period
 
     def response(self, omega: Floats) -> Complexes:
-        """Return L at frequencies, rad/s, 1-D, up to pi/h."""
+        """Return L at frequencies `omega`, rad/s, 1-D, up to pi/h."""
         own, wheel = self.of.parts(np.asarray(omega)[None, :], np.zeros(1, dtype=np.intp))
         return np.asarray((wheel / own)[0])
 
@@ -161,33 +161,38 @@ class SampledLaw:
         return bool(self.of.stable_and_ms[0][0])
 
     def margins(self) -> Margins:
-        """Return margins with Ms alone; the others are NaN, see the continuous loop."""
+        """Return a record of margins that has only Ms; the other margins are NaN."""
         empty: dict[str, Any] = dict.fromkeys(Margins.__dataclass_fields__, math.nan)
         lists = ("gain_crossovers", "phase_margins_deg", "phase_crossovers", "phase_crossover_gains")
         empty |= dict.fromkeys(lists, np.zeros(0))
         return Margins(**{**empty, "ms": float(self.of.stable_and_ms[1][0])})
 
     def responses(self, end: float, points: int, *, reference: float, torque: float) -> tuple[Floats, Floats, Floats]:
-        """Return sample times up to `end`, s, and the slip velocity, m/s, after a step of reference and of torque.
+        """Return times and the step responses of the slip velocity, m/s, to the reference and to the torque.
 
-        At most `points` times. reference: step of the reference slip velocity, m/s; torque: step of torque at the
-        wheel, N*m. Exact at the samples, also for an unstable loop.
+        - end: last time, s.
+        - points: largest number of times, which are samples.
+        - reference: step of the reference slip velocity, m/s.
+        - torque: step of the torque at the wheel, N*m.
+
+        The responses are exact, also for an unstable loop.
         """
         every = max(math.ceil(end / (points * self.period)), 1)
         later = np.linalg.matrix_power(self._sample(), every)
         count = min(int(end / (every * self.period)) + 1, points)
-        state, found = np.zeros((len(later), 2)), np.empty((count, 2))
+        state, slip_velocity = np.zeros((len(later), 2)), np.empty((count, 2))
         state[-2, 0], state[-1, 1] = reference, torque
         for k in range(count):
-            found[k] = state[0]
+            slip_velocity[k] = state[0]
             state = later @ state
-        return np.asarray(np.arange(count) * (every * self.period)), found[:, 0], found[:, 1]
+        times = np.asarray(np.arange(count) * (every * self.period))
+        return times, slip_velocity[:, 0], slip_velocity[:, 1]
 
     def _sample(self) -> Floats:
         """Return the matrix of the closed loop from one sample to the next.
 
-        Its state: wheel and brake, torques ahead of the dead time and commands, each the latest first, the law's
-        filters, then the constant steps of reference and torque.
+        The state has wheel and brake, then past torques before the dead time and past commands, each the latest first,
+        then the filters of the law, and the constant steps of reference and torque.
         """
         law, h, whole, periods = self.of.law, self.period, int(self.of.law.dead_time / self.period), self.of.periods[0]
         share, inertia = law.dead_time / h - whole, law.wheel_inertia / law.radius
@@ -196,7 +201,7 @@ class SampledLaw:
         driven = np.pad(driven, (0, 1))
         driven[: speed + 1, n + 1] = self.wheel[:, -1]
         late = max(self.brake.dead_time - periods * h, 0.0)
-        # each quantity is a row: how it follows from the state
+        # each quantity is a row vector of weights on the state
         every = np.eye(n + whole + periods + 9)
         wheel, ahead, command, (turning, acted, slow), (reference, torque) = np.split(
             every, np.cumsum([n, whole + 2, periods + 2, 3])
@@ -226,12 +231,12 @@ class SampledLaw:
 def sampled_laws(
     law: Any, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Rows, Rows]
 ) -> Iterator[tuple[Rows, SampledLaws]]:
-    """Yield groups of cases of equal order: their indices, and their loops; `case` as in `Controller.stable_and_ms`."""
+    """Yield the indices and the loops of cases with equal order; `case` is that of `Controller.stable_and_ms`."""
     wheels = [linear_wheel(point) for point in points]
     slips = np.array([point.slip for point in points])
-    lag, dead_time = (np.array([getattr(one, name) for one in brakes])[case[1]] for name in ("lag", "dead_time"))
+    lag, dead_time = (np.array([getattr(brake, name) for brake in brakes])[case[1]] for name in ("lag", "dead_time"))
     order = np.array([wheel.shape[0] for wheel in wheels])[case[0]]
-    for size, braked in sorted({(int(n), bool(one)) for n, one in zip(order, lag > 0, strict=True)}):
+    for size, braked in sorted({(int(n), bool(lagged)) for n, lagged in zip(order, lag > 0, strict=True)}):
         mine = np.flatnonzero((order == size) & ((lag > 0) == braked))
         of = case[0][mine]
         distinct, back = np.unique(of, return_inverse=True)
@@ -243,9 +248,10 @@ def sampled_laws(
 
 @lru_cache(KEPT)
 def linear_wheel(point: OperatingPoint) -> Floats:
-    """Return the matrix of the rates of slip velocity, adhesion state and train speed, (m + 1, m + 2).
+    """Return the matrix of the linear wheel, (m + 1, m + 2), for a constant train speed in the coefficients.
 
-    Its columns are these states, with a constant speed in the plant, and the acting torque.
+    Its rows are the rates of slip velocity, adhesion state and train speed; its columns are these m + 1 states and the
+    acting torque.
     """
     plant, moving = linearize(point), linearize(point, speed_state=True)
     m = len(plant.states)
@@ -256,9 +262,9 @@ def linear_wheel(point: OperatingPoint) -> Floats:
 
 
 def _driven(wheels: Floats, lag: Floats | None) -> Floats:
-    """Return the matrices of the rates of wheel, train and, with a lag, acting torque.
+    """Return the matrices of wheel, train and, with a lag, the acting torque.
 
-    Their columns are these states and the command; a row of zeros makes them square.
+    Rows are the rates of these states, then a row of zeros; columns are these states and the command.
     """
     n, m = wheels.shape[0], wheels.shape[1]
     size = m + 1 if lag is None else m + 2
@@ -279,35 +285,35 @@ def _sampled(law: Any, slip: Floats, unstable: Rows, driven: Floats, dead_time: 
     whole = before @ after
     growth, now = whole[:, :d, :d] - np.eye(d), after[:, :d, d]
     earlier = np.einsum("nij,nj->ni", after[:, :d, :d], before[:, :d, d])
-    one, pole = np.broadcast_to(np.eye(d), growth.shape), [np.ones(slip.size)]
-    rows = [one]
+    identity, pole = np.broadcast_to(np.eye(d), growth.shape), [np.ones(slip.size)]
+    rows = [identity]
     for k in range(1, d + 1):  # Leverrier's algorithm for the matrices of the adjugate and the determinant
         product = growth @ rows[-1]
         pole.append(-np.trace(product, axis1=1, axis2=2) / k)
-        rows.append(product + pole[-1][:, None, None] * one)
+        rows.append(product + pole[-1][:, None, None] * identity)
     gammas = np.stack([now, earlier], axis=1)
     answers = np.einsum("knij,ncj->ncik", np.array(rows[:d]), gammas)  # (n, command, state, power)
-    # no rate depends on the speed: w is a factor of the determinant and of the numerator of the slip velocity
+    # no rate depends on the speed, so that w is a factor of the determinant and of the slip velocity's numerator
     sigma, gained = answers[:, :, 0, : d - 1], answers[:, :, speed, :]
     return SampledLaws(law, slip, unstable, np.array(pole[:d]).T, sigma, gained, periods)
 
 
 def _exponential(matrices: Floats) -> Floats:
-    """exp of square matrices, (n, d, d): a series, then squared."""
+    """Return exp of square matrices, (n, d, d), by a series and repeated squaring."""
     norm = np.abs(matrices).sum(axis=2).max(initial=0.0)
     halvings = max(math.ceil(math.log2(norm / _SMALL)), 0) if norm > 0 else 0
     small = matrices / 2**halvings
-    one = np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape)
-    series = one
+    identity = np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape)
+    series = identity
     for k in range(_TERMS, 0, -1):
-        series = one + small @ series / k
+        series = identity + small @ series / k
     for _ in range(halvings):
         series = series @ series
     return np.asarray(series)
 
 
 def _horner(coefficients: Floats, w: Complexes) -> Complexes:
-    """Return the values of polynomials, (n, order), in descending powers, at w, (n, k)."""
+    """Return the values of polynomials at w, (n, k); `coefficients`, (n, order), are those of descending powers."""
     value: Complexes = coefficients[:, 0, None].astype(complex)
     for k in range(1, coefficients.shape[1]):
         value = value * w + coefficients[:, k, None]

@@ -1,4 +1,4 @@
-"""Print a controller's step and numbers as Python that needs only the standard library."""
+"""Export of a controller's step and numbers as Python code that needs only the standard library."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from .translate import Function, read_step
 
 
 def python_text(control: Controller, speed: float = 100 / 3.6) -> str:
-    """Return Python text with the functions of the step, its numbers on dry rail, and its initial state.
+    """Return a controller as Python text: functions of the step, parameters on dry rail, and initial state.
 
     - control: a controller whose assumed vehicle parameters are set (`believing`).
-    - speed: train speed of the initial state, m/s; few controllers use it.
+    - speed: initial train speed, m/s; the initial state of a few controllers depends on it.
 
-    InputError: a controller that is only a Python step, or lacks numbers that it needs.
+    InputError: a controller given as a Python object or function with a step, or a controller without an adhesion law
+    or reference slip that it needs.
     """
     period = PERIOD if control.period is None else control.period
     functions = read_step(control.whole_step).all()

@@ -1,6 +1,7 @@
 """Sampled linear controllers: difference equations with limits and anti-windup, and their exact loops.
 
-With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
+Tustin's rule replaces s by 2/h (z - 1)/(z + 1), the backward difference by (z - 1)/(h z), with the period h
+([Astrom1997] 8).
 """
 
 from __future__ import annotations
@@ -32,16 +33,16 @@ from .systems import (
     linear_controller,
 )
 
-_STANDING = 1e-9  # zeros and poles slower than this, relative to 1/h, count as 0
-_WORTH_MOVING = 1.01  # smallest ratio of rates for moving a pole; rounding splits double poles by 1e-8
-# `sampled_peak`: smallest magnitude of ringing poles; lowest frequency relative to the slowest feature; points of the
-# grid; points of a refinement; number of refinements
+_STANDING = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, count as 0
+_WORTH_MOVING = 1.01  # smallest ratio of rates at which a pole is moved; rounding splits double poles by 1e-8
+# `sampled_peak`: smallest magnitude of poles that cause a peak; lowest frequency relative to the slowest feature;
+# points of the grid; points of a refinement; number of refinements
 _RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
-_AT_INFINITY = 1e-12  # a zero this close to 2/h (backward: 1/h), relative, is at infinity in z
+_AT_INFINITY = 1e-12  # relative distance from 2/h (backward: 1/h) below which a root maps to infinity in z
 
 
 class Rule(StrEnum):
-    """Rule that replaces s by a difference."""
+    """Rule that replaces s by a function of z."""
 
     TUSTIN = "tustin"
     BACKWARD = "backward"
@@ -52,27 +53,28 @@ class SampledController:
     """Linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
 
     The continuous design is x' = A x + B e, torque = C x + D e. For a `PIController` the states are the integral part
-    of its torque and the error behind the lead's filter. At sample k::
+    of the torque and the error after the lead's filter. At sample k::
 
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    phi, now and before follow exactly from the rule, or are those of a discrete design. While a limit acts, `back`
-    moves the slow poles and leaves those of leads and filters unchanged: with poles and zeros sorted by speed, a pole
-    slower than its zero moves to the zero's speed 1/T, that is to 1 - h/T. With all poles at the zeros this is the
-    conditioned controller of [Hanus1987], whose states are those of an error that the brake could have followed. For a
-    PI it is back-calculation with Tt = kp/ki. `linear_step` runs the equations.
+    phi, now and before follow exactly from the rule, or are those of a discrete design. `acted` is the torque that the
+    brake applied. While a limit acts, `back` moves the slow poles and leaves the poles of leads and filters unchanged.
+    To find them, poles and zeros are sorted by magnitude; a pole slower than its zero, of magnitude 1/T, moves to
+    z = 1 - h/T. If all poles move to the zeros, this is the conditioned controller of [Hanus1987]: its states are those
+    for an error that gives exactly the applied torque. For a PI it is back-calculation with Tt = kp/ki. `linear_step`
+    evaluates the equations.
 
-    - design: linear system, as for `systems.linear_controller`; kept as its record.
-    - period: h, s, > 0; for a discrete design its own. With Tustin's rule no real pole may be faster than 2/h, because
-      it would ring.
-    - torque_min, torque_max: N*m, limits of the command, low < high; for a brake 0 and its largest torque.
+    - design: linear system, as for `systems.linear_controller`; the field has the record that this returns.
+    - period: h, s, > 0; for a discrete design the period of the design. With Tustin's rule no real pole may be faster
+      than 2/h, because its response would alternate in sign.
+    - torque_min, torque_max: limits of the command, N*m, torque_min < torque_max; for a brake 0 and the full brake.
     - rule: Tustin's rule or the backward difference.
-    - tracking_time: Tt, s, >= h, of the slowest pole, mostly an integrator; by default that of the slowest zero (for a
-      PI kp/ki). If there are fewer zeros than poles, the speed of the fastest pole, or 1/h, replaces the missing ones.
-      inf: no anti-windup.
+    - tracking_time: Tt of the slowest pole, mostly an integrator, s, >= h; inf: no anti-windup. The default is the time
+      constant of the slowest zero (for a PI kp/ki). If there are fewer zeros than poles, the magnitude of the fastest
+      pole replaces the missing zeros, or 1/h if all poles are 0.
 
-    InputError: a design that is not linear, a period, limit or tracking time out of its range.
+    InputError: a design that is not linear, or a period, limit or tracking time out of its range.
     """
 
     design: Any
@@ -99,7 +101,7 @@ class SampledController:
 
     @property
     def as_run(self) -> SampledController:
-        """Sampled controller of a run: this object itself."""
+        """Sampled controller that a run uses: this object."""
         return self
 
     def linear(self, point: OperatingPoint) -> LinearController:
@@ -108,7 +110,7 @@ class SampledController:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states of the difference equations, in order."""
+        """Names of the states of the difference equations, in their order."""
         return state_names(self.design)
 
     @cached_property
@@ -144,7 +146,7 @@ class SampledController:
         return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
 
     def start(self, torque: float = 0.0) -> SimpleNamespace:
-        """Return the state from which a step without error gives exactly this `torque`, N*m, and holds it.
+        """Return the state in which a constant `torque`, N*m, is commanded as long as the error is 0.
 
         InputError if the torque is outside the limits.
         """
@@ -158,19 +160,19 @@ class SampledController:
         )
 
     def at_rest(self, torque: float) -> dict[str, Any]:
-        """Return the fields of the state that holds a constant `torque`, N*m."""
+        """Return the fields of the state of `start`, for a constant `torque`, N*m."""
         rest = (0.0,) * (len(self.states) - 1)
         return {"error": 0.0, "unlimited_torque": torque, "states": (torque, *rest), "room": (0.0, *rest)}
 
     def step(self, state: Any, error: float, applied: float | None = None) -> float:
-        """Make one sample: return the torque to command until the next, N*m, and change `state`.
+        """Return the torque to command until the next sample, N*m, and update `state`.
 
         - state: from `start`.
-        - error: lambda_d v - sigma, m/s.
-        - applied: torque that the brake applied since the previous sample, N*m, if something beyond the controller's
-          limits changed it; by default the controller's last command.
+        - error: slip error lambda_d v - sigma, m/s.
+        - applied: torque that the brake applied since the previous sample, N*m; by default the last command. Give it if
+          something besides the controller's limits changed the torque.
 
-        A sample that is not finite is skipped: state and torque do not change.
+        If the error is not finite, state and torque do not change.
         """
         if applied is None:
             applied = min(max(state.unlimited_torque, self.torque_min), self.torque_max)
@@ -182,7 +184,7 @@ class SampledController:
 
     @cached_property
     def transfer_function(self) -> Rational:
-        """Transfer function C(z) of the equations without limits; an integrator's pole at 1 is exact."""
+        """Transfer function C(z) of the equations without limits; the pole of an integrator is exactly 1."""
         system: Rational = self.design.transfer_function
         if not isinstance(self.design, PIController) and self.design.period is not None:
             return system
@@ -195,11 +197,11 @@ class SampledController:
 
 
 def linear_step(state: Any, parameters: Any, error: float, applied: float) -> Any:
-    """Make one sample of the equations of `SampledController`: return the torque to command, N*m; change `state`.
+    """Return the torque to command, N*m, by the equations of `SampledController`, and update `state`.
 
     - state: `states` and `room` (n each), `error` (m/s) and `unlimited_torque` (N*m) of the previous sample.
     - parameters: `output`, `now`, `before`, `tracking` (n each), `transition` (n by n, by rows), `direct`, limits.
-    - error: lambda_d v - sigma, m/s; a sample that is not finite is skipped.
+    - error: slip error lambda_d v - sigma, m/s; if it is not finite, the state does not change.
     - applied: torque that the brake applied since the previous sample, N*m.
     """
     if not math.isfinite(error):
@@ -221,7 +223,7 @@ def linear_step(state: Any, parameters: Any, error: float, applied: float) -> An
 
 
 def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
-    """Return leading factor and roots in z of the product of all s - root, without the rule's denominators."""
+    """Return gain and roots in z of the product of all s - root, without the denominators of the rule."""
     ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
     at_infinity = np.abs(ahead) < _AT_INFINITY
     scale = 2 / h if rule is Rule.TUSTIN else 1 / h
@@ -256,9 +258,9 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
 
 
 def run_period(design: LinearController, period: float | None = None) -> float:
-    """Return the sampling period of a design, s: its own if it is discrete, else `period`.
+    """Return the sampling period of a design, s: its own period if it is discrete, else `period`.
 
-    The default is `PERIOD`, or twice the time constant of the lead's filter if that is less.
+    The default of `period` is `PERIOD`, or twice the time constant of the lead's filter if that is shorter.
     """
     if not isinstance(design, PIController):
         return design.period or period or PERIOD
@@ -273,7 +275,7 @@ def state_names(design: LinearController) -> tuple[str, ...]:
 
 
 def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
-    """Return A, B, C, D; the first state is the integral part of a PI's torque, or else a constant torque."""
+    """Return A, B, C, D; the first state is the integral part of a PI's torque, for other designs a constant torque."""
     if isinstance(design, PIController):
         kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
         if lag == 0:
@@ -295,39 +297,40 @@ def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float
 def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
     """Return phi, now, before, C and D of the difference equations."""
     a, b, c, d = _continuous(design)
-    one = np.eye(b.size)
+    identity = np.eye(b.size)
     if not isinstance(design, PIController) and design.period is not None:
         a[0, 0] = 1.0
         return a, 0.0 * b, b, c, d
     if rule is Rule.BACKWARD:
-        inverse = np.linalg.inv(one - h * a).astype(float)
+        inverse = np.linalg.inv(identity - h * a).astype(float)
         return inverse, inverse @ (b * h), 0.0 * b, c, d
-    inverse = np.linalg.inv(one - h / 2 * a).astype(float)
+    inverse = np.linalg.inv(identity - h / 2 * a).astype(float)
     share = inverse @ (b * h * 0.5)
-    return inverse @ (one + h / 2 * a), share, share, c, d
+    return inverse @ (identity + h / 2 * a), share, share, c, d
 
 
 def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
-    """Return the weights of acted - unlimited that move slow poles of phi to 1 - h rate, see `SampledController`.
+    """Return the gains on acted - unlimited that move slow poles of phi to 1 - h rate; see `SampledController`.
 
-    `slow` has the same invariant subspaces as phi, and its poles in s. Ackermann's formula is applied on the subspace
-    of the poles up to the last one moved, in (z - 1)/h, where poles near 1 are well separated. Modes that are not
-    observable in the torque do not move.
+    The matrix `slow` has the invariant subspaces of phi; its poles are those of the design in s, or (z - 1)/h. The
+    function applies Ackermann's formula to the subspace of the poles up to the fastest one that moves. It uses the
+    variable (z - 1)/h, in which poles near z = 1 are well separated. Modes that are unobservable in the torque do not
+    move.
     """
     from scipy.linalg import schur
 
     poles = np.linalg.eigvals(slow)
     poles = poles[np.argsort(np.abs(poles))]
-    decays = np.minimum(np.abs(poles), -2 * poles.real)  # smaller than the magnitude for a damping ratio below 0.5
+    decays = np.minimum(np.abs(poles), -2 * poles.real)  # the second is smaller for a damping ratio below 0.5
     moved = np.flatnonzero(rates > decays * _WORTH_MOVING)
     if not moved.size:
         return np.zeros(c.size)
     limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _STANDING / h
     _, basis, count = schur(slow, output="real", sort=lambda re, im: math.hypot(re, im) <= limit)
-    basis, one = basis[:, :count], np.eye(count)
-    inner, row = (basis.T @ phi @ basis - one) / h, c @ basis
+    basis, identity = basis[:, :count], np.eye(count)
+    inner, row = (basis.T @ phi @ basis - identity) / h, c @ basis
     observed = np.array([row @ np.linalg.matrix_power(inner, k) for k in range(count)])
-    weights = np.linalg.lstsq(observed, one[:, -1], rcond=None)[0]
+    weights = np.linalg.lstsq(observed, identity[:, -1], rcond=None)[0]
     for rate in np.minimum(np.maximum(rates, decays), 1 / h)[:count]:
         weights = inner @ weights + rate * weights
     return np.asarray(h * basis @ weights)
@@ -340,9 +343,9 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
 def sampled_loop(
     plant: LinearPlant, controller: SampledController, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
-    """Return the exact wheel-slip loop with a discrete controller.
+    """Return the exact wheel-slip loop with a sampled controller.
 
-    `computation`, s, is added to the actuator's dead time.
+    `computation` is the computing time of a sample, s, >= 0, which is added to the actuator's dead time.
     """
     extra = number("computation", computation, "s", ge=0)
     return SampledLoop(
@@ -351,9 +354,9 @@ def sampled_loop(
 
 
 def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
-    """Return the sampled loop of a controller with a sampling period.
+    """Return the sampled loop of a controller at its sampling period.
 
-    None without a period of its own, or if the period is too short to make a difference.
+    None if the controller has no period, or if the period is so short that sampling makes no difference.
     """
     if isinstance(controller, Controller) and (own := controller.loop_as_run(plant.point, actuator)) is not None:
         return own
@@ -364,9 +367,10 @@ def loop_as_run(plant: LinearPlant, controller: Any, actuator: Actuator) -> Any:
 
 
 def sampled_peak(loop: SampledLoop) -> float:
-    """Return Ms of a sampled loop, inf if it is unstable; computed on a grid, while `margins` is exact and slower.
+    """Return Ms of a sampled loop, inf if the loop is unstable, from a grid of frequencies.
 
-    Peaks are at the angles of the closed-loop poles near the unit circle; the highest one is refined.
+    The grid includes the angles of the closed-loop poles near the unit circle, where |S| has its peaks, and is refined
+    around the highest peak. `margins` is exact but slower.
     """
     if not loop.is_stable():
         return math.inf
@@ -377,7 +381,7 @@ def sampled_peak(loop: SampledLoop) -> float:
 
 
 def peak_near(loop: Any, omega: Floats) -> float:
-    """Return the highest |S| on a grid of frequencies, rad/s, refined around its maximum."""
+    """Return the highest |S| on a grid of frequencies `omega`, rad/s, refined around the maximum."""
     for _ in range(_CLOSER):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))

@@ -1,4 +1,4 @@
-"""PI-lead with gains scheduled over speed and rail; gain changes cause no jump of the torque."""
+"""PI-lead with gains scheduled over speed and rail; a change of gains causes no jump of the torque."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .systems import PIController
 
 @dataclass(frozen=True)
 class ScheduleEntry:
-    """Gains at one speed on one rail, tuned over the vehicle's loads, and their worst Ms."""
+    """PI gains for one rail and one speed, km/h, tuned over the vehicle's loads, and their worst Ms."""
 
     rail: Rail
     speed_kmh: float
@@ -38,10 +38,11 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """PI gains over speed and rail, linear in speed between entries and constant outside, with one lead (s) for all.
+    """PI gains over speed and rail, linear in speed between the `entries` and constant outside.
 
-    Below `lowest_speed_kmh` some loops of the schedule are unstable; slip control must be switched off there.
-    `worst_ms` is the largest Ms at the scheduled speeds and between them. InputError for invalid values.
+    All entries have the same `lead` and `lead_filter` (s). Below `lowest_speed_kmh` some loops are unstable, and slip
+    control must be switched off. `worst_ms` is the largest Ms at the scheduled speeds and between them. InputError for
+    invalid values.
     """
 
     entries: tuple[ScheduleEntry, ...]
@@ -53,7 +54,7 @@ class GainSchedule:
     def __post_init__(self) -> None:
         check_fields(self)
         if not self.entries:
-            raise InputError("gain schedule: it has no entries; give one for at least one speed")
+            raise InputError("gain schedule: it has no entries; give at least one")
         seen = set()
         for entry in self.entries:
             number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)
@@ -64,7 +65,7 @@ class GainSchedule:
         number("gain schedule: lowest speed", self.lowest_speed_kmh, "km/h", ge=0)
         if not self.worst_ms >= 1:
             raise InputError(f"gain schedule: worst Ms {self.worst_ms} is not allowed; give a value >= 1")
-        PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
+        PIController(self.entries[0].gains, self.lead, self.lead_filter)  # raises InputError for invalid time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
         """Return the controller at a speed (m/s, > 0) on a rail.
@@ -104,12 +105,12 @@ class GainSchedule:
             raise
         except (ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"gain schedule: is not JSON of to_json ({reason}); write it by to_json") from None
+            raise InputError(f"gain schedule: is not JSON of a schedule ({reason}); write it by to_json") from None
         return cls(tuple(entries), *others)
 
 
 class Scheduled(Controller):
-    """Controller with a `GainSchedule`; the tracking time of its anti-windup is kp/ki unless it is given.
+    """PI-lead with the gains of a `GainSchedule`; the default tracking time of the anti-windup is kp/ki.
 
     InputError: as for `LinearControl`; a schedule without entries for a rail of the run.
     """
@@ -137,7 +138,7 @@ class Scheduled(Controller):
         unlimited_torque: float = quantity("N*m", "torque of the previous sample, without limits", default=0.0)
 
     class Parameters(Record):
-        """Lead, integrator, limits, and the gains of the rail over speed."""
+        """Numbers that the step reads: lead, integrator, limits, and the gains of the rail over speed."""
 
         radius: float = quantity("m", "wheel radius")
         lead_pole: float = quantity("1", "pole of the lead in z")
@@ -145,10 +146,10 @@ class Scheduled(Controller):
         lead_before: float = quantity("1", "from the previous error to the filtered error")
         weight_now: float = quantity("s", "weight of the filtered error in the integral")
         weight_before: float = quantity("s", "weight of the previous filtered error in the integral")
-        tracking: float = quantity("1", "period over tracking time; below 0: period times ki/kp")
+        tracking: float = quantity("1", "sampling period over tracking time; if negative, period times ki/kp is used")
         torque_min: float = quantity("N*m", "smallest torque")
         torque_max: float = quantity("N*m", "largest torque")
-        speed_count: float = quantity("1", "number of speeds in use")
+        speed_count: float = quantity("1", "number of valid entries in speeds, kp and ki")
         speeds: tuple[float, ...] = quantity("m/s", "speeds, rising")
         kp: tuple[float, ...] = quantity("N*m/(m/s)", "proportional gains at these speeds")
         ki: tuple[float, ...] = quantity("N*m/m", "integral gains at these speeds")
@@ -178,12 +179,12 @@ class Scheduled(Controller):
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
         h, rail = situation.period, situation.rail
-        by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is one}) for one in Rail]
-        speeds = by_rail[tuple(Rail).index(rail)] or [1.0]  # without entries the schedule raises the error
+        by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is each}) for each in Rail]
+        speeds = by_rail[tuple(Rail).index(rail)] or [1.0]  # a rail without entries: the schedule raises InputError
         designs = [self.schedule.controller(speed, rail).gains for speed in speeds]
         p, q0, q1 = self._lead(h)
         now, before = (h * 0.5, h * 0.5) if self.rule is Rule.TUSTIN else (h, 0.0)
-        unused = (0.0,) * (max(map(len, by_rail)) - len(speeds))  # arrays of both rails have the same length
+        unused = (0.0,) * (max(map(len, by_rail)) - len(speeds))  # arrays of both rails have equal lengths
         return {
             **{"radius": self.radius, "lead_pole": p, "lead_now": q0, "lead_before": q1},
             **{"weight_now": now, "weight_before": before},
@@ -195,7 +196,7 @@ class Scheduled(Controller):
         }
 
     def _lead(self, h: float) -> tuple[float, float, float]:
-        """Return the pole p and the weights q0, q1 of the lead (q0 z + q1)/(z - p), equal at all speeds."""
+        """Return the pole p and the weights q0, q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
         limits = self.least_torque, self.largest_torque
         lead = SampledController(design, h, *limits, self.rule, self.tracking_time).transfer_function
@@ -239,7 +240,7 @@ class Scheduled(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given `schedule`, limits 0 and full brake, and anti-windup."""
+        """Return the controller with the given `schedule`, limits of 0 and the full brake, and anti-windup."""
         limits = {"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), "tracking_time": TRACKING_TIME}
         return cls(**{**limits, **given}).believing(vehicle)
 

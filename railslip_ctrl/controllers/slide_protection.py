@@ -16,9 +16,9 @@ from railslip_ctrl.model.vehicle import GRAVITY, Record, Vehicle
 from .base import LEAST_PERIOD, Controller
 from .linear import full_brake_torque
 
-_WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients of a very low and of the best adhesion
-_DUMPED = 0.8  # torque dumped in dead time plus lag, in N r: that of the best rail, and to bring the wheel to rolling
-_FILTER_TIME = 0.05  # s, default time constant of the filter of the wheel speed
+_WEAK_RAIL, _BEST_RAIL = 0.05, 0.35  # adhesion coefficients of a very slippery rail and of the best rail
+_DUMPED = 0.8  # torque dumped in dead time plus lag, in N r: 0.35 of the best rail, the rest to speed up the wheel
+_FILTER_TIME = 0.05  # s, default time constant of the wheel-speed filter
 
 
 class SlideProtection(Controller):
@@ -26,11 +26,11 @@ class SlideProtection(Controller):
 
     The valve dumps if the slip is above `dump_slip`, or if it is above `fill_slip` and the wheel decelerates by more
     than `dump_deceleration`. It fills if the slip is below `fill_slip`, and otherwise holds. The commanded torque
-    changes by `fill_rate` and `dump_rate` between 0 and `torque_max`, the driver's full brake. `reference` is optional
-    and used only to judge the slip.
+    rises by `fill_rate` and falls by `dump_rate`, between 0 and `torque_max`, the driver's full brake. `reference` is
+    optional and used only to judge the slip.
 
-    The default slips have the size at which wheel slide protection in service acts (5 to 30 %); the other defaults are
-    those of the published vehicle by the rule of `for_vehicle`. InputError unless fill_slip < dump_slip.
+    The default slips are in the range in which wheel slide protection in service acts (5 to 30 %). The other defaults
+    follow from the rule of `for_vehicle` for the published vehicle. InputError unless fill_slip < dump_slip.
     """
 
     kind: ClassVar[str] = "slide-protection"
@@ -49,10 +49,10 @@ class SlideProtection(Controller):
     fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=989.0)
     dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=15824.0)
     torque_max: float = quantity("N*m", "torque of the full brake", gt=0, default=9000.0)
-    filter_time: float = quantity("s", "time constant of the wheel speed's filter", gt=0, default=_FILTER_TIME)
+    filter_time: float = quantity("s", "time constant of the wheel-speed filter", gt=0, default=_FILTER_TIME)
 
     class State(Record):
-        """State of valve, filter and torque; initially released, the filter starts with the first sample."""
+        """State of valve, filter and torque; the brake is released at first, and the first sample sets the filter."""
 
         torque_asked: float = quantity("N*m", "commanded torque", default=0.0)
         filtered_rim_speed: float = quantity("m/s", "filtered wheel speed r omega", default=0.0)
@@ -102,16 +102,17 @@ class SlideProtection(Controller):
         )
 
     def limits_described(self) -> str:
-        return f"{super().limits_described()}, filter of the wheel's speed {self.filter_time:g} s"
+        return f"{super().limits_described()}, wheel-speed filter {self.filter_time:g} s"
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with thresholds and rates for a vehicle with dead time theta and lag T.
+        """Return the controller with thresholds and rates for a vehicle.
 
-        During theta + T, its reaction time to a slide, the valve fills the torque of a weak rail, or dumps sixteen
-        times as much. It dumps above the train's deceleration on the best rail plus that of a random force
-        ([Park2008] p. 55: 0.0125 of the wheel load; N r^2/J times that at the rim). The filter removes the oscillation
-        of the wheel on its rolling contact, about 5 Hz, which is not a slide. The slips keep their defaults.
+        The reaction time to a slide is the dead time plus the lag of the brake. In this time the valve fills the torque
+        of a very slippery rail, or dumps sixteen times as much. `dump_deceleration` is the train's deceleration on the
+        best rail plus that of the wheel by a random force ([Park2008] p. 55: 0.0125 of the wheel load, times r^2/J at
+        the rim). The filter removes the wheel's oscillation on the rolling contact, about 5 Hz, which is not a
+        slide. The slips keep their defaults.
         """
         wheel, actuator = vehicle.wheel, vehicle.actuator
         time = actuator.dead_time + actuator.lag or cls.model_fields["period"].default

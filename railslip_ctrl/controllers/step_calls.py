@@ -1,4 +1,4 @@
-"""Call a user's controller from a kernel by its address, so that no kernel is compiled for it."""
+"""Calls of a user's step from a kernel by the address of the step, without compiling a kernel for this step."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 STEP = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_double, ctypes.c_void_p)
-"""C type of a step: from time (s), train speed (m/s), wheel speed (rad/s) and the address of its state to torque, N*m.
-"""
+"""C type of a step: time (s), train speed (m/s), wheel speed (rad/s) and address of the state to torque (N*m)."""
 
 
 def address_of(step: Any) -> int:
-    """Return the address of a `STEP`; the caller must keep a reference while it is called."""
+    """Return the address of a `STEP`; the caller must keep a reference to it as long as the address is used."""
     return ctypes.cast(step, ctypes.c_void_p).value or 0
 
 
 def call_step(address: float, t: float, v: float, omega: float, x: Any) -> float:
-    """Return the torque of the step at an address; kernels use the compiled function below."""
+    """Return the torque, N*m, of the step at an address; kernels use the compiled form below."""
     return float(STEP(int(address))(t, v, omega, x.ctypes.data))
 
 

@@ -1,4 +1,4 @@
-"""Open-loop controller with a given torque over time."""
+"""Open-loop controller that commands a given torque over time."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .base import Controller
 
 
 class TorqueProfile(Controller):
-    """Torque over time, linear between points and constant outside.
+    """Torque over time, linear between the given points and constant outside.
 
-    `reference` is optional and used only to judge the slip. InputError: lists of different lengths, or times that do
-    not rise.
+    `reference` is optional and used only to judge the slip. InputError: empty lists or lists of different
+    lengths, or times that do not rise.
     """
 
     kind: ClassVar[str] = "torque-profile"
     title: ClassVar[str] = "torque over time, open loop"
     source: ClassVar[str] = "this project"
-    no_loop: ClassVar[str] = "it feeds nothing back"
+    no_loop: ClassVar[str] = "it has no feedback"
     follows_reference: ClassVar[bool] = False
 
     reference: ReferenceSlip | None = None
@@ -39,12 +39,14 @@ class TorqueProfile(Controller):
             )
         for earlier, later in pairwise(self.times):
             if not later > earlier:
-                raise InputError(f"torque profile: time {later:g} s after {earlier:g} s is not allowed; they must rise")
+                raise InputError(
+                    f"torque profile: time {later:g} s after {earlier:g} s is not allowed; times must rise"
+                )
         return self
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque at the time, linear between the points, constant outside."""
+        """Return the torque at the time of the sample, linear between the points, constant outside."""
         last = len(parameters.times) - 1
         if measurement.time <= parameters.times[0]:
             return parameters.torques[0]
