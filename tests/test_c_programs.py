@@ -299,7 +299,7 @@ def test_a_state_that_depends_on_the_speed_has_no_program():
         def start(self, speed, period):
             return self.State(torque=0.5 * speed)
 
-    with pytest.raises(InputError, match=r"state: .*torque depends on the speed"):
+    with pytest.raises(InputError, match=r"state: .*torque depends on the train speed"):
         c_program(Halved(reference=ReferenceSlip(dry=0.1, wet=0.06)), PARK2008)
 
 
@@ -316,7 +316,7 @@ def test_any_name_gives_a_program_and_a_file(tmp_path):
 def test_a_saved_program_assumes_the_law_of_a_stop_and_says_what_does_not_hold(tmp_path):
     source, header = save_c(controller_named("asmc", PARK2008), tmp_path / "My-Law.c")
     told = header.read_text()
-    assert "assumes the adhesion law 'curve', dry rail" in told
+    assert "adhesion law 'curve', on dry rail" in told
     assert all(f" * - {name}" in told for name in NOT_HOLDING)
     command = [COMPILER, "-std=c99", *WARNINGS, "-c", source, "-o", tmp_path / "a.o"]
     assert subprocess.run(command, capture_output=True).returncode == 0

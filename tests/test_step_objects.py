@@ -231,7 +231,7 @@ def step(t, v, omega):
 
 CONTROLLER = {}
 """
-ALONE = "only has a step, and so no margins"
+ALONE = "has no margins, because it only has a step"
 
 
 @pytest.mark.parametrize(("controller", "margins", "run"), [

@@ -1,8 +1,8 @@
-"""Print any controller with its guard as C99, a header and a source file, from the Python functions that runs use.
+"""Export of a controller with its guard as C99, a header and a source file, from the Python functions that runs use.
 
-Fields of the records become fields of structures, the functions of the step and of `guard` become functions
-(`c_function`). All numbers are double, or float if `..._FLOAT32` is defined. For a generated sliding-mode law
-`law_program` prints the same program without a controller's numbers.
+Fields of the records become fields of structures. The functions of the step and of `guard` become C functions
+(`c_function`). All numbers are double, or float if `..._FLOAT32` is defined. `law_program` prints a generated
+sliding-mode law in the same form, without the numbers of a controller.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from railslip_ctrl.sliding.code import LawCode
 
 _PREFIX = "slip_"
-"""Prefix of a step's functions, whose names may equal those of other functions of the program or of C."""
+"""Prefix of the names of the step's functions, which may otherwise equal names in the program or in C."""
 _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 @dataclass(frozen=True)
 class CProgram:
-    """C program of a controller: texts of the header and the source file, and the prefix of their names."""
+    """C program of a controller: texts of the header and the source file, and the prefix of all names in them."""
 
     header: str
     source: str
@@ -46,14 +46,14 @@ class CProgram:
 
     @property
     def in_one_file(self) -> str:
-        """Header and source as one translation unit."""
+        """Header and source as one text, which compiles by itself."""
         _, _, after_include = self.source.partition('.h"\n')
         return self.header + after_include
 
 
 @dataclass(frozen=True)
 class Member:
-    """Field of a C structure: name, meaning with unit, conditions, length if it is an array, value."""
+    """Field of a C structure: name, meaning with unit, conditions on the value, length if it is an array, value."""
 
     name: str
     comment: str
@@ -82,10 +82,11 @@ def c_program(
     - control: a controller.
     - vehicle: vehicle for the parameters that the controller does not set; its name is in the header.
     - name: name of the two files, without ending; by default the controller's label.
-    - rail: rail of the initial reference slip.
-    - notes: lines for the head of the header.
+    - rail: rail condition for the reference slip in the default parameters.
+    - notes: lines for the comment at the top of the header.
 
-    InputError: a controller that is only a Python step, or lacks numbers that it needs.
+    InputError: a controller given as a Python object or function with a step, or a controller without an adhesion law
+    or reference slip that it needs.
     """
     control = control.believing(vehicle)
     period = PERIOD if control.period is None else control.period
@@ -107,8 +108,8 @@ LAW_INPUTS = {"v": "train_speed", "omega": "wheel_speed", "Ta": "adhesion_torque
 def law_program(code: LawCode, *, name: str = "asmc") -> CProgram:
     """Return a generated sliding-mode law with its guard as C99; `name` is that of the two files, without ending.
 
-    The user sets the numbers: the default parameters are zero, and init rejects most zeros. The numbers of an adhesion
-    file are macros in the header.
+    The user of the program sets the parameters: their defaults are zero, and init rejects most zeros. The parameters of
+    an adhesion file are macros in the header.
     """
     law = module_of(code.python)
     step = read_step(law.law_step, {"state": STATE, "p": PARAMETERS})
@@ -136,12 +137,12 @@ def _program(
     head: Callable[[int], Iterable[str]],
     adhesion: Mapping[Rail, list[str]] = MappingProxyType({}),
 ) -> CProgram:
-    """Return the program of a step.
+    """Return the C program of a step.
 
-    - state, law: members of the structures of its state and parameters.
-    - guard: numbers of its guard.
-    - head: lines of the header's comment for an operation count.
-    - adhesion: initialisers of an adhesion law on each rail.
+    - state, law: members of the structures for the state and the parameters of the step.
+    - guard: parameters of the guard by name.
+    - head: function that returns the lines of the comment at the top, for an operation count.
+    - adhesion: initialisers for the parameters of an adhesion law, by rail.
     """
     prefix = f"railslip_{_stem(name)}"
     limits = [Member(field, *_described((Guard,), field), value=value) for field, value in guard.items()]
@@ -190,7 +191,7 @@ def _stem(name: str) -> str:
 
 
 def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]]) -> tuple[list[str], Any]:
-    """Return the texts of the functions in order, and their operation count as a function of the longest loop."""
+    """Return the texts of the functions in order, and a function: operation count of a sample for a loop length."""
     measured = {MEASUREMENT: f"{prefix}_measurement"}
     lengths = {
         (role, member.name): member.length
@@ -207,7 +208,7 @@ def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]])
         counts: dict[str, int] = {}
         for function in functions:
             counts[function.name] = function.operations(bound, counts)
-        return counts[step.name] + sum(counts[one.__name__] for one in (is_good, valid_applied_torque, guarded))
+        return counts[step.name] + sum(counts[own.__name__] for own in (is_good, valid_applied_torque, guarded))
 
     return [function.text for function in functions], operations
 
@@ -216,7 +217,7 @@ def _functions(prefix: str, step: Function, members: Mapping[str, list[Member]])
 
 
 def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable[[float], Any]) -> list[Member]:
-    """Return the members of the state with their initial values; "train_speed" marks one that starts at that speed."""
+    """Return the members of the state with their initial values; "train_speed" stands for the initial train speed."""
     slow, fast = start(1.0), start(2.0)
     members = []
     for name in names:
@@ -224,17 +225,17 @@ def _state_members(owners: Iterable[type], names: Iterable[str], start: Callable
         length = len(value) if isinstance(value, tuple | list) else None
         if (value, other) == (1.0, 2.0):
             value = "train_speed"
-        elif repr(value) != repr(other):  # repr() compares NaN too
+        elif repr(value) != repr(other):  # the text of NaN equals that of NaN
             raise InputError(
-                f"state: the initial value of {name} depends on the speed without being the train speed; set it in the "
-                "first sample"
+                f"state: the initial value of {name} depends on the train speed but differs from it; compute it in "
+                "the first sample"
             )
         members.append(Member(name, *_described(owners, name), length, value))
     return members
 
 
 def _parameter_members(control: Controller, step: Function, values: Mapping[str, Any]) -> list[Member]:
-    """Return the members of the parameters that a step reads, with their values."""
+    """Return the members for the parameters that a step reads, with their values."""
     read = {
         node.attr
         for function in step.all().values()
@@ -261,7 +262,7 @@ _OF_EVERY_STEP = {
 def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]:
     """Return the meaning of a field with unit, and its bounds as conditions on {}; empty if no owner has the field.
 
-    An owner is a record, or a class of a generated law, whose fields are annotated with meaning and bounds.
+    An owner is a record, or a class of a generated law, whose annotations have meaning and bounds.
     """
     if name in _OF_EVERY_STEP:
         return _OF_EVERY_STEP[name]
@@ -271,7 +272,7 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
                 continue
             extra = info.json_schema_extra
             unit = f", {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
-            bounds = ((sign, getattr(one, key, None)) for one in info.metadata for key, sign in _BOUNDS)
+            bounds = ((sign, getattr(mark, key, None)) for mark in info.metadata for key, sign in _BOUNDS)
             rules = tuple(f"{{}} {sign} {_real(float(bound))}" for sign, bound in bounds if bound is not None)
             return commented(f"{info.description}{unit}"), rules
         elif (hint := owner.__annotations__.get(name)) is not None:
@@ -281,7 +282,7 @@ def _described(owners: Iterable[type], name: str) -> tuple[str, tuple[str, ...]]
 
 
 def _checks(part: str, members: list[Member]) -> Iterator[tuple[str, int | None, tuple[str, ...]]]:
-    """Yield the text of each field, its length, and the conditions that `init` checks."""
+    """Yield for each member its C expression, its length, and the conditions that `init` checks."""
     for member in members:
         text = f"parameters->{part}.{c_name(member.name)}"
         finite = f"is_finite({text}{'' if member.length is None else '[i]'})"
@@ -298,20 +299,21 @@ def _real(value: Any) -> str:
 
 
 def _wrapped(text: str, margin: str = "    ") -> str:
-    """Wrap text to the lines of a block."""
+    """Wrap text to lines of at most `WIDTH` characters that begin with `margin`."""
     lines = textwrap.wrap(margin + text, WIDTH, subsequent_indent=margin + "    ", break_long_words=False)
     return "\n".join(lines)
 
 
 def _operations(count: int) -> str:
     return (
-        f"A call of the step function takes at most {count} arithmetic operations, whatever the measurement; a loop "
-        "without a fixed end is counted with the length of the longest array. It does not allocate or recurse."
+        f"A call of the step function takes at most {count} arithmetic operations for any measurement; this number "
+        "assumes that loops without a fixed end are as long as the longest array. The function does not allocate or "
+        "recurse."
     )
 
 
 def _head(control: Controller, vehicle: Vehicle, period: float) -> tuple[str, ...]:
-    """Return the first lines of the header's comment."""
+    """Return the first lines of the comment at the top of the header."""
     digest = hashlib.sha256(control.toml.encode()).hexdigest()
     hand_over = control.controlled_from
     below = f"Below {hand_over / KMH:.4g} km/h it does not control slip, but holds {control.handed_over()}."

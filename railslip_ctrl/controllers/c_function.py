@@ -1,4 +1,4 @@
-"""Print a function of a step (`translate.Function`) as C99, with a single return and `const` where possible."""
+"""Translation of a function of a step (`translate.Function`) to C99 with a single `return` and `const` variables."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _RESERVED = frozenset(
     static_assert static_cast struct switch template this thread_local throw true try typedef typeid typename typeof
     union unsigned using virtual void volatile wchar_t while xor xor_eq main floor ceil y0 y1 yn j0 j1 jn gamma
     NAN INFINITY HUGE_VAL M_PI M_E real lesser larger square modulo is_finite""".split()  # noqa: SIM905
-) | {name for one in MATH for name in (one, f"{one}f")}
+) | {name for function in MATH for name in (function, f"{function}f")}
 """Names reserved by C, C++, embedded compilers, or the program itself."""
 
 
 def c_name(name: str) -> str:
-    """Return a name for C: without leading underscores, and with a trailing one if it is reserved."""
+    """Return a name for C: without leading underscores, and with a trailing underscore if it is reserved."""
     name = name.lstrip("_")
     return f"{name}_" if name.rstrip("_") in _RESERVED else name
 
 
 @dataclass(frozen=True)
 class Structures:
-    """C types of the three structures by role, lengths of their arrays by role and field, prefix of functions."""
+    """C types of the structures by role, lengths of their arrays by role and field, and prefix of function names."""
 
     types: Mapping[str, str]
     lengths: Mapping[tuple[str, str], int] = field(default_factory=dict)
@@ -57,7 +57,7 @@ def writes_state(function: Function) -> bool:
 
 
 class CFunction:
-    """Function in C; `head` is its declaration, `text` the whole function."""
+    """C function of a Python function: `head` is the declaration, `text` the whole function."""
 
     def __init__(self, function: Function, structures: Structures) -> None:
         self._function, self._structures = function, structures
@@ -91,7 +91,7 @@ class CFunction:
 
     @property
     def text(self) -> str:
-        """Text of the function: comment, head and body."""
+        """Text of the C function: comment, head and body."""
         doc = commented(" ".join(self._function.doc.split()))
         comment = textwrap.wrap(f"/* {doc} */", WIDTH, subsequent_indent="   ")
         declared = [f"int {name} = 0;" for name in sorted(self._ints & self._variables)]
@@ -111,14 +111,14 @@ class CFunction:
 
     @property
     def _outputs(self) -> list[str]:
-        """Names of the output arguments of a function that returns several numbers."""
+        """Names of the output arguments, if the function returns several numbers."""
         return [f"{self._result}{i}_out" for i in range(self._values)] if self._values > 1 else []
 
     # --- names ---
 
     @property
     def _variables(self) -> set[str]:
-        """Names declared at the top of the function; the others are declared with their assignment."""
+        """Names declared at the top of the function; all others are declared where they are assigned."""
         variables = set()
         for node in self._walk():
             if isinstance(node, ast.Assign) and id(node) not in self._constants:
@@ -132,7 +132,7 @@ class CFunction:
             yield from ast.walk(statement)
 
     def _whole_names(self) -> set[str]:
-        """Return the names to which only integers or booleans are assigned."""
+        """Return the names that only ever have integers or booleans as values."""
         values: dict[str, list[ast.expr | None]] = {}
         for node in self._walk():
             if isinstance(node, ast.Assign):
@@ -176,7 +176,7 @@ class CFunction:
         return False
 
     def _declared_at_once(self) -> Iterator[ast.stmt]:
-        """Yield the assignments whose names are assigned once and used only in their own block."""
+        """Yield assignments that can be `const` declarations: names assigned once and used in one block only."""
         uses: dict[str, int] = {}
         stores: dict[str, int] = {}
         for node in self._walk():
@@ -260,7 +260,7 @@ class CFunction:
             if value is not None and any(
                 ast.unparse(one) in texts for one in ast.walk(value) if isinstance(one, ast.expr)
             ):
-                raise self._refused(node)  # a value depends on another target of the same assignment
+                raise self._refused(node)  # a value depends on a target of the same assignment
         for target, value in pairs:
             assert value is not None
             whole = isinstance(target, ast.Name) and target.id in self._ints
@@ -289,11 +289,11 @@ class CFunction:
         return f"!({self._condition(node.operand)})" if _is_not(node) else self._text(node)
 
     def _condition(self, node: ast.expr) -> str:
-        """Return the same as `_truth` without outer brackets."""
+        """Return the text of a condition as `_truth` does, without outer brackets."""
         return self._truth(node)[1:-1] if isinstance(node, ast.BoolOp) else self._bare(node)
 
     def _chosen(self, node: ast.BoolOp) -> str:
-        """Return the text of `and` or `or` used as a value: one of the operands."""
+        """Return the text of `and` or `or` used as a value, which is one of the operands."""
         if _is_truth(node):
             return self._truth(node)
         as_real = not self._is_whole(node)
@@ -395,15 +395,16 @@ class CFunction:
 
     def _refused(self, node: ast.AST) -> InputError:
         return InputError(
-            f"{self._function.name}: {ast.unparse(node)!r} cannot be written in C; write it in simpler steps"
+            f"{self._function.name}: {ast.unparse(node)!r} cannot be translated to C; write it in simpler statements"
         )
 
     # --- operation count ---
 
     def operations(self, bound: int, counts: Mapping[str, int]) -> int:
-        """Return the largest number of floating-point operations of a call.
+        """Return an upper bound on the number of arithmetic operations of a call.
 
-        A loop without a fixed end counts as `bound` turns, a called function as in `counts`.
+        - bound: number of iterations assumed for a loop without a fixed end.
+        - counts: operations of each called function, by name.
         """
         return sum(self._count(statement, bound, counts) for statement in self._body)
 
@@ -423,14 +424,14 @@ _COUNTED = (ast.BinOp, ast.UnaryOp, ast.Compare, ast.AugAssign, ast.Call, ast.If
 
 
 class _Returns:
-    """Replaces every `return` by an assignment to the result, and moves the following statements into branches."""
+    """Replace every `return` by an assignment to the result, and move the statements after it into branches."""
 
     def __init__(self, values: int, result: str, returned: str) -> None:
         self._names = [result] if values == 1 else [f"{result}{i}" for i in range(values)]
         self._returned = returned
 
     def body(self, nodes: list[ast.stmt], in_loop: bool = False) -> list[ast.stmt]:
-        """Return the new statements of a function or of a loop."""
+        """Return the new statements in place of those of a function or a loop."""
         done: list[ast.stmt] = []
         for k, node in enumerate(nodes):
             rest = nodes[k + 1 :]
@@ -468,7 +469,7 @@ def _has_return(node: ast.AST) -> bool:
 
 
 def _unused(name: str, used: set[str]) -> str:
-    """Return a name that is not used yet."""
+    """Return `name`, with trailing underscores if it is already used."""
     return name if name not in used else _unused(f"{name}_", used)
 
 
@@ -477,21 +478,21 @@ def _is_not(node: ast.expr) -> TypeGuard[ast.UnaryOp]:
 
 
 def _is_truth(node: ast.expr) -> bool:
-    """Return True if the value of an expression is 0 or 1."""
+    """Return True if the value of an expression can only be 0 or 1."""
     if isinstance(node, ast.BoolOp):
         return all(map(_is_truth, node.values))
     return isinstance(node, ast.Compare) or _is_not(node)
 
 
 def _changed(node: ast.AugAssign) -> ast.BinOp:
-    """Return the new value of an augmented assignment."""
+    """Return the value that an augmented assignment such as `x += y` assigns."""
     old: Any = copy.deepcopy(node.target)
     old.ctx = ast.Load()
     return ast.BinOp(old, node.op, node.value)
 
 
 def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
-    """Yield the blocks of statements, each as a list."""
+    """Yield each block of statements as a list, with the blocks nested in it."""
     yield nodes
     for node in nodes:
         for name in ("body", "orelse"):
@@ -512,7 +513,7 @@ def _names(node: ast.expr) -> list[ast.Name]:
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
-    """Yield pairs of target and value of an assignment; None for values returned by a called function."""
+    """Yield each target of an assignment with its value; None for one of several results of a called function."""
     for target in node.targets:
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             yield from zip(target.elts, node.value.elts, strict=True)
@@ -523,7 +524,7 @@ def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
 
 
 def number(value: float) -> str:
-    """Return a number in C."""
+    """Return the C text of a number."""
     if isinstance(value, bool | int):
         return str(int(value))
     if not math.isfinite(value):
@@ -532,12 +533,12 @@ def number(value: float) -> str:
 
 
 def commented(text: str) -> str:
-    """Return text that is safe inside a comment."""
+    """Return text without character sequences that are not allowed inside a C comment."""
     return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def indented(lines: list[str]) -> list[str]:
-    """Return the lines of a block, indented and at most `WIDTH` wide."""
+    """Return the lines of a block, indented and wrapped to at most `WIDTH` characters."""
     wrapped = []
     for line in lines:
         margin = " " * (len(line) - len(line.lstrip()) + 12)

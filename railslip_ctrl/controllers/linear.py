@@ -1,4 +1,4 @@
-"""Linear kinds of controllers: sampled, with torque limits, anti-windup and a hand-over at low speed."""
+"""Linear controllers: sampled, with torque limits, anti-windup, and a constant torque below a hand-over speed."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from .sampled import Rule, SampledController, linear_step, state_names
 from .systems import LinearController, PolynomialController, StateSpaceController, describe_system
 
 TORQUE_LIMIT = 9000.0
-"""Full brake of the published vehicle, N*m: twice the torque of the highest adhesion, 0.3 of its wheel load."""
+"""Full brake torque of the published vehicle, N*m: twice the torque at the highest adhesion, 0.3 of the wheel load."""
 
 _MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial in `design`
 
 TRACKING_TIME = 2.0
-"""Tracking time of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
+"""Tracking time of the anti-windup, s; from 1 to 5 s the braking distance changes by less than 1 %."""
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
-    """Return the torque limit for designs and bounds of a vehicle, N*m.
+    """Return the full brake torque of a vehicle, N*m, which is the torque limit of designs and of bounds.
 
-    `TORQUE_LIMIT` scaled by wheel load times radius, with the larger of the empty and loaded wheel load.
+    It is `TORQUE_LIMIT` scaled by wheel load times radius, with the larger of the empty and the loaded wheel load.
     """
     return TORQUE_LIMIT * adhesion_share(vehicle, max(vehicle.wheel_load, vehicle.wheel_load_loaded))
 
 
 def adhesion_share(vehicle: Vehicle, wheel_load: float) -> float:
-    """Return wheel load (N) times radius, relative to the published vehicle."""
+    """Return wheel load (N) times radius of a vehicle over that of the published vehicle."""
     return wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
 class LinearControl(Controller):
-    """Base class of the linear kinds, with difference equations for the slip error e = lambda_d v - sigma.
+    """Base class of the linear kinds, which run as difference equations of the slip error e = lambda_d v - sigma.
 
-    The equations are those of `sampled.SampledController`. Below `hand_over_speed` the slip is not controlled, and
-    `hand_over_torque` is commanded. InputError: torque limits that are not low < high, or a period or tracking time out
-    of the range of `SampledController`.
+    The equations are those of `sampled.SampledController`. Below `hand_over_speed` the controller commands
+    `hand_over_torque` without slip control. InputError: torque_min >= torque_max, or a period or tracking time out of
+    the range of `SampledController`.
     """
 
     source: ClassVar[str] = "[Astrom1997] 8, 9"
@@ -56,14 +56,14 @@ class LinearControl(Controller):
     radius: float | None = quantity("m", "assumed wheel radius; the vehicle's if left out", gt=0, default=None)
     torque_min: float | None = quantity("N*m", "smallest torque; none if left out", default=None)
     torque_max: float | None = quantity("N*m", "largest torque; none if left out", default=None)
-    anti_windup: bool = Field(True, description="whether the states follow a limited torque")
+    anti_windup: bool = Field(True, description="whether the states are corrected while the torque is limited")
     tracking_time: float | None = quantity(
         "s", "tracking time of the anti-windup; that of the slowest zero if left out", gt=0, default=None
     )
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
     hand_over_speed: float = quantity("m/s", "train speed below which it does not control slip", ge=0, default=0.0)
     hand_over_torque: float = quantity("N*m", "torque below this speed", default=0.0)
-    rule: Rule = Field(Rule.BACKWARD, description="rule that makes the system a difference equation")
+    rule: Rule = Field(Rule.BACKWARD, description="rule that converts the system to a difference equation")
 
     class State(Record):
         """State of the difference equations."""
@@ -74,7 +74,7 @@ class LinearControl(Controller):
         room: tuple[float, ...] = quantity("1", "memory for the next states", default=())
 
     class Parameters(Record):
-        """Difference equations with limits and hand-over."""
+        """Numbers that the step reads: difference equations, limits and hand-over."""
 
         radius: float = quantity("m", "wheel radius")
         hand_over_speed: float = quantity("m/s", "speed below which it does not control slip")
@@ -124,13 +124,13 @@ class LinearControl(Controller):
         return self.system
 
     def sampled(self, period: float) -> SampledController:
-        """Return the difference equations at a period, s."""
+        """Return the difference equations for a sampling period, s."""
         tracking = self.tracking_time if self.anti_windup else math.inf
         return SampledController(self.system, period, self.least_torque, self.largest_torque, self.rule, tracking)
 
     @cached_property
     def as_run(self) -> SampledController | None:
-        """Difference equations at the own period; None if the period is the step of the run."""
+        """Difference equations at the field `period`; None if the period is the step of the run."""
         return None if self.period is None else self.sampled(self.period)
 
     def described(self) -> str:
@@ -141,23 +141,23 @@ class LinearControl(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with limits 0 and the vehicle's full brake, and anti-windup."""
+        """Return the controller with limits of 0 and the vehicle's full brake, and with anti-windup."""
         return cls(**{"torque_min": 0.0, "torque_max": full_brake_torque(vehicle), **given}).believing(vehicle)
 
 
 def describe_windup(control: Any, anti_windup: bool) -> str:
-    """Describe start, anti-windup and rule of a linear or scheduled controller, for its `limits_described`."""
+    """Return start, anti-windup and rule of a linear or scheduled controller as text for `limits_described`."""
     tracking = "by its gains" if control.tracking_time is None else f"{control.tracking_time:g} s"
     windup = tracking if anti_windup else "none"
     return f", initial torque {control.initial_torque:g} N·m, anti-windup {windup}, rule {control.rule.value}"
 
 
 class SystemControl(LinearControl):
-    """Base class of linear systems of any order, continuous or `discrete`."""
+    """Base class of the kinds for linear systems of any order, continuous or `discrete`."""
 
     period: float | None = quantity("s", "sampling period", ge=LEAST_PERIOD, default=PERIOD)
-    rule: Rule = Field(Rule.TUSTIN, description="rule that makes a continuous system a difference equation")
-    discrete: bool = Field(False, description="whether the system is discrete, with the sampling period")
+    rule: Rule = Field(Rule.TUSTIN, description="rule that converts a continuous system to a difference equation")
+    discrete: bool = Field(False, description="whether the system is discrete with this sampling period")
 
     def gain_values(self) -> dict[str, Any]:
         numbers = {name: value for name, value in asdict(self.system).items() if value is not None}
@@ -185,7 +185,7 @@ class TransferFunction(SystemControl):
         return PolynomialController(self.num, self.den, self._own_period)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Return the coefficients as design parameters: b2, b1, b0 of the numerator, a2, a1, a0 of the denominator."""
+        """Return the coefficients as design numbers: b1, b0 ... of the numerator, a1, a0 ... of the denominator."""
         parts = {"b": self.num, "a": self.den}
         return [
             DesignNumber(f"{letter}{power}", value, "1", f"coefficient of the power {power}")
@@ -194,7 +194,7 @@ class TransferFunction(SystemControl):
         ]
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
-        """Return the transfer function with the coefficients in `values`; all others are 0."""
+        """Return the transfer function with the coefficients in `values`; all other coefficients are 0."""
         powers: dict[str, dict[int, float]] = {"b": {}, "a": {}}
         for name, value in values.items():
             letter, power = name[:1], name[1:]
@@ -211,7 +211,8 @@ class TransferFunction(SystemControl):
 class StateSpace(SystemControl):
     """State-space controller x' = A x + B e, torque = C x + D e, SI; if discrete, x' is the next x.
 
-    Keys may be in lower case, B a column, C and D rows, and single numbers without brackets, as other tools write them.
+    As other tools write them, keys may be in lower case, B may be a column, C and D rows, and a matrix of one number
+    may be written without brackets.
     """
 
     kind: ClassVar[str] = "state-space"
@@ -227,7 +228,7 @@ class StateSpace(SystemControl):
     def _as_matrices(cls, content: dict[str, Any]) -> dict[str, Any]:
         keys = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
         if len(keys) < len(content):
-            raise InputError("A, B, C, D: a matrix is given both in upper and lower case; give it once")
+            raise InputError("A, B, C, D: a matrix is given in upper and in lower case; give it once")
         if isinstance(keys.get("A"), int | float):
             keys["A"] = [[keys["A"]]]
         if "B" in keys:

@@ -45,7 +45,7 @@ class PI(LinearControl):
         return super().for_vehicle(vehicle, **given)
 
     def design_numbers(self) -> list[DesignNumber]:
-        """Return the design parameters: the gains, and the lead if there is one."""
+        """Return the design numbers: the gains, and those of the lead that are not 0."""
         return [number for number in super().design_numbers() if number.value or number.name in ("kp", "ki")]
 
     def headline(self) -> str:

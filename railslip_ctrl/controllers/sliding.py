@@ -25,10 +25,10 @@ from .base import Controller, Situation, layout_of, outside
 from .translate import ARGUMENTS, PARAMETERS
 
 FILTER_TIME = 0.1
-"""Time constant of the filter that estimates v', s; [Park2008] gives none, and the results hardly depend on it."""
+"""Time constant of the filter that estimates v', s; [Park2008] does not give it, and it hardly changes results."""
 
 _LEAST_SPEED = 1e-3
-"""Train speed below which no adhesion is assumed, m/s, because the slip ratio is not defined at standstill."""
+"""Train speed below which the assumed adhesion is 0, m/s, because the slip ratio is not defined at standstill."""
 
 
 @outside
@@ -39,16 +39,16 @@ def assumed_force(v: Any, sigma: Any, parameters: Any) -> Any:
 
 @outside
 def law_step(state: Any, v: Any, omega: Any, Ta: Any, parameters: Any) -> Any:
-    """Make the step of the generated law."""
+    """Return the torque of the generated law, N*m, and update its state."""
     raise NotImplementedError
 
 
 class Sliding(Controller):
     """Sampled sliding-mode law of [Park2008] (45), derived by `sliding.derivation`.
 
-    Ta is the static torque of an adhesion law at the measured slip velocity: that of the run, or `adhesion`. When the
-    rail changes, a controller with `knows_rail` changes its model too; otherwise only the reference changes.
-    InputError: torque limits that are not low < high.
+    The law needs the adhesion torque Ta. It is computed as the static torque of an adhesion law at the measured slip
+    velocity: of `adhesion` or, by default, of the law of the run. When the rail changes, the reference slip changes;
+    with `knows_rail` the assumed adhesion law changes too. InputError: torque_min >= torque_max.
     """
 
     kind: ClassVar[str] = "asmc"
@@ -63,7 +63,7 @@ class Sliding(Controller):
     k2: float = quantity("1", "adaptation gain of theta2_hat", ge=0, default=0.0)
     layer: float = quantity("m/s", "boundary layer", ge=0, default=0.0)
     leak: float = quantity("1/s", "sigma-modification", ge=0, default=0.0)
-    dead_zone: bool = Field(False, description="whether the estimates rest within the boundary layer")
+    dead_zone: bool = Field(False, description="whether the estimates stay constant within the boundary layer")
     box: tuple[tuple[float, float], tuple[float, float]] | None = Field(
         None, description="bounds of theta1_hat (1/(kg*m)) and theta2_hat (m/s); none if left out"
     )
@@ -82,7 +82,7 @@ class Sliding(Controller):
 
     @classmethod
     def from_keys(cls, content: Mapping[str, Any], path: Path, initial_speed: float | None) -> Self:
-        """Read the keys of a file; `adhesion` is the name of an adhesion law's file, or has its keys."""
+        """Read the keys of a file; `adhesion` is the name of the file of an adhesion law, or a table with its keys."""
         v0 = None if initial_speed is None else initial_speed / KMH
         if isinstance(given := content.get("adhesion"), str):
             if not given.lower().endswith(".toml"):
@@ -98,7 +98,7 @@ class Sliding(Controller):
 
     @property
     def gains(self) -> LawGains:
-        """Gains as the record that the verification uses."""
+        """Gains as the record that the verification of the law uses."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "box", "dead_zone")
         return LawGains(**{name: getattr(self, name) for name in names})
 
@@ -128,17 +128,18 @@ class Sliding(Controller):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        assert self.adhesion is not None, "without one there is no program"
+        assert self.adhesion is not None, "a C program needs one"
         given = f", {self.adhesion.file}" if self.adhesion.file else ""
         return (
             "",
-            f"It assumes the adhesion law {self.adhesion.name!r}{given}, {self.adhesion.rail.value} rail, at rest.",
+            f"It assumes the static force of the adhesion law {self.adhesion.name!r}{given}, on "
+            f"{self.adhesion.rail.value} rail.",
             "",
             *CAUTIONS,
         )
 
     def parameters(self, situation: Situation) -> Mapping[str, Any]:
-        """Return the parameters of the generated law, and the numbers of the assumed adhesion law."""
+        """Return the parameters of the generated law, and the parameters of the assumed adhesion law."""
         assert self.wheel_load is not None, "`believing` sets it"
         assert self.inertia_scale is not None, "`believing` sets it"
         assert self.nominal_mass is not None, "`believing` sets it"
@@ -173,7 +174,7 @@ class Sliding(Controller):
         return {"K_nm": self.K, "D_si": self.D, "rho_per_s": self.rho, "k1_si": self.k1, "k2": self.k2}
 
     def described(self) -> str:
-        knows = "" if self.knows_rail else "; its adhesion model stays dry"
+        knows = "" if self.knows_rail else "; its adhesion model is always that of dry rail"
         model = self.adhesion
         own = "" if model is None else f"; its adhesion model is {model.name!r}, {model.file or 'without file'}"
         return (
@@ -186,7 +187,7 @@ class Sliding(Controller):
         if not (self.k1 or self.k2):
             return ", no adaptation"
         box = "" if self.box is None else ", estimates within " + " and ".join(f"{a:g} to {b:g}" for a, b in self.box)
-        rests = ", resting in the layer" if self.dead_zone else ""
+        rests = ", constant in the layer" if self.dead_zone else ""
         return f", k1 {self.k1:g}, k2 {self.k2:g}, leak {self.leak:g} 1/s{box}{rests}"
 
     def limits_described(self) -> str:
@@ -201,7 +202,7 @@ class Sliding(Controller):
 
     @staticmethod
     def step(state: Any, measurement: Any, parameters: Any) -> Any:
-        """Return the torque of the generated law, with the static Ta of the assumed adhesion law."""
+        """Return the torque of the generated law, with the static torque Ta of the assumed adhesion law."""
         v, omega, Ta = measurement.train_speed, measurement.wheel_speed, 0.0
         if v > _LEAST_SPEED:
             Ta = parameters.r * assumed_force(v, v - parameters.r * omega, parameters)
@@ -218,15 +219,15 @@ class Sliding(Controller):
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, **given: Any) -> Self:
-        """Return the controller with the given gains and the vehicle's parameters as assumed ones."""
+        """Return the controller with the given gains; it assumes the parameters of the vehicle."""
         return cls(**given).believing(vehicle)
 
 
 @cache
 def _force_text(kind: type[Sliding], model: type[AdhesionLaw] | None) -> str:
-    """Return the kernel's `assumed_force` and the functions of the assumed law.
+    """Return the kernel text of `assumed_force` and of the functions of the assumed adhesion law.
 
-    Without a model it calls the functions of the run's adhesion law, which are in the kernel already.
+    Without a model, `assumed_force` calls the functions of the run's adhesion law, which every kernel has.
     """
     own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "own_"), "own_")
     return f"""{own}

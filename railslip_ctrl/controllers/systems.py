@@ -1,8 +1,8 @@
 """Linear controllers as systems, and the wheel-slip loop of a controller.
 
-The loop transfer function is L(s) = C(s) Ga(s) P(s): C from the slip-velocity error e = lambda_d v - sigma to the
-commanded brake torque, Ga the brake actuator with its dead time, P from acting torque to -e. More torque gives
-more slip, so that P > 0 and the feedback is negative.
+The loop transfer function is L(s) = C(s) Ga(s) P(s). C is the controller, from the slip-velocity error
+e = lambda_d v - sigma to the commanded brake torque. Ga is the brake actuator with its dead time. P is the wheel, from
+acting torque to -e. More torque gives more slip, so that P > 0 and the feedback is negative.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class PIController:
     """PI controller with optional lead, C(s) = (kp + ki/s) (lead s + 1)/(lead_filter s + 1).
 
     - gains: kp in N*m/(m/s), ki in N*m/m.
-    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase; a lead equal to the actuator's lag
-      cancels it.
-    - lead_filter: time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0;
-      must be > 0 with a lead, so that C is proper. Without a lead it filters the error.
+    - lead: time constant of the lead (lead s + 1), s, >= 0; 0: no lead. A lead adds phase; if it equals the actuator's
+      lag, it cancels the lag.
+    - lead_filter: time constant of the filter 1/(lead_filter s + 1), s, >= 0, which bounds the gain at high frequency.
+      It must be > 0 with a lead, so that C is proper. Without a lead it filters the error.
 
     InputError: a field of wrong type, a negative or non-finite time constant, or a lead without a filter.
     """
@@ -65,7 +65,7 @@ class PIController:
 
 
 def pi_transfer_function(kp: float, ki: float) -> Rational:
-    """Return kp + ki/s in factored form; without integrator if ki = 0."""
+    """Return kp + ki/s in factored form; it has no integrator if ki = 0."""
     if ki == 0:
         return Rational(np.array([]), np.array([]), kp)
     zeros = np.array([]) if kp == 0 else np.array([-ki / kp])
@@ -80,7 +80,7 @@ def _first_order(lead: float, lag: float) -> Rational:
 
 
 class _System:
-    """Base class of the records of systems; a `period`, s, makes the system discrete."""
+    """Base class of the records of linear systems; a system with a `period`, s, is discrete."""
 
     period: Any
     transfer_function: Any
@@ -161,23 +161,23 @@ def describe_system(design: LinearController) -> str:
 
 
 def plain_number(value: float | tuple[Any, ...]) -> str:
-    """Return a number, or a list of numbers, with six digits."""
+    """Return a number, or nested tuples of numbers, as text with six significant digits."""
     return f"[{' '.join(map(plain_number, value))}]" if isinstance(value, tuple) else f"{value:.6g}"
 
 
 LinearController = PIController | PolynomialController | StateSpaceController
-"""Records to which any linear controller is converted."""
+"""Records to which `linear_controller` converts any linear controller."""
 
 
 @checked
 def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
-    """Convert a linear controller to a record, from slip error e (m/s) to torque (N*m).
+    """Convert a linear controller, from slip error e (m/s) to torque (N*m), to a `LinearController`.
 
-    - controller: linear system; `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
-      system, `Rational`, a real number, or an object with `linear(operating_point)` that returns one of these.
-    - point: argument for `linear`.
+    - controller: linear system: `PIGains`, `PIController`, python-control TransferFunction or StateSpace, scipy.signal
+      system, `Rational` or a real number; or an object with `linear(operating_point)` that returns one of these.
+    - point: operating point for `linear`.
 
-    InputError: any other object; a step object or function has no margins.
+    InputError: any other object, such as an object or a function that only has a step.
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
@@ -202,8 +202,8 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         b, c, d = (tuple(np.ravel(matrix).tolist()) for matrix in (controller.B, controller.C, controller.D))
         return StateSpaceController(tuple(map(tuple, rows.tolist())), b, c, float(d[0]), period)
     if hasattr(controller, "num"):
-        one = hasattr(controller, "ninputs")
-        num, den = (controller.num[0][0], controller.den[0][0]) if one else (controller.num, controller.den)
+        nested = hasattr(controller, "ninputs")  # python-control nests the coefficients, SciPy does not
+        num, den = (controller.num[0][0], controller.den[0][0]) if nested else (controller.num, controller.den)
         num, den = (tuple(np.atleast_1d(each).astype(float).tolist()) for each in (num, den))
         return PolynomialController(num, den, period)
     parts = realise(system)
@@ -213,7 +213,7 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
 
 
 def _check_object(controller: Any) -> None:
-    """Raise InputError for a name or a class."""
+    """Raise InputError if a controller is given as text or as a class."""
     if isinstance(controller, str):
         raise InputError(
             f"controller: {shown(controller)} is a text; give a controller object, from a file by load_controller"
@@ -233,7 +233,7 @@ def _linear_kind(controller: Controller, point: OperatingPoint | None) -> Linear
 
 
 def linear_of(controller: Any) -> Any:
-    """Return the attribute `linear`, or None without one; InputError if reading it fails, as a property may."""
+    """Return the attribute `linear`, or None without one; InputError if a property `linear` raises an error."""
     try:
         return controller.linear
     except Exception as error:  # a user's property may fail in any way
@@ -271,15 +271,15 @@ def is_function(thing: Any) -> bool:
 
 
 def is_system(controller: Any) -> bool:
-    """Return True for a linear system; python-control's and SciPy's have inputs and a `dt`."""
-    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
-    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
+    """Return True for a linear system; those of python-control and SciPy have inputs and a `dt`."""
+    has_inputs = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
+    return (has_inputs and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
 
 
 def has_step(controller: Any) -> bool:
-    """Return True for a step controller: a function, or an object with `step` that is not a linear system.
+    """Return True for a function, or an object with a method `step` that is not a linear system.
 
-    A linear system of scipy.signal has a `step` too, its step response; and a step object may have a `dt`.
+    A system of scipy.signal also has a `step`, its step response, and an object with a step may have a `dt`.
     """
     if isinstance(controller, Controller):
         return False
@@ -287,11 +287,11 @@ def has_step(controller: Any) -> bool:
 
 
 def step_alone(controller: Any) -> InputError:
-    """Return the error for margins of a controller that only has a step."""
+    """Return the InputError for a controller that has no margins because it only has a step."""
     where = place_of(getattr(controller, "step", controller))
     lacking = "an object that has step and" if is_function(controller) else "it"
     return InputError(
-        f"controller: {where}{_name(controller)} only has a step, and so no margins; give {lacking} a method "
+        f"controller: {where}{_name(controller)} has no margins, because it only has a step; give {lacking} a method "
         "linear(operating_point) that returns a python-control system"
     )
 
@@ -304,8 +304,8 @@ def _name(thing: Any) -> str:
 def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
     """Return C(s) of a continuous linear controller, N*m/(m/s), at an operating point.
 
-    Arguments and errors are those of `linear_controller`. InputError also for a discrete controller, whose margins are
-    those of `sampled.sampled_loop`.
+    Arguments and errors are those of `linear_controller`. InputError also for a discrete controller; for its margins
+    use `wheel_slip_loop`.
     """
     if isinstance(controller, Rational):
         return controller
@@ -319,24 +319,24 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 
 
 def polynomials(controller: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return numerator and denominator of a continuous linear controller, coefficients of descending powers of s."""
+    """Return numerator and denominator of a continuous linear controller: coefficients of descending powers of s."""
     num, den = (polynomial.coeffs()[::-1] for polynomial in controller_system(controller).polynomials)
     return tuple(map(float, num)), tuple(map(float, den))
 
 
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """Return the system from commanded torque (N*m) to -e (m/s), without the dead time.
+    """Return the system from commanded torque (N*m) to -e (m/s): the wheel and the actuator's lag, without dead time.
 
-    - plant: the wheel.
-    - actuator: the actuator, whose lag is in series with the wheel.
+    - plant: linear wheel.
+    - actuator: brake actuator; only its lag, s, is used.
 
     Returns a SISO system in m/s over N*m.
     """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
     else:
-        wheel = Rational(plant.zeros, plant.poles, plant.gain)  # with v frozen -e is sigma
+        wheel = Rational(plant.zeros, plant.poles, plant.gain)  # with constant v, -e is sigma
     return _first_order(0.0, actuator.lag) * wheel
 
 
@@ -344,15 +344,15 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
 def wheel_slip_loop(plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None) -> Any:
     """Return the loop L(s) = C(s) Ga(s) P(s) with exact dead time; for a discrete controller the exact sampled loop.
 
-    For a kind with a loop of its own, such as the seeking controller, it is that loop.
+    For a kind that defines its own loop, such as the seeking controller, this loop is returned.
 
     - plant: P, from torque at the wheel (N*m) to -e (m/s), which is sigma if the train speed is constant.
-    - controller: linear system, or a kind with a loop; C, from slip error e = lambda_d v - sigma (m/s) to torque
-      (N*m): see `linear_controller`.
-    - actuator: Ga, dead time and lag, s. [Park2008] p. 55. By default that of the operating point's vehicle.
+    - controller: C, from slip error e = lambda_d v - sigma (m/s) to torque (N*m), as in `linear_controller`; or a
+      controller of a kind that defines its own loop.
+    - actuator: Ga, dead time and lag, s, [Park2008] p. 55; by default those of the operating point's vehicle.
 
-    Returns L, dimensionless, SISO, closed by unity negative feedback: a `DeadTimeLoop`; a `SampledLoop` for a
-    controller with a dt; a `DelayedLoop` for a loop with delays inside.
+    Returns L, dimensionless, SISO, for unity negative feedback: a `DeadTimeLoop`; a `SampledLoop` for a discrete
+    controller; a `DelayedLoop` for a loop with inner delays.
     InputError: an argument of wrong type, or a controller without a transfer function.
     """
     if isinstance(plant, OperatingPoint):

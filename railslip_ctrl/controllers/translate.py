@@ -1,9 +1,10 @@
-"""Read the step of a controller from its Python source, and print it as the text of a kernel.
+"""Translation of a controller's step from its Python source to the text of a kernel.
 
-A step is a function of (state, measurement, parameters) in named fields. It and the functions that it calls use numbers
-alone: assignments, `if`, `while`, `for ... in range(...)`, `return`; `min`, `max`, `abs`, `int`, `float`, `len`;
-functions of `math` (`MATH`); and constants of their modules. They read state, measurement and parameters by their
-fields, and write only the state. `c_code` prints the same functions as C99.
+A step is a function of (state, measurement, parameters), which are records with named fields. The step and the
+functions that it calls compute only with numbers. They may use assignments, `if`, `while`, `for ... in range(...)`,
+`return`, the functions `min`, `max`, `abs`, `int`, `float` and `len`, functions of `math` (`MATH`), and constants of
+their modules. They read fields of state, measurement and parameters, and write only fields of the state. `c_code`
+prints the same functions as C99.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ MATH = {
     **dict.fromkeys(("exp", "log", "sqrt", "fabs", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "isfinite"), 1),
     **dict.fromkeys(("pow", "atan2", "hypot", "copysign"), 2),
 }
-"""Functions of `math` that Numba and C have too, with their number of arguments."""
+"""Functions of `math` that Numba and C also have, with their numbers of arguments."""
 _NODES = (
     *(ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.AugAssign, ast.Expr, ast.If, ast.While, ast.For),
     *(ast.Return, ast.Pass, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Call, ast.Constant),
@@ -50,15 +51,15 @@ _LARGEST_WHOLE = 2**31 - 1
 
 @dataclass(frozen=True)
 class Function:
-    """Function of a step, read from its source.
+    """A step, or a function that it calls, read from its source.
 
     - name: unique among the functions of the step.
     - node: its definition, without decorators, annotations and docstring.
     - doc: its docstring.
     - roles: roles of the arguments that are the state, the measurement or the parameters.
-    - constants: numbers of its module that it uses, by name.
-    - calls: functions that it calls, by their names in its text.
-    - is_outside: True if each target language defines the function itself.
+    - constants: constants of its module that it uses, by name.
+    - calls: functions that it calls, by the names that it uses for them.
+    - is_outside: True if the function is marked as `outside`, so that each target language defines it.
     """
 
     name: str
@@ -79,7 +80,7 @@ class Function:
         return self.roles.get(node.id) if isinstance(node, ast.Name) else None
 
     def all(self) -> dict[str, Function]:
-        """Return this function and those that it calls, by name; each comes after those that it calls."""
+        """Return this function and all that it calls, by name; each function comes after those that it calls."""
         functions: dict[str, Function] = {}
         for called in self.calls.values():
             functions |= {name: each for name, each in called.all().items() if name not in functions}
@@ -87,13 +88,13 @@ class Function:
 
 
 def outside(function: F) -> F:
-    """Mark a function of (state, measurement, parameters) that each target language defines under the same name."""
+    """Mark a function that a step calls but that each target language must define under the same name."""
     function.__dict__["is_outside"] = True
     return function
 
 
 def with_functions(step: Callable[..., Any], functions: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
-    """Return a step that calls `functions` in place of the functions marked `outside` in its module."""
+    """Return a step that calls `functions` instead of the functions of the same name that are marked as `outside`."""
     assert isinstance(step, FunctionType), "a kind's step is a static method"
     return FunctionType(step.__code__, {**step.__globals__, **functions}, step.__name__) if functions else step
 
@@ -103,7 +104,7 @@ def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) 
 
     - roles: roles of the arguments by name; by default the first three are state, measurement and parameters.
 
-    InputError, with file and line, for anything that cannot be translated.
+    InputError, with file and line, for code that cannot be translated.
     """
     arguments = tuple(inspect.signature(step).parameters)[: len(ROLES)]
     if roles is None and len(arguments) < len(ROLES):
@@ -113,7 +114,7 @@ def read_step(step: Callable[..., Any], roles: Mapping[str, str] | None = None) 
 
 
 def returned_values(function: Function) -> int:
-    """Return how many numbers a function returns."""
+    """Return the number of values that a function returns."""
     return max((_values(node) for node in ast.walk(function.node) if isinstance(node, ast.Return)), default=0)
 
 
@@ -130,7 +131,7 @@ def ends(nodes: Sequence[ast.stmt]) -> bool:
 
 
 def _place(function: Any, line: int) -> str:
-    """Return file and line; `line` is counted from the function's first line."""
+    """Return file and line as text; `line` counts from 0 at the first line of the function."""
     return place(function.__code__.co_filename, function.__code__.co_firstlineno + line)
 
 
@@ -140,7 +141,7 @@ def _read(
     known: dict[FunctionType, Function],
     above: tuple[FunctionType, ...],
 ) -> Function:
-    """Read a function; `known` are the functions read before, `above` those that call it."""
+    """Read a function; `known` are the functions already read, `above` the functions that call it."""
     if function in above:
         raise InputError(f"{_place(function, 0)}: {function.__name__} calls itself; write a loop")
     if function in known:
@@ -156,7 +157,7 @@ def _read(
         raise InputError(f"{function.__name__}: its source cannot be read; write it into a file") from None
     try:
         node = ast.parse(text).body[0]
-    except SyntaxError:  # of a lambda in the middle of a line
+    except SyntaxError:  # for example a lambda in the middle of a line
         node = ast.Pass()
     if not isinstance(node, ast.FunctionDef):
         raise InputError(f"{_place(function, 0)}: {function.__name__} cannot be translated; write it with def")
@@ -180,13 +181,13 @@ def _read(
 
 
 def _check(read: Function, function: FunctionType) -> None:
-    """Raise InputError for anything outside the subset of Python that steps may use."""
+    """Raise InputError for code outside the subset of Python that a step may use."""
     for node, why in _faults(read):
         raise InputError(f"{_place(function, getattr(node, 'lineno', 1) - 1)}: {why}")
 
 
 def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """Yield the nodes that a step may not have, with the reason."""
+    """Yield the nodes that are not allowed in a step, each with the reason."""
     parts = list(ast.walk(read.node))
     by_name = {id(one) for node in parts if isinstance(node, ast.Call) for one in node.args}
     by_name |= {id(node.value) for node in parts if isinstance(node, ast.Attribute)}
@@ -214,7 +215,7 @@ def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
-    """Yield invalid constants with the reason."""
+    """Yield a constant that is not allowed, with the reason."""
     if not isinstance(node.value, int | float):
         yield node, f"{node.value!r} is not a number; a step may use only numbers"
     elif isinstance(node.value, int) and node.value > _LARGEST_WHOLE:
@@ -222,7 +223,7 @@ def _constant_faults(node: ast.Constant) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
-    """Yield invalid calls with the reason."""
+    """Yield a call that is not allowed, with the reason."""
     if isinstance(node.func, ast.Attribute) and MATH.get(node.func.attr) != len(node.args):
         yield (
             node,
@@ -231,7 +232,7 @@ def _call_faults(node: ast.Call) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tuple[ast.AST, str]]:
-    """Yield invalid returns with the reason."""
+    """Yield returns that are not allowed, with the reason."""
     if len({_values(node) for node in returns}) > 1:
         yield returns[-1], "the returns have different counts of numbers; return the same count everywhere"
     if returned_values(read) and not ends(read.node.body):
@@ -239,7 +240,7 @@ def _return_faults(read: Function, returns: Sequence[ast.Return]) -> Iterator[tu
 
 
 def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterator[tuple[ast.AST, str]]:
-    """Yield invalid uses of a field, or of an element of one, with the reason."""
+    """Yield a use of a field, or of an element of an array, that is not allowed, with the reason."""
     field_ = node.value if isinstance(node, ast.Subscript) else node
     if isinstance(node.ctx, ast.Store) and (not isinstance(field_, ast.Attribute) or read.role(field_.value) != STATE):
         yield node, f"{ast.unparse(node)} is written; a step may write only the state"
@@ -248,7 +249,7 @@ def _field_faults(node: ast.Attribute | ast.Subscript, read: Function) -> Iterat
 
 
 def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.AST, str]]:
-    """Yield faults of a `for` loop, with the reason; `parts` are all nodes of the function."""
+    """Yield the faults of a `for` loop with the reason; `parts` are all nodes of the function."""
     call, target = loop.iter, loop.target
     is_range = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"
     if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
@@ -314,9 +315,9 @@ def _is_name(node: ast.AST, name: str) -> bool:
 class Layout:
     """Indices of the fields in a kernel's arrays: the state in `_x`, the parameters in `_c`.
 
-    `_c` begins with `first` numbers that the kernel itself uses. Then come the scalars, first index and length of each
-    array of the parameters and of the state, and the arrays of the parameters. `_x` has the scalars of the state, then
-    its arrays.
+    `_c` begins with `first` numbers that the kernel itself uses. Then come the scalar parameters, then the first index
+    and the length of each array of the parameters and of the state, then the arrays of the parameters. `_x` has the
+    scalars of the state, then its arrays.
     """
 
     state: tuple[str, ...]
@@ -326,7 +327,7 @@ class Layout:
     first: int
 
     def row(self, values: Mapping[str, Any], state_sizes: Sequence[int]) -> tuple[float, ...]:
-        """Return the numbers of `_c` from index `first` on."""
+        """Return the numbers of `_c` from index `first` on; `state_sizes` are the lengths of the state's arrays."""
         arrays = [tuple(map(float, values[name])) for name in self.parameter_arrays]
         index = self.first + len(self.parameters) + 2 * (len(arrays) + len(state_sizes))
         header: list[float] = []
@@ -363,9 +364,9 @@ ARGUMENTS = ("_x", *MEASURED.values(), "_c", "_table")
 
 
 def kernel_text(step: Function, layout: Layout, command: str = "command") -> str:
-    """Return the functions of a step as text of a kernel; the last is `command(x, t, v, omega, applied, c, table)`.
+    """Return the functions of a step as kernel text; the last one is `command(x, t, v, omega, applied, c, table)`.
 
-    Arguments of the step without a role come last.
+    Arguments of the step that have no role come after these.
     """
     functions = [one for one in step.all().values() if not one.is_outside]
     printed = [f"@compiled\n{ast.unparse(_Printer(one, layout).printed())}\n" for one in functions]
@@ -379,7 +380,7 @@ def _prefixed(name: str) -> str:
 
 
 class _Printer(ast.NodeTransformer):
-    """Replaces the fields in a function by elements of arrays."""
+    """Replace the fields in a function by elements of the kernel's arrays."""
 
     def __init__(self, function: Function, layout: Layout) -> None:
         self._function, self._layout = function, layout
@@ -396,7 +397,7 @@ class _Printer(ast.NodeTransformer):
         return ast.fix_missing_locations(definition)
 
     def _prologue(self) -> Iterable[ast.stmt]:
-        """Yield statements that read first index and length of the arrays in use."""
+        """Yield statements that read first index and length of each array that the function uses."""
         for name, header in self._arrays.items():
             yield from ast.parse(f"_at_{name} = int(_c[{header}])\n_len_{name} = int(_c[{header + 1}])").body
 
@@ -413,7 +414,7 @@ class _Printer(ast.NodeTransformer):
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         role = self._function.role(node.value)
         if role is None:
-            return node  # a function or constant of math
+            return node  # of the module math
         text = self._layout.scalar(role, node.attr)
         if text is None:
             raise self._unknown(role, node)

@@ -1,7 +1,8 @@
-"""User's own controllers that have a step: a Python object, a function, or a function compiled by Numba.
+"""Controllers given by a user's step: a Python object, a function, or a function compiled by Numba.
 
-The kernel calls the step by its address once a sample, with time (s), measured train speed (m/s) and wheel speed
-(rad/s). The step returns the torque to command until the next sample, N*m. It is not compiled into the kernel.
+The kernel calls the step by its address once a sample, with the time (s), the measured train speed (m/s) and the
+measured wheel speed (rad/s). The step returns the torque to command until the next sample, N*m. It is not compiled into
+the kernel.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ from .base import LEAST_PERIOD, PERIOD, Controller, Situation
 from .systems import is_function, linear_controller
 from .translate import ARGUMENTS
 
-ADDRESS = 1  #: index of the step's address in a controller's row
+ADDRESS = 1  #: index of the step's address among the controller's numbers in a kernel
 
 
 class UserStep:
-    """User's step `thing`: an object with `step(t, v, omega)`, or a function, in Python or compiled by Numba."""
+    """Step of a user: `thing` is an object with `step(t, v, omega)`, or a function, in Python or compiled by Numba."""
 
     def __init__(self, thing: Any) -> None:
         self.thing = thing
@@ -50,7 +51,7 @@ class UserStep:
 
     @property
     def function(self) -> Any:
-        """Function that makes the step."""
+        """Function that computes the step."""
         return self.thing if is_function(self.thing) else getattr(self.thing, "step", None)
 
     @property
@@ -64,7 +65,7 @@ class UserStep:
         module = sys.modules.get(type(self.thing).__module__)
         if module is not None and not getattr(
             module, "__spec__", None
-        ):  # the module of a file, which no worker imports
+        ):  # a module loaded from a file, which other processes cannot import
             cloudpickle.register_pickle_by_value(module)
         return _unpacked, (cloudpickle.dumps(self.thing),)
 
@@ -76,11 +77,11 @@ class UserStep:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of its source and its attributes."""
+        """Hash of the source of the step and of the attributes of its object."""
         of = getattr(self.thing, "py_func", self.thing)
         try:
             source = inspect.getsource(of if inspect.isfunction(of) else type(of))
-        except (OSError, TypeError):  # entered at a prompt, without a source file
+        except (OSError, TypeError):  # defined at a prompt, without a source file
             source = repr(of)
         attributes = sorted((name, repr(value)) for name, value in getattr(self.thing, "__dict__", {}).items())
         return hashlib.sha256(repr((source, [] if self.is_numba else attributes)).encode()).hexdigest()
@@ -93,21 +94,21 @@ def _unpacked(content: bytes) -> UserStep:
 
 
 class StepControl(Controller):
-    """Controller that is given by its step.
+    """Controller given by a user's step.
 
-    - thing: an object with `step(t, v, omega) -> torque` and optionally `reset(t, v, omega)`, which is called once
-      before the first sample; or such a function, in Python or compiled by Numba. Each run has its own copy of an
-      object that can be copied. SI.
-    - start_numbers: initial state of a function, 1-D, in any units. The function is then step(t, v, omega, x) and
-      changes the array x.
+    - thing: an object with `step(t, v, omega) -> torque`, in SI, and optionally `reset(t, v, omega)`, which is called
+      once before the first sample; or a function step(t, v, omega), in Python or compiled by Numba. Each run uses its
+      own copy of an object that can be copied.
+    - start_numbers: initial state of a function, 1-D, in any units. With a state, the function is step(t, v, omega, x)
+      and updates the array x.
 
     `reference` is used only to judge the slip. InputError: a step that cannot be called.
     """
 
     kind: ClassVar[str] = "step"
-    title: ClassVar[str] = "a step of the user's"
+    title: ClassVar[str] = "user's step"
     source: ClassVar[str] = "the user"
-    no_loop: ClassVar[str] = "it is known by its step alone"
+    no_loop: ClassVar[str] = "only its step is known"
     follows_reference: ClassVar[bool] = False
 
     period: float | None = quantity("s", "sampling period; every step if None", ge=LEAST_PERIOD, default=PERIOD)
@@ -136,7 +137,9 @@ class StepControl(Controller):
 
     @property
     def whole_step(self) -> Callable[[Any, Any, Any], float]:
-        raise InputError(f"controller {self.label}: only has a Python step function; give a built-in kind or a class")
+        raise InputError(
+            f"controller {self.label}: only has a Python step; give a built-in kind or the class of a kind"
+        )
 
     def source_text(self) -> str:
         return f"""
@@ -150,24 +153,24 @@ def command({", ".join(ARGUMENTS)}):
 
     def row(self, situation: Situation, state: Any) -> tuple[float, ...]:
         slip = math.nan if self.reference is None else self.reference.on(situation.rail)
-        return (slip, math.nan)  # each run replaces NaN by its own address
+        return (slip, math.nan)  # each run replaces NaN by the address of its step
 
     def described(self) -> str:
         return self.label
 
     def opened(self, v: float, omega: float) -> PythonCall | NumbaCall:
-        """Return the step for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
+        """Return the step for one run, with initial train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.thing.is_numba else PythonCall(self, v, omega)
 
     def refused(self, torque: Any, t: float) -> InputError:
-        """Return the error for an invalid torque at time t, s."""
+        """Return the InputError for an invalid torque at time t, s."""
         return InputError(
             f"controller {self.label}: {place_of(self.thing.function)}step gives {shown(torque)} at t = {t:g} s; "
             "return a finite torque (N*m)"
         )
 
     def failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        """Return the error for an exception in the method `what`, by default the step, at time t, s."""
+        """Return the InputError for an `error` raised by the method `what`, by default the step, at time t, s."""
         function = self.thing.function if what == "step" else getattr(self.thing.thing, what)
         arguments = "t, v, omega" + ", x" * bool(self.start_numbers)
         message = call_failure(error, function, what, arguments, f" at t = {t:g} s")
@@ -195,7 +198,7 @@ class PythonCall:
                     self._torque = torque, t
                     return nan
                 return float(torque)
-            except BaseException as error:  # noqa: BLE001  # cannot pass through the kernel; `check` raises it later
+            except BaseException as error:  # noqa: BLE001  # none may pass through the kernel; `check` raises it
                 self._error = error, t
                 return nan
 
@@ -224,7 +227,7 @@ class PythonCall:
         return thing.step  # type: ignore[no-any-return]
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the error of the step up to time t, s, if there was one."""
+        """Raise the error that the step had up to time t, s, if any."""
         if self._error is not None:
             error, at = self._error
             if not isinstance(error, Exception):  # KeyboardInterrupt and the like
@@ -243,9 +246,10 @@ class NumbaCall:
         self.address = int(self._kept.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
-        """Raise the step's error if the run `ended` at time t, s, without a finite torque.
+        """Raise the error of the step if the run `ended` at time t, s, because the torque was not finite.
 
-        The function is called again in the interpreter to find the error.
+        The function is called again in the interpreter to find the error, with train speed `v` (m/s), wheel speed
+        `omega` (rad/s) and state `x`.
         """
         if not ended:
             return
@@ -262,7 +266,7 @@ _COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}
 
 
 def _compiled(function: Any, count: int, name: str) -> Any:
-    """Return the function compiled as a C function; each process compiles it once."""
+    """Return the user's function compiled to a C function; each process compiles it once."""
     from numba import carray, cfunc, types
     from numba.core.errors import NumbaError
 
@@ -274,13 +278,13 @@ def _compiled(function: Any, count: int, name: str) -> Any:
     def without_state(t, v, omega, x):  # type: ignore[no-untyped-def]
         try:
             return float(function(t, v, omega))
-        except Exception:  # noqa: BLE001  # Numba supports no other class of exceptions
+        except Exception:  # noqa: BLE001  # Numba supports only this class of exceptions
             return nan
 
     def with_state(t, v, omega, x):  # type: ignore[no-untyped-def]
         try:
             return float(function(t, v, omega, carray(x, (count,))))
-        except Exception:  # noqa: BLE001  # Numba supports no other class of exceptions
+        except Exception:  # noqa: BLE001  # Numba supports only this class of exceptions
             return nan
 
     number = types.float64
@@ -294,7 +298,7 @@ def _compiled(function: Any, count: int, name: str) -> Any:
 
 
 def _compile_failure(function: Any, error: BaseException) -> str:
-    """Return file and line of the user's code at which Numba stopped, and the reason in one line."""
+    """Return a message with file and line of the user's code that Numba cannot compile, and the reason."""
     reason = numba_reason(error)
     missing = re.match(r"NameError: name '(\w+)'", reason)
     code = function.py_func.__code__
@@ -314,9 +318,9 @@ def numba_reason(error: BaseException) -> str:
 
 
 def _stopped_at(text: str) -> tuple[str, int] | None:
-    """Return the first file and line of the user's code in a Numba message, which is the innermost.
+    """Return the first file and line of the user's code in a Numba message, which has relative paths.
 
-    The paths in the message are relative.
+    The first one is the innermost.
     """
     libraries = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
     lines = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
@@ -324,9 +328,9 @@ def _stopped_at(text: str) -> tuple[str, int] | None:
 
 
 def _use_of(name: str, function: Any, seen: tuple[Any, ...] = ()) -> tuple[str, int] | None:
-    """Return file and line at which a Numba function, or one that it calls, uses a global `name`.
+    """Return file and line at which a Numba function, or one that it calls, uses a global `name`; None if nowhere.
 
-    Numba's message for a missing global has only its name.
+    Numba's message for a missing global has the name but no line.
     """
     of = function.py_func
     for instruction in dis.get_instructions(of):
