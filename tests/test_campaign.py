@@ -143,7 +143,7 @@ def mass(distribution, relative=False, *paths):
     (lambda: Uniform(2.0, 1.0), "uniform: from 2 to 1 .* low < high"),
     (lambda: Uniform(0.0, math.inf), "finite bounds"),
     (lambda: Normal(0.0, 0.0), "std: 0 is not allowed"),
-    (lambda: Normal(0.0, 1.0, 9.0, 10.0), "normal: low and high"),
+    (lambda: Normal(0.0, 1.0, 9.0, 10.0), r"normal: .*low and high"),
     (lambda: LogNormal(-1.0, 0.1), "median: -1"), (lambda: Triangular(0.0, 3.0, 2.0), "mode 3"),
     (lambda: Choice(()), "choice: .* at least one"), (lambda: Choice((1.0,), (0.0,)), "weights"),
     (lambda: Grid((math.nan,)), "grid: .* finite"),
@@ -155,7 +155,7 @@ def mass(distribution, relative=False, *paths):
     (lambda: Campaign(SHORT, (), 4), "controllers: "),
     (lambda: Campaign(SHORT, (SOFT, SOFT), 4), "two have the name 'soft'"),
     (lambda: Campaign(SHORT, (PI,), 0), "runs: 0"),
-    (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2: 16 or 32"),
+    (lambda: short(24, sampling=drawn.Sampling.SOBOL), "powers of 2; give 16 or 32"),
     (lambda: short(4).case(4), "runs 0 to 3"),
 ])  # fmt: skip
 def test_the_impossible_is_refused_before_anything_runs(make, words):
@@ -194,7 +194,7 @@ def test_a_file_gives_the_campaign(tmp_path):
     ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' .* did you mean 'vehicle.mass'"),
     ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
     ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
-    ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
+    ("high = 4000", "high = 4000\nstd = 3", "std: unknown key of uniform"),
     ("kp = 1500", "", "kp and ki: "),
     ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is "),
     ('controller = "pi"\nname', 'controller = "x.toml"\nname', "ki: .*x.toml"),

@@ -237,13 +237,13 @@ class Controller(Record):
         """
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
         shaped = [n for n in self.units() if n not in _GIVEN and isinstance(getattr(self, n), float)]
-        found = []
+        numbers = []
         for name in sorted(shaped, key=lambda name: 0 if name in ("kp", "ki") else 1 + (name in inherited)):
             field = type(self).model_fields[name]
             bounds = [getattr(mark, end) for mark in field.metadata for end in ("lt", "le") if hasattr(mark, end)]
             most = float(min(bounds, default=math.inf))
-            found.append(DesignNumber(name, getattr(self, name), self.units()[name], field.description or name, most))
-        return found
+            numbers.append(DesignNumber(name, getattr(self, name), self.units()[name], field.description or name, most))
+        return numbers
 
     def with_design_numbers(self, values: Mapping[str, float], **others: Any) -> Self:
         """Copy of the controller with some design numbers changed.

@@ -66,7 +66,7 @@ class CFunction:
         self._result, self._returned = _unused("result", used), _unused("returned", used)
         body = copy.deepcopy(function.node.body)
         self._body = _Returns(self._values, self._result, self._returned).body(body)
-        self._read = {one.id for one in self._walk() if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Load)}
+        self._read = {part.id for part in self._walk() if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load)}
         self._ints = self._whole_names()
         self._constants = {id(node) for node in self._declared_at_once()}
 
@@ -122,7 +122,7 @@ class CFunction:
         variables = set()
         for node in self._walk():
             if isinstance(node, ast.Assign) and id(node) not in self._constants:
-                variables |= {one.id for target in node.targets for one in _names(target)}
+                variables |= {part.id for target in node.targets for part in _names(target)}
             elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
                 variables.add(node.target.id)
         return variables - set(self._function.arguments)
@@ -137,8 +137,8 @@ class CFunction:
         for node in self._walk():
             if isinstance(node, ast.Assign):
                 for target, value in _pairs(node):
-                    for one in _names(target):
-                        values.setdefault(one.id, []).append(value)
+                    for part in _names(target):
+                        values.setdefault(part.id, []).append(value)
             elif isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
                 values.setdefault(node.target.id, []).append(
                     ast.Constant(0.5) if isinstance(node.op, ast.Div) else node.value
@@ -148,7 +148,7 @@ class CFunction:
         whole = set(values) - set(self._function.arguments) - {self._result}
         while True:
             kept = {
-                name for name in whole if all(one is not None and self._is_whole(one, whole) for one in values[name])
+                name for name in whole if all(part is not None and self._is_whole(part, whole) for part in values[name])
             }
             if kept == whole:
                 return whole
@@ -161,7 +161,7 @@ class CFunction:
             case ast.Constant():
                 return isinstance(node.value, int)
             case ast.BoolOp():
-                return all(self._is_whole(one, names) for one in node.values)
+                return all(self._is_whole(part, names) for part in node.values)
             case ast.Name():
                 return node.id in names or isinstance(self._function.constants.get(node.id), int)
             case ast.Call(func=ast.Name(id="int" | "len")) | ast.Compare():
@@ -192,8 +192,8 @@ class CFunction:
                     continue
                 if isinstance(statement.targets[0], ast.Tuple) and not isinstance(statement.value, ast.Tuple):
                     continue
-                here = [one.id for one in names]
-                seen = {name: sum(_uses(one, name) for one in block[k:]) for name in here}
+                here = [part.id for part in names]
+                seen = {name: sum(_uses(part, name) for part in block[k:]) for name in here}
                 first = all(stores[name] == 1 and seen[name] == uses[name] for name in here)
                 if first and not set(here) & set(self._function.arguments):
                     yield statement
@@ -239,7 +239,7 @@ class CFunction:
         assert isinstance(node.iter, ast.Call), "`translate` allows only range()"
         (target,), (*begin, end) = _names(node.target), node.iter.args
         name, before = c_name(target.id), list[str]()
-        first, last = (self._whole(one) for one in (begin[0] if begin else ast.Constant(0), end))
+        first, last = (self._whole(part) for part in (begin[0] if begin else ast.Constant(0), end))
         if not last.isdecimal():  # evaluate the end once, before the loop
             before, last = [f"const int {name}_end = {last};"], f"{name}_end"
         stop = f"{self._returned} == 0 && " if self._sets_returned(node) else ""
@@ -248,17 +248,17 @@ class CFunction:
         return [*before, *lines] if not before else ["{", *indented([*before, *lines]), "}"]
 
     def _sets_returned(self, node: ast.AST) -> bool:
-        return any(isinstance(one, ast.Name) and one.id == self._returned for one in ast.walk(node))
+        return any(isinstance(part, ast.Name) and part.id == self._returned for part in ast.walk(node))
 
     def _assigned(self, node: ast.Assign) -> list[str]:
         if isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Tuple):
-            outputs = [f"&{self._text(one)}" for one in _elements(node.targets[0])]
+            outputs = [f"&{self._text(part)}" for part in _elements(node.targets[0])]
             return [f"{self._call(node.value, outputs)};"]
         lines, constant, pairs = [], id(node) in self._constants, list(_pairs(node))
         texts = {ast.unparse(target) for target, _ in pairs}
         for _, value in pairs[1:]:
             if value is not None and any(
-                ast.unparse(one) in texts for one in ast.walk(value) if isinstance(one, ast.expr)
+                ast.unparse(part) in texts for part in ast.walk(value) if isinstance(part, ast.expr)
             ):
                 raise self._refused(node)  # a value depends on a target of the same assignment
         for target, value in pairs:
@@ -297,9 +297,9 @@ class CFunction:
         if _is_truth(node):
             return self._truth(node)
         as_real = not self._is_whole(node)
-        *others, text = (self._text(one, as_real) for one in node.values)
-        for one, operand in zip(reversed(others), reversed(node.values[:-1]), strict=True):
-            sides = (text, one) if isinstance(node.op, ast.And) else (one, text)
+        *others, text = (self._text(part, as_real) for part in node.values)
+        for other, operand in zip(reversed(others), reversed(node.values[:-1]), strict=True):
+            sides = (text, other) if isinstance(node.op, ast.And) else (other, text)
             text = f"({self._truth(operand)} ? {' : '.join(sides)})"
         return text
 
@@ -324,7 +324,7 @@ class CFunction:
                 return self._comparison(node)
             case ast.IfExp():
                 as_real = not self._is_whole(node)
-                sides = (self._text(one, as_real) for one in (node.body, node.orelse))
+                sides = (self._text(part, as_real) for part in (node.body, node.orelse))
                 return f"({self._truth(node.test)} ? {' : '.join(sides)})"
             case ast.Call():
                 return self._call(node)
@@ -344,7 +344,7 @@ class CFunction:
 
     def _comparison(self, node: ast.Compare) -> str:
         sides = [node.left, *node.comparators]
-        real = not all(self._is_whole(one) for one in sides)
+        real = not all(self._is_whole(part) for part in sides)
         pairs = zip(sides[:-1], node.ops, sides[1:], strict=True)
         texts = [f"({self._text(a, real)} {_OPERATORS[type(op)]} {self._text(b, real)})" for a, op, b in pairs]
         return texts[0] if len(texts) == 1 else f"({' && '.join(texts)})"
@@ -370,11 +370,11 @@ class CFunction:
         if isinstance(node.func, ast.Name) and node.func.id in function.calls:
             called = function.calls[node.func.id]
             given = zip(called.arguments, node.args, strict=True)
-            arguments = [self._text(one) if name in called.roles else self._bare(one, True) for name, one in given]
+            arguments = [self._text(part) if name in called.roles else self._bare(part, True) for name, part in given]
             return f"{self._structures.prefix}{called.name}({', '.join([*arguments, *(outputs or [])])})"
         if isinstance(node.func, ast.Attribute):
             name = "is_finite" if node.func.attr == "isfinite" else f"REAL_{node.func.attr.upper()}"
-            return f"{name}({', '.join(self._bare(one, True) for one in node.args)})"
+            return f"{name}({', '.join(self._bare(part, True) for part in node.args)})"
         assert isinstance(node.func, ast.Name)
         first = node.args[0]
         match node.func.id:
@@ -389,8 +389,8 @@ class CFunction:
                 return f"REAL_FABS({self._bare(first, True)})"
         name = {"min": "lesser", "max": "larger"}[node.func.id]
         text = self._bare(first, True)
-        for one in node.args[1:]:
-            text = f"{name}({text}, {self._bare(one, True)})"
+        for part in node.args[1:]:
+            text = f"{name}({text}, {self._bare(part, True)})"
         return text
 
     def _refused(self, node: ast.AST) -> InputError:
@@ -465,7 +465,7 @@ class _Returns:
 
 
 def _has_return(node: ast.AST) -> bool:
-    return any(isinstance(one, ast.Return) for one in ast.walk(node))
+    return any(isinstance(part, ast.Return) for part in ast.walk(node))
 
 
 def _unused(name: str, used: set[str]) -> str:
@@ -501,7 +501,7 @@ def _blocks(nodes: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
 
 
 def _uses(node: ast.AST, name: str) -> int:
-    return sum(isinstance(one, ast.Name) and one.id == name for one in ast.walk(node))
+    return sum(isinstance(part, ast.Name) and part.id == name for part in ast.walk(node))
 
 
 def _elements(node: ast.expr) -> list[ast.expr]:
@@ -509,7 +509,7 @@ def _elements(node: ast.expr) -> list[ast.expr]:
 
 
 def _names(node: ast.expr) -> list[ast.Name]:
-    return [one for one in _elements(node) if isinstance(one, ast.Name)]
+    return [part for part in _elements(node) if isinstance(part, ast.Name)]
 
 
 def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
@@ -518,7 +518,7 @@ def _pairs(node: ast.Assign) -> Iterator[tuple[ast.expr, ast.expr | None]]:
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
             yield from zip(target.elts, node.value.elts, strict=True)
         elif isinstance(target, ast.Tuple):
-            yield from ((one, None) for one in target.elts)
+            yield from ((part, None) for part in target.elts)
         else:
             yield target, node.value
 

@@ -189,9 +189,9 @@ def _check(read: Function, function: FunctionType) -> None:
 def _faults(read: Function) -> Iterator[tuple[ast.AST, str]]:
     """Yield the nodes that are not allowed in a step, each with the reason."""
     parts = list(ast.walk(read.node))
-    by_name = {id(one) for node in parts if isinstance(node, ast.Call) for one in node.args}
+    by_name = {id(part) for node in parts if isinstance(node, ast.Call) for part in node.args}
     by_name |= {id(node.value) for node in parts if isinstance(node, ast.Attribute)}
-    stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    stored = {part.id for part in parts if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
     for name in (*stored, *read.arguments):
         if name.startswith("_"):
             yield read.node, f"{name!r} begins with _, which is not allowed for names in a step; rename it"
@@ -255,10 +255,10 @@ def _loop_faults(loop: ast.For, parts: Sequence[ast.AST]) -> Iterator[tuple[ast.
     if not (is_range and 1 <= len(call.args) <= 2 and isinstance(target, ast.Name)):  # type: ignore[attr-defined]
         yield loop, f"for {ast.unparse(target)} in {ast.unparse(call)}: write it with range(END) or range(START, END)"
         return
-    uses = [one for one in parts if isinstance(one, ast.Name) and one.id == target.id]
-    mine = [one for each in parts if _is_loop(each, target.id) for one in ast.walk(each)]
-    stores = [one for one in ast.walk(loop) if one in uses and isinstance(one.ctx, ast.Store)]
-    if len(stores) > 1 or any(one not in mine for one in uses):
+    uses = [part for part in parts if isinstance(part, ast.Name) and part.id == target.id]
+    mine = [part for each in parts if _is_loop(each, target.id) for part in ast.walk(each)]
+    stores = [part for part in ast.walk(loop) if part in uses and isinstance(part.ctx, ast.Store)]
+    if len(stores) > 1 or any(part not in mine for part in uses):
         yield loop, f"{target.id} is used outside its loop or changed in it; use another name there"
 
 
@@ -271,34 +271,34 @@ def _names(
 ) -> tuple[dict[str, float | int | bool], dict[str, Function]]:
     """Return the constants and the functions that a function uses, by name."""
     parts = list(ast.walk(read.node))
-    stored = {one.id for one in parts if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    stored = {part.id for part in parts if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
     own = stored | set(read.arguments)
     constants: dict[str, float | int | bool] = {}
     calls: dict[str, Function] = {}
-    for one in parts:
-        if not isinstance(one, ast.Name) or one.id in own or one.id in constants or one.id in calls:
+    for part in parts:
+        if not isinstance(part, ast.Name) or part.id in own or part.id in constants or part.id in calls:
             continue
-        where = _place(function, one.lineno - 1)
-        value = function.__globals__.get(one.id, getattr(builtins, one.id, None))
+        where = _place(function, part.lineno - 1)
+        value = function.__globals__.get(part.id, getattr(builtins, part.id, None))
         value = getattr(value, "py_func", value)
-        called = [node for node in parts if isinstance(node, ast.Call) and _is_name(node.func, one.id)]
+        called = [node for node in parts if isinstance(node, ast.Call) and _is_name(node.func, part.id)]
         if isinstance(value, FunctionType) and called:
             names = tuple(inspect.signature(value).parameters)
             if any(len(node.args) != len(names) for node in called):
-                raise InputError(f"{where}: {one.id} takes {len(names)} arguments; give as many, in order")
+                raise InputError(f"{where}: {part.id} takes {len(names)} arguments; give as many, in order")
             given = [{name: read.role(arg) for name, arg in zip(names, node.args, strict=True)} for node in called]
             if any(roles != given[0] for roles in given):
                 raise InputError(
-                    f"{where}: {one.id} is called with different roles of arguments; call it with the same roles "
+                    f"{where}: {part.id} is called with different roles of arguments; call it with the same roles "
                     "everywhere"
                 )
             roles = {name: role for name, role in given[0].items() if role is not None}
-            calls[one.id] = _read(value, roles, known, above)
+            calls[part.id] = _read(value, roles, known, above)
         elif isinstance(value, bool | int | float):
-            constants[one.id] = value
-        elif value is not math and not (one.id in BUILTINS and value is getattr(builtins, one.id)):
+            constants[part.id] = value
+        elif value is not math and not (part.id in BUILTINS and value is getattr(builtins, part.id)):
             raise InputError(
-                f"{where}: {one.id!r} is neither a number nor a function that a step may call; use numbers, your own "
+                f"{where}: {part.id!r} is neither a number nor a function that a step may call; use numbers, your own "
                 "functions, and those of math"
             )
     return constants, calls
@@ -368,8 +368,8 @@ def kernel_text(step: Function, layout: Layout, command: str = "command") -> str
 
     Arguments of the step that have no role come after these.
     """
-    functions = [one for one in step.all().values() if not one.is_outside]
-    printed = [f"@compiled\n{ast.unparse(_Printer(one, layout).printed())}\n" for one in functions]
+    functions = [function for function in step.all().values() if not function.is_outside]
+    printed = [f"@compiled\n{ast.unparse(_Printer(function, layout).printed())}\n" for function in functions]
     names = ", ".join((*ARGUMENTS, *(name for name in step.arguments if name not in step.roles)))
     last = f"@compiled\ndef {command}({names}):\n    return {_prefixed(step.name)}({names})\n"
     return "\n\n".join([*printed, last])
@@ -390,7 +390,7 @@ class _Printer(ast.NodeTransformer):
         import copy
 
         node = copy.deepcopy(self._function.node)
-        body = [self.visit(one) for one in node.body]
+        body = [self.visit(statement) for statement in node.body]
         others = [ast.arg(name) for name in self._function.arguments if name not in self._function.roles]
         arguments = ast.arguments([], [*map(ast.arg, ARGUMENTS), *others], None, [], [], None, [])
         definition = ast.FunctionDef(_prefixed(self._function.name), arguments, [*self._prologue(), *body], [], None)
@@ -456,10 +456,10 @@ class _Printer(ast.NodeTransformer):
             self._arrays[name] = header
             return ast.Name(f"_len_{name}", ast.Load())
         called = self._function.calls.get(node.func.id) if isinstance(node.func, ast.Name) else None
-        others = [self.visit(one) for one in node.args if self._function.role(one) is None]
+        others = [self.visit(each) for each in node.args if self._function.role(each) is None]
         if isinstance(node.func, ast.Name) and node.func.id == "range":
-            others = [ast.Call(ast.Name("int", ast.Load()), [one], []) for one in others]  # a parameter is a float
+            others = [ast.Call(ast.Name("int", ast.Load()), [each], []) for each in others]  # a parameter is a float
         if called is None:
             return ast.Call(node.func, others, [])
         name = called.name if called.is_outside else _prefixed(called.name)
-        return ast.Call(ast.Name(name, ast.Load()), [*(ast.Name(one, ast.Load()) for one in ARGUMENTS), *others], [])
+        return ast.Call(ast.Name(name, ast.Load()), [*(ast.Name(each, ast.Load()) for each in ARGUMENTS), *others], [])

@@ -1,7 +1,7 @@
-"""Checks of the arguments of public functions: types by annotation, and ranges of numbers.
+"""Checks of the arguments of public functions: types by the annotations, and ranges of numbers.
 
-pydantic's `validate_call` does not fit: it supports neither arrays nor NumPy's numbers, and its messages have several
-lines.
+pydantic's `validate_call` is not used, because it supports neither arrays nor NumPy's numbers, and its messages have
+several lines.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ Flags = NDArray[np.bool_]
 
 
 class _Refused(Exception):
-    """The value is of another kind; the message names the expected kind with its article."""
+    """A value has the wrong type; the message names the expected type with its article."""
 
 
 def checked(function: F) -> F:
     """Decorate a function to check its arguments against its annotations; InputError for an argument of wrong type.
 
-    The value of an enumeration member counts as the member. The function itself checks ranges, for example by `number`.
+    The value of an enumeration member is converted to the member. The function itself must check ranges, for example by
+    `number`.
     """
     plain: Any = unwrap(function)  # the function inside a cache
     names = plain.__code__.co_varnames[: plain.__code__.co_argcount]
@@ -90,11 +91,11 @@ def number(
 
 
 SMALLEST, LARGEST = 1e-12, 1e12
-"""Smallest and largest size of an input number: beyond any vehicle's, but well inside the range of doubles."""
+"""Smallest and largest magnitude of an input number: beyond any vehicle's, but well inside the range of doubles."""
 
 
 def sized(name: str, value: float) -> float:
-    """Return `value` if it is 0 or has a size from `SMALLEST` to `LARGEST`; otherwise InputError."""
+    """Return `value` if it is 0 or its magnitude is from `SMALLEST` to `LARGEST`; otherwise InputError."""
     value = number(name, value)
     if value != 0 and not SMALLEST <= abs(value) <= LARGEST:
         raise InputError(f"{name}: {value:g} is beyond any vehicle; give a size between {SMALLEST:g} and {LARGEST:g}")
@@ -137,7 +138,7 @@ def numbers(
 
 
 def _apply(name: str, kind: Any, value: Any) -> Any:
-    """Convert a value to the type of an annotation; InputError, beginning with `name`, if it has another type."""
+    """Convert a value to the type of an annotation; InputError, beginning with `name`, if it has the wrong type."""
     try:
         return _converted(kind, value)
     except _Refused as wanted:
@@ -145,7 +146,7 @@ def _apply(name: str, kind: Any, value: Any) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Short text of a value for an error, as `shown`, with the first members of a container."""
+    """Short text of a value for a message, as `shown`, but with the first members of a container."""
     if not isinstance(value, (list, tuple, dict)):
         return shown(value)
     try:
@@ -154,7 +155,7 @@ def _shown(value: object) -> str:
         return shown(value)
 
 
-# --- conversion of values to the kinds of annotations ----------------------------------------------------------------
+# --- conversion of values to the types of annotations ----------------------------------------------------------------
 
 
 _ARRAY = "a number or an array of numbers"
@@ -167,19 +168,19 @@ def _kinds_of(thing: Any) -> dict[str, Any]:
     known = vars(sys.modules[thing.__module__])
     kinds = {}
     for name, annotation in thing.__annotations__.items():
-        with suppress(NameError):  # a name imported for type checkers only
+        with suppress(NameError):  # a name that is imported only for type checkers
             kinds[name] = eval(annotation, known) if isinstance(annotation, str) else annotation
     return kinds
 
 
 @cache
 def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Split an annotation into its origin (or itself) and its arguments; for a union only the members to test."""
+    """Split an annotation into its origin (or itself) and its arguments; for a union, the member types to try."""
     origin, inner = get_origin(kind) or kind, get_args(kind)
     if kind == ArrayLike or origin is np.ndarray:
         return ArrayLike, ()
     if origin in (Union, UnionType):
-        # in a union with an enumeration of text, str does not count: other text is refused
+        # in a union with an enumeration of text, str is left out, so that any other text is refused
         named = any(isinstance(member, type) and issubclass(member, StrEnum) for member in inner)
         return Union, tuple(member for member in inner if not (named and member is str))
     if getattr(origin, "_is_protocol", False) and not getattr(origin, "_is_runtime_protocol", False):
@@ -188,7 +189,7 @@ def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _converted(kind: Any, value: Any) -> Any:
-    """Convert a value to the type of an annotation, text to a member of an enumeration; otherwise _Refused."""
+    """Convert a value to the type of an annotation, for example text to a member of an enumeration; or _Refused."""
     if type(value) is kind and kind is not tuple:
         return _not_too_large(value) if kind is int else value
     origin, inner = _parts(kind)
@@ -200,7 +201,9 @@ def _converted(kind: Any, value: Any) -> Any:
         return _members(origin, inner, value)
     if origin is Literal:
         return _required(
-            any(type(value) is type(one) and value == one for one in inner), value, " or ".join(map(repr, inner))
+            any(type(value) is type(choice) and value == choice for choice in inner),
+            value,
+            " or ".join(map(repr, inner)),
         )
     if origin in (float, int):
         value = value.item() if isinstance(value, np.generic | np.ndarray) and value.ndim == 0 else value
@@ -220,7 +223,7 @@ def _converted(kind: Any, value: Any) -> Any:
 
 
 def _required(holds: bool, value: Any, wanted: str) -> Any:
-    """Return the value if the condition holds; otherwise _Refused, with the expected kind."""
+    """Return the value if the condition holds; otherwise _Refused, with the expected type."""
     if not holds:
         raise _Refused(wanted)
     return value
@@ -236,7 +239,7 @@ def _not_too_large(value: Any) -> Any:
 
 
 def _array(value: Any) -> Any:
-    """Return a numeric array, or what NumPy makes one of; otherwise _Refused."""
+    """Return a numeric array, or a value that NumPy converts to one; otherwise _Refused."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "fciu":
         return value
     try:
@@ -245,15 +248,15 @@ def _array(value: Any) -> Any:
         raise _Refused(_ARRAY) from None
     if array.dtype.kind == "O":
         try:
-            for one in array.flat:
-                _converted(float, one)
+            for member in array.flat:
+                _converted(float, member)
         except _Refused as wanted:
             raise _Refused(f"{_ARRAY}, each {wanted}") from None
     return _required(array.dtype.kind in "fciuO", value, _ARRAY)
 
 
 def _member_of(kind: type[Enum], value: object) -> Enum:
-    """Member of an enumeration with a value; otherwise _Refused."""
+    """Member of an enumeration that has a value; otherwise _Refused."""
     try:
         return kind(value)
     except ValueError:
@@ -272,20 +275,20 @@ def _any_of(kinds: tuple[Any, ...], value: object) -> object:
 
 
 def _members(origin: Any, inner: tuple[Any, ...], value: Any) -> Any:
-    """Convert the members of a tuple of fixed length or of a list; the same object if no member changes."""
+    """Convert the members of a tuple of fixed length or of a list; return the same object if no member changes."""
     if origin is tuple and inner[-1] is not Ellipsis:
         _required(isinstance(value, (list, tuple)) and len(value) == len(inner), value, f"a tuple of {len(inner)}")
-        return tuple(_within(kind, one) for kind, one in zip(inner, value, strict=True))
+        return tuple(_within(kind, member) for kind, member in zip(inner, value, strict=True))
     one_row = isinstance(value, (list, tuple, range, np.ndarray)) and getattr(value, "ndim", 1) == 1
     _required(one_row, value, "a list")
     if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and inner[0] is float:
         return value
-    made = [_within(inner[0], one) for one in value]
+    made = [_within(inner[0], member) for member in value]
     return value if all(a is b for a, b in zip(made, value, strict=True)) else tuple(made)
 
 
 def _within(kind: Any, value: object) -> object:
-    """Convert a member of a container; a _Refused names the member."""
+    """Convert a member of a container; if it is _Refused, the message names the member."""
     try:
         return _converted(kind, value)
     except _Refused as wanted:

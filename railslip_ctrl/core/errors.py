@@ -18,7 +18,7 @@ class InputError(RailslipError, ValueError):
 
 
 class DomainError(RailslipError, ValueError):
-    """A point is outside the domain of a model (for example slip velocity >= gamma)."""
+    """A point is outside the domain of a model, for example a slip velocity >= gamma."""
 
 
 class KinkError(RailslipError, ValueError):
@@ -26,14 +26,16 @@ class KinkError(RailslipError, ValueError):
 
 
 class MissingParametersError(RailslipError, LookupError):
-    """An adhesion law has no published parameters, and the user gives none."""
+    """An adhesion law has no published parameters and the user has given none."""
 
 
 class UnstableLoopError(RailslipError, ArithmeticError):
     """Margins are not defined because the closed loop is unstable.
 
-    - unstable_poles: number of closed-loop poles with non-negative real part, inf for a neutral loop with a chain.
-    - stabilizing_gain_range: interval of loop-gain factors with a stable loop, nearest to 1 in ratio, or None.
+    - unstable_poles: number of closed-loop poles with non-negative real part; inf for a neutral loop with infinitely
+      many of them.
+    - stabilizing_gain_range: interval of loop-gain factors, ratios, that make the loop stable; of several intervals the
+      one nearest to 1 in ratio. None if no factor does.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ EXTRAS = {
     **{"campaign": ("pyarrow",), "cluster": ("distributed",), "gpu": ("numba_cuda",)},
     **{"html": ("latex2mathml",), "identify": ("pandas",)},
 }
-"""Packages that `check_extra` looks for, by name of the extra in pyproject.toml."""
+"""Packages that `check_extra` requires, by the name of the extra in pyproject.toml."""
 
 
 def check_extra(name: str, wanted_by: str, otherwise: str = "") -> None:

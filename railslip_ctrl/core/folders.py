@@ -1,7 +1,7 @@
-"""Output folders and the cache; files are written as a whole, by one process at a time.
+"""Output folders and cache; files are written completely or not at all, by one process at a time.
 
-The cache keeps compiled kernels and results of reports. The key of a result is a hash of the package's source, of the
-versions of its numerical dependencies, and of the inputs of the result.
+The cache has compiled kernels and computed results. The key of a result is a hash of the package's source, of the
+versions of Python and of the numerical dependencies, and of the inputs of the result.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ LOCK = ".lock"  #: name of the lock file in an output folder
 
 INCOMPLETE = ".incomplete-"  #: prefix of the names of folders with unfinished files
 CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Environment variable with another folder for compiled kernels and cached results."""
+"""Name of the environment variable that sets the folder of the cache."""
 
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; make the folder if missing, and remove it at the end if it stays empty.
+    """Lock a folder for this process; create it if it is missing, and remove it at the end if it is empty.
 
     The operating system releases the lock when the process ends. InputError if another process has the lock or the
     folder cannot be written to.
     """
     from filelock import FileLock, Timeout
 
-    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     lock = FileLock(folder / LOCK)
     try:
         try:
@@ -56,13 +56,13 @@ def claimed(folder: Path) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            # delete before the release: a waiting process that has the file open notices this and makes a new one
+            # delete before the release: a waiting process with the open file detects this and creates a new file
             with suppress(OSError):
                 (folder / LOCK).unlink()
             lock.release()
-        for one in made:
+        for path in made:
             with suppress(OSError):
-                one.rmdir()
+                path.rmdir()
 
 
 @contextmanager
@@ -86,7 +86,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Folder of a kind in `RAILSLIP_CACHE` or the user's cache; a temporary folder if the cache is not writable."""
+    """Folder of a kind of files in `RAILSLIP_CACHE` or the user's cache; a temporary folder if it is not writable."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -102,10 +102,10 @@ def cache_folder(kind: str = "kernels") -> Path:
 
 
 def private_text(kind: str, name: str, made: str) -> str:
-    """Secret text called `name` in the cache folder of a kind, readable only by the user.
+    """Secret text in the file `name` of the cache folder of a `kind`, readable only by the user.
 
-    The text of an earlier call is returned if it has the length of `made`. Otherwise `made` is stored and returned. In
-    a read-only folder nothing is stored.
+    The stored text is returned if it has the length of `made`. Otherwise `made` is returned, and stored if the
+    folder is writable.
     """
     path = cache_folder(kind) / name
     with suppress(OSError, UnicodeDecodeError):
@@ -131,25 +131,25 @@ def _temporary() -> Path:
 _PACKAGE = Path(__file__).parents[1]
 
 _MOST = 600  # largest number of cached results, about 100 MB; the least recently used are deleted
-_COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")  # dependencies whose versions may change a result
+_COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")  # dependencies whose version may change a result
 
 
 def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
-    """Return the result of `compute` from the cache; if it is not there, compute and store it.
+    """Return the result of `compute` from the cache; if the cache does not have it, compute and store it.
 
     - name: one word; beginning of the file name.
     - compute: function whose result depends only on `given` and the package's source, and is not None.
     - given: text of all inputs of the result.
-    - fresh: true computes the result in any case.
+    - fresh: if True, compute the result even if the cache has it.
     """
     result: T | None = None if fresh else look_up(name, given)
     if result is None:
         result, path = compute(), _path(name, given)
         content = pickle.dumps(result)
-        with suppress(OSError):  # without a writable cache the next report computes the result again
+        with suppress(OSError):  # if the cache is not writable, the next call computes the result again
             with staged(path.parent) as new:
                 (new / path.name).write_bytes(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-            for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
+            for old in sorted(path.parent.iterdir(), key=lambda file: -file.stat().st_mtime)[_MOST:]:
                 old.unlink()
     return result
 
@@ -176,7 +176,7 @@ def _path(name: str, given: str) -> Path:
 
 @cache
 def _of_code() -> str:
-    """Hash of the package's source and of the versions of Python and of the numerical dependencies."""
+    """Hash of the package's source and of the versions of Python and the numerical dependencies."""
     digest = hashlib.sha256(" ".join([sys.version, *(f"{name} {version(name)}" for name in _COMPUTES)]).encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")

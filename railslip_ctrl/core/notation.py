@@ -1,6 +1,6 @@
-"""Symbols of the plant with LaTeX, unit and meaning; and the cited sources by key.
+"""Symbols of the plant with LaTeX, unit and meaning, and the cited sources by key.
 
-The symbols of an adhesion law are its fields. "[Park2008] (45)" is equation 45 of a source.
+The symbols of an adhesion law are the fields of its class. "[Park2008] (45)" cites equation 45 of a source.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .templates import texts
 
 @dataclass(frozen=True)
 class Notation:
-    """One symbol; all symbols are real, and SymPy assumes that a `positive` one is positive."""
+    """Symbol of the plant; SymPy assumes that it is real, and positive if `positive` is True."""
 
     name: str
     latex: str
@@ -26,7 +26,7 @@ class Notation:
 
 
 def notation_in(rows: Mapping[str, Sequence[str]]) -> Mapping[str, Notation]:
-    """Table of symbols by name, from rows of LaTeX, unit, meaning and, for positive symbols, "positive"."""
+    """Symbols by name, from rows of LaTeX, unit, meaning and, for a positive symbol, the text "positive"."""
     return MappingProxyType({name: Notation(name, row[0], row[1], row[2], len(row) > 3) for name, row in rows.items()})
 
 
@@ -34,7 +34,7 @@ NOTATION = notation_in(texts(__package__, "notation.toml"))  #: symbols of the p
 
 
 def symbol(name: str) -> Any:
-    """SymPy symbol of a name in `NOTATION`; KeyError for another name. Imports SymPy."""
+    """SymPy symbol for a name in `NOTATION`; KeyError for any other name. The call imports SymPy."""
     import sympy as sp
 
     entry = NOTATION[name]
@@ -42,7 +42,7 @@ def symbol(name: str) -> Any:
 
 
 def latex_names() -> dict[Any, str]:
-    """LaTeX of each symbol of the plant as in [Park2008], for the argument `symbol_names` of `sympy.latex`."""
+    """LaTeX of [Park2008] for each symbol of the plant, for the argument `symbol_names` of `sympy.latex`."""
     return {symbol(entry.name): entry.latex for entry in NOTATION.values()}
 
 

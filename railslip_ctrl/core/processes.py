@@ -1,4 +1,4 @@
-"""Pool of processes, number of usable cores, and handling of interruptions."""
+"""Pool of processes, number of available cores, and delayed interruptions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-_IMPORTING = 87  # exit status, otherwise unused, of a process whose script starts processes while it is imported
+_IMPORTING = 87  # exit status of a process whose script starts processes while it is imported; otherwise unused
 
 Submit: TypeAlias = "Callable[..., Future[Any]]"  #: function that submits a function with its arguments to the pool
 
@@ -30,10 +30,10 @@ def cpu_count() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Submit]:
-    """Pool of at most `count` processes, each started when it has work; yields the function that submits work.
+    """Pool of at most `count` processes, each started when it gets work; the context is the function that submits work.
 
-    Only this process receives interruptions. The others end with it, or when an exception leaves the context.
-    InputError if a script calls this while it is imported, because each process imports the script again.
+    Only this process receives interruptions. The others end when this process ends, or when an exception leaves the
+    context. InputError if a script calls this while it is imported, because each process imports the script again.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import current_process, get_context
@@ -51,7 +51,7 @@ def processes(count: int) -> Iterator[Submit]:
     try:
         yield submit
     except BaseException as error:
-        if isinstance(error, BrokenExecutor):  # shut down first: it collects the exit status of every process
+        if isinstance(error, BrokenExecutor):  # the shutdown collects the exit status of every process
             pool.shutdown()
         started = [process for process in context.made if process.pid is not None]
         if any(process.exitcode == _IMPORTING for process in started):
@@ -67,7 +67,7 @@ def processes(count: int) -> Iterator[Submit]:
 
 
 class _Context:
-    """Multiprocessing context that records its processes, because Python lists only the running ones."""
+    """Multiprocessing context that records its processes; Python itself lists only running processes."""
 
     def __init__(self, context: BaseContext) -> None:
         self.context: Any = context
@@ -76,7 +76,7 @@ class _Context:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.context, name)
 
-    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # the name that the pool uses
+    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # the pool calls this name
         self.made.append(self.context.Process(*given, **named))
         return self.made[-1]
 
@@ -85,7 +85,7 @@ def _follow() -> None:
     """End this process when its parent ends, even if the parent is killed."""
     from multiprocessing import parent_process
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems on which it is not blocked, as Windows
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for systems, such as Windows, on which it is not blocked
     parent = parent_process()
 
     def follow() -> None:
@@ -98,7 +98,7 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the context; processes started in it never get Ctrl-C."""
+    """Delay interruptions (Ctrl-C, SIGTERM) to the end of the context; processes started in it never receive Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return

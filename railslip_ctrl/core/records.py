@@ -1,4 +1,4 @@
-"""Dataclasses that compare by content: arrays element by element, NaN equal to NaN, nested values likewise."""
+"""Dataclasses that compare by content: arrays element by element, NaN equal to NaN, also in nested values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def by_content(kind: type[T]) -> type[T]:
     return kind
 
 
-# attributes by which python-control's systems are compared, as they have no `==`
+# attributes by which systems of python-control are compared, because they have no `==` of their own
 _OF_SYSTEMS = ("dt", "A", "B", "C", "D", "num", "den", "frdata", "omega")
 
 
@@ -60,7 +60,7 @@ def same(one: object, other: object) -> bool:
 
 
 def _parts(value: object) -> tuple[Any, ...] | None:
-    """Parts by which an object without its own `==` is compared; None if it has `==` or is compared by identity."""
+    """Parts to compare for an object without its own `==`; None if it has an `==` or is compared by identity."""
     kind: Any = type(value)
     if dataclasses.is_dataclass(value) and kind.__eq__ is _equal:
         return tuple(getattr(value, field.name) for field in dataclasses.fields(value) if field.compare)
@@ -82,7 +82,7 @@ def _hash(self: Any) -> int:
 
 
 def _hash_of(value: object) -> int:
-    """Hash by content, equal for equal values; TypeError for a list or a mapping, which may change."""
+    """Hash by content, equal for equal values; TypeError for a list or a mapping, which can change."""
     if isinstance(value, float):
         return hash(value) if value == value else 0
     if isinstance(value, np.ndarray):

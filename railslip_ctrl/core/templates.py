@@ -1,4 +1,4 @@
-"""Texts from TOML files, and Jinja templates with their values filled in."""
+"""Texts from TOML files, and Jinja templates filled with values."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 
 @cache
 def texts(package: str | None, name: str) -> dict[str, Any]:
-    """Tables of a TOML file in a package, usually the caller's `__package__`; do not modify them, they are cached."""
+    """Tables of a TOML file in a package, usually the caller's `__package__`; cached, so do not change them."""
     return tomllib.loads(files(package or "").joinpath(name).read_text("utf-8"))
 
 
 def environment(package: str, **options: Any) -> Any:
-    """Jinja environment of the files in `templates/` of a package; lines with only a statement leave no blank line."""
+    """Jinja environment for the templates in `templates/` of a package; a line with only a statement is not printed."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     return Environment(
@@ -30,7 +30,7 @@ def environment(package: str, **options: Any) -> Any:
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """Fill numbers into a template; one line of text, floats as :g unless the filter f(spec) gives a format."""
+    """Fill numbers into a template and return one line; floats are printed as :g or by the filter f(spec)."""
     return " ".join(_template(text).render(numbers).split())
 
 

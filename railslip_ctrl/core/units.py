@@ -1,8 +1,8 @@
-"""Conversion of numbers and text with units, and rounding of numbers to the safe side.
+"""Conversion of numbers and text with units, and rounding to the safe side.
 
-A plain number is in the unit that its option or key states; text may have its own unit ("65 N*m/(km/h)"). Text without
-a unit is accepted on the command line and refused in records and files. Options, TOML files and log headers share one
-grammar: first the names of `TRADE_UNITS`, then those of Pint. Pint is imported only for text with a unit.
+A plain number is in the unit that its option or key states. Text may have its own unit ("65 N*m/(km/h)"). Text without
+a unit is accepted on the command line and refused in records and files. Options, TOML files and log headers have the
+same grammar: first the names of `TRADE_UNITS`, then those of Pint. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pint
 
 KMH = 1.0 / 3.6  #: one kilometre per hour in m/s (exact)
-_LONGEST_QUANTITY = 60  # characters; longer text is refused unread
+_LONGEST_QUANTITY = 60  # characters; longer text is refused without parsing it
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
 
@@ -40,27 +40,28 @@ TRADE_UNITS = MappingProxyType(
     | dict.fromkeys(("rev", "revs"), "turn")
     | {"N": "N", "daN": "daN", "kN": "kN", "Nm": "N*m", "daNm": "daN*m", "kNm": "kN*m", "MNm": "MN*m"}
 )
-"""Names of units in railway logs, and Pint's names of the same units.
+"""Names of units in railway logs, and Pint's names for these units.
 
-Pint reads some of them as other units: kmph as kilo-mile per hour, kNm as a textile unit. Names in another case (RPM,
-KM/H) are accepted if Pint has no unit of the right dimension in that case.
+Pint itself reads some names as other units: kmph as kilo-mile per hour, kNm as a textile unit. Names in another case
+(RPM, KM/H) are also read by this table, if Pint has no unit of the right dimension with this spelling.
 """
 
 _ANY_CASE = {name.lower(): unit for name, unit in TRADE_UNITS.items() if name != "MNm"}  # mnm: milli or mega, unclear
-_TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))  # for an angular speed; U is German
+# for an angular speed; U is German for a turn
+_TURNS_PER_MINUTE = frozenset(("1/min", "/min", "min**-1", "u/min", "r/min"))
 _TON = re.compile(r"k?tons?(_?f(orce)?)?", re.IGNORECASE)
 
-# The words of a unit; only these are passed to Pint. Pint's own grammar is wider (numbers, towers of powers such as
-# 9**9**9**9, the word "squared"), and some input would make it compute for ever. A digit after a name is a power (m2,
+# Words allowed in a unit; only these are passed to Pint. Pint's own grammar also has numbers, nested powers and words
+# such as "squared"; input such as 9**9**9**9 would make it compute for ever. A digit after a name is a power (m2,
 # min-1); a point or a hyphen between names is a product (N.m, N-m).
 _UNIT_WORD = re.compile(
     r"\s*(?:(?P<name>[A-Za-zµμΩ]+(?:_[A-Za-zµμΩ]+)*|°[A-Za-z]*|%)"
     r"|(?P<power>(?:(?:\^|\*\*)\s*|(?<=[A-Za-z)]))-?[1-4](?![0-9]))"
     r"|(?P<one>1(?![0-9]))|(?P<open>\()|(?P<close>\))|(?P<sign>[*/·⋅∙×.-]))\s*"
 )
-_MOST_POWERS = 6  # in one unit
+_MOST_POWERS = 6  # largest number of powers in a unit
 
-# Errors that Pint raises on an unknown name or on words in an impossible order, besides its own errors.
+# Errors, besides its own, that Pint raises for an unknown name or for words in an invalid order.
 _FAILURES = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, SyntaxError, TypeError, ValueError, TokenError),
 )
@@ -74,11 +75,11 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
-    """Return `value` as a finite number of `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
+    """Return `value` as a finite number in `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
-    - value: a number in `unit`; or text, a number with a unit of the same dimension (names, products, quotients,
-      parentheses, powers of 1 to 4) or, unless `text_needs_unit`, a number without unit.
-    - name: beginning of the error message, if given.
+    - value: a number in `unit`; or text with a number and a unit of the same dimension (names, products, quotients,
+      parentheses, powers of 1 to 4). Unless `text_needs_unit` is True, the text may leave out the unit.
+    - name: beginning of the error message.
 
     InputError: not a finite number, or another dimension.
     """
@@ -92,7 +93,7 @@ def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool =
 
 
 def shown(value: object) -> str:
-    """Return short text of `value` for an error, in one line: text quoted and cut, containers only by kind."""
+    """Return `value` as short text in one line, for a message: text quoted and cut, a container only as its kind."""
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST_QUANTITY else value[:_LONGEST_QUANTITY] + "...")
     if isinstance(value, dict):
@@ -106,12 +107,12 @@ def shown(value: object) -> str:
 
 
 def _in(unit: str) -> str:
-    """Return " in `unit`" for a message; empty text for a pure number."""
+    """Return " in" and the unit, for a message; empty text for a pure number."""
     return "" if unit == "1" else f" in {unit}"
 
 
 def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
-    """Value as a number of `unit`, finite or not; InputError otherwise."""
+    """Value as a number in `unit`, finite or not; InputError for any other value."""
     if isinstance(value, str):
         return _parse(value, unit, needs_unit=text_needs_unit)
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -123,7 +124,7 @@ def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
 
 
 def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
-    """Text as a number of `unit`; InputError if it is no number, or lacks a unit that it needs."""
+    """Text as a number in `unit`; InputError if it is not a number, or has no unit although it needs one."""
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     text = text.translate(_MINUS)
@@ -145,7 +146,7 @@ def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
 def factor(given: str, unit: str, *, of: str = "") -> float:
     """Return the conversion factor from the unit `given` to `unit`.
 
-    - of: whole text that contains the unit, for the error message.
+    - of: text that contains the unit, for the error message.
 
     InputError: `given` is not a unit, is ambiguous, or has another dimension.
     """
@@ -162,30 +163,30 @@ def factor(given: str, unit: str, *, of: str = "") -> float:
         try:
             parsed = registry.parse_units(reading)
             target = "" if unit == "1" else unit
-            one, two = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
+            single, double = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
         except pint.DimensionalityError:
             wrong = True
             continue
         except _FAILURES:
             continue
-        # in Pint a hertz is 1/s and a radian 1, so that both convert to rad/s
+        # for Pint a hertz is 1/s and a radian is 1, so that 1/s and hertz would both convert to rad/s
         if ("rad" in unit and "hertz" in str(parsed)) or (unit == "rad/s" and str(parsed).startswith("1 / ")):
             raise InputError(f"{shown(of or given)} may mean cycles or radians; give a number in {unit!r}")
-        # decibels and temperatures with an offset are not proportional to `unit`
-        if math.isclose(two, 2.0 * one, rel_tol=1e-9):
-            return one
+        # a factor does not exist for decibels and for temperatures with an offset
+        if math.isclose(double, 2.0 * single, rel_tol=1e-9):
+            return single
     if wrong:
         raise InputError(f"{shown(of or given)} has the wrong dimension; it must be convertible to {unit!r}")
     raise _not_a_unit(given, unit, of)
 
 
 def _not_a_unit(given: str, unit: str, of: str) -> InputError:
-    """InputError for text that is no unit."""
+    """InputError for text that is not a unit."""
     return InputError(f"{shown(given)}{f' in {shown(of)}' if of else ''} is not a unit; give a number{_in(unit)}")
 
 
 def _readings(words: list[str], unit: str) -> Iterator[str]:
-    """Yield possible meanings of a unit in Pint's names: by `TRADE_UNITS`, by Pint, by `TRADE_UNITS` in any case."""
+    """Yield possible meanings of a unit, in Pint's names: by `TRADE_UNITS`, by Pint, by `TRADE_UNITS` in any case."""
     if unit == "rad/s" and "".join(words).lower() in _TURNS_PER_MINUTE:
         yield "rpm"
     for known in (TRADE_UNITS, {}, _ANY_CASE):
@@ -194,7 +195,7 @@ def _readings(words: list[str], unit: str) -> Iterator[str]:
 
 
 def _unit_words(given: str) -> list[str] | None:
-    """Split the unit `given` into words for Pint, with a product for every space; None if it contains other words."""
+    """Split the unit `given` into words for Pint, with a product for a space; None if it contains other text."""
     words: list[str] = []
     previous, position = "", 0
     given = unicodedata.normalize("NFKC", given).translate(_MINUS)  # superscripts to digits, no-break spaces to spaces
@@ -236,10 +237,10 @@ def quantity(
     return Field(default, gt=gt, ge=ge, lt=lt, le=le, description=description, json_schema_extra={"unit": unit})
 
 
-BOUND_DIGITS = 3  #: significant digits of bounds and of worst cases in all texts
-_EXACT = 1e-12  # relative tolerance within which a number counts as already rounded
-_SAME = 1e-6  # relative tolerance of an Ms; a tuned design meets its bound more closely
-_LARGE = 100.0  # Ms from which on a loop is practically unstable and three digits suffice
+BOUND_DIGITS = 3  #: number of significant digits of bounds and of worst cases in texts
+_EXACT = 1e-12  # relative distance to a rounded number below which a number counts as already rounded
+_SAME = 1e-6  # relative tolerance of Ms; a tuned design meets the bound on Ms more closely than this
+_LARGE = 100.0  # Ms above which a loop is practically unstable and three digits suffice
 
 
 def rounded_up(value: float, digits: int = BOUND_DIGITS) -> float:

@@ -1,4 +1,4 @@
-"""Read the user's files (text, TOML, Python) and report errors in them in one line.
+"""Reading of the user's files (text, TOML, Python); an error in a file is reported in one line.
 
 Every message has the form `file: key: value is not allowed; remedy`.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _M = TypeVar("_M", bound=BaseModel)
 
-LARGEST_FILE = 1_000_000  #: largest size, bytes; a parameter file has a few thousand, a disk image far more
+LARGEST_FILE = 1_000_000  #: largest size of a file, bytes; a parameter file has a few thousand
 
 # by pydantic's name of a range error: (sign, key of the bound in the error's context)
 _RANGES = {
@@ -82,7 +82,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Make a record of class `model` from a mapping of its keys or a record; InputError as in `one_line`."""
+    """Make a record of class `model` from `values`, a mapping of its keys or a record; InputError as in `one_line`."""
     try:
         # not model_validate: its errors begin with the name of the class, not with `where`
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -91,9 +91,9 @@ def validated(model: type[_M], values: object, where: str) -> _M:
 
 
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
-    """Return a pydantic error as one line: `where: key: value is not allowed; remedy`, and how many more errors.
+    """Return a pydantic error as one line: `where: key: value is not allowed; remedy`, and the number of other errors.
 
-    - model: the record that raised the error; with it the line has the unit of a number and the allowed keys.
+    - model: class of the record that raised the error; with it, the line has units and allowed keys.
     """
     complaints = error.errors(include_url=False)
     # report an unknown key first: if it is misspelt, it also explains a missing key
@@ -102,7 +102,7 @@ def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | Non
     key = ".".join(_key(part) for part in first["loc"])
     start = f"{where}: {key}: " if key else f"{where}: "
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
-    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # some messages name their key already
+    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # some messages already name their key
     return f"{start}{reason}{more}"
 
 
@@ -122,7 +122,7 @@ def close_match(given: str, allowed: Iterable[str]) -> str:
 
 
 def file_name(path: Path) -> str:
-    """Return a path for an error message: as given, or quoted if it contains unprintable characters."""
+    """Return a path as text for a message, quoted if it contains unprintable characters."""
     text = str(path)
     return text if text.isprintable() else repr(text)
 
@@ -146,7 +146,7 @@ def _read_bytes(path: Path, where: str) -> bytes:
 
 
 def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) -> str:
-    """Message of a pydantic error without file and key: value, bound and remedy."""
+    """Message of a pydantic error: value, bound and remedy, without file and key."""
     kind, value, context = complaint["type"], complaint["input"], complaint.get("ctx", {})
     extra = getattr(field, "json_schema_extra", None)
     unit = extra.get("unit", "1") if isinstance(extra, dict) else "1"
@@ -171,19 +171,21 @@ def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) 
 
 
 def _number(value: object) -> str:
-    """Text of a number in a message: a float as :g, so that 0 is not shown as 0.0."""
+    """Text of a number in a message; a float is printed as :g, so that 0 is not 0.0."""
     return f"{value:g}" if isinstance(value, float) else shown(value)
 
 
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
-    """Record that contains the last key of `loc`, and its field of that name; each None if unknown."""
+    """Class of the record with the last key of `loc`, and its field with this name; each is None if unknown."""
     owner, field = model, None
     names = [part for part in loc if isinstance(part, str)]  # a number is an index in a list of records
     for depth, part in enumerate(names):
         field = owner.model_fields.get(part) if owner is not None else None
         if depth < len(names) - 1:
             inner = (field.annotation, *get_args(field.annotation)) if field is not None else ()  # `Wheel | None`
-            owner = next((one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)), None)
+            owner = next(
+                (member for member in inner if isinstance(member, type) and issubclass(member, BaseModel)), None
+            )
     return owner, field
 
 
@@ -201,14 +203,14 @@ def _flat(error: object) -> str:
 
 
 def place(file: str, line: int | None) -> str:
-    """Text of a line in a user's file, with the path relative to the working directory."""
+    """Name of a line in a user's file, with the path relative to the working directory if possible."""
     path = Path(file)
     near = path.is_relative_to(Path.cwd())
     return f"{file_name(path.relative_to(Path.cwd()) if near else path)}, line {line}"
 
 
 def failure(error: BaseException, what: str) -> str:
-    """Return an error in a user's code as one line: file and line, `what` fails, the error, the remedy."""
+    """Return an error in a user's code as one line: file and line, `what` failed, the error, the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))
@@ -218,7 +220,7 @@ def failure(error: BaseException, what: str) -> str:
 
 
 def _user_frames(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
-    """Frames of the user's code, without this package, Python and installed packages."""
+    """Frames in the user's code, without those in this package, in Python and in installed packages."""
     not_own = (
         "<string>",  # code generated by dataclasses
         str(Path(__file__).parents[1]),
@@ -252,7 +254,7 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
     module = ModuleType(f"railslip_{name.lower()}_{path.stem}")
     module.__file__ = str(path.resolve())
     sys.modules[module.__name__] = module  # dataclasses find their module by its name
-    try:  # compiled from the text: Python's cached bytecode may be that of another file of equal size and time
+    try:  # compiled from the text: cached bytecode may come from another file of equal size and time
         exec(compile(text, module.__file__, "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:  # the user's file is an input and may fail in any way
         raise InputError(failure(error, "running it")) from error

@@ -1,8 +1,8 @@
-"""Many braking runs with sampled or swept quantities, on every core or a cluster; results on disk and statistics.
+"""Campaigns: many braking runs with sampled or swept quantities, on all cores or a cluster, with statistics.
 
-`specification` describes a campaign and reads it from TOML, `execution` runs it into a folder and repeats single runs,
-`statistics` evaluates it. `rare` computes the probability of an event that is too rare for a campaign, by the methods
-of `subset`.
+`specification` defines a campaign and reads it from TOML. `execution` runs it, stores the results in a folder, and
+repeats single runs. `statistics` evaluates it. `rare` computes the probability of an event that is too rare for a
+campaign, by the methods of `subset`.
 """
 
 from __future__ import annotations

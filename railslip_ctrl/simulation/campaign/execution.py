@@ -1,7 +1,7 @@
-"""Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of one of its runs.
+"""Execution of a campaign, in processes of this machine or on a Dask cluster, and replay of single runs.
 
-The runs are divided into parts when a campaign begins. The folder has a manifest and a Parquet file for each finished
-part; a file is always complete. A resumed campaign runs the missing parts.
+A new campaign is divided into parts. Its folder has a manifest and a Parquet file for each finished part; each file is
+complete. A resumed campaign runs the missing parts.
 """
 
 from __future__ import annotations
@@ -35,16 +35,17 @@ if TYPE_CHECKING:
 Rows = list[dict[str, Any]]
 
 REFUSED = "values not allowed"
-"""Outcome of a run that was not started because its sampled values are not allowed, as a mass above the loaded mass."""
+"""Outcome of a run that did not start because a sampled value is not allowed, for example mass > loaded mass."""
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
 FORMAT = 2
 
-# runs in a part: few, because an interruption loses an unfinished part; many, so that the folder has few files
+# smallest and largest number of runs in a part, and number of parts between these limits; an interruption loses
+# unfinished parts, so that they should be small, but the folder should not have too many files
 _FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
-_GPU_PART = 100_000  # runs in a part on a GPU: enough to use all its processors
-_AHEAD = 3  # queued parts for each worker: no worker waits, and memory does not grow with the number of runs
+_GPU_PART = 100_000  # number of runs in a part on a GPU; enough to use all its processors
+_AHEAD = 3  # number of queued parts for each worker; no worker waits, and memory does not grow with the number of runs
 _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 
@@ -53,9 +54,9 @@ _REACH = 5.0  # s, longest wait for an answer of the scheduler
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of the results. If `of_stop` is true, the column is null for a run that did not stop.
+    """Column of the results; with `of_stop` it is null for a run that did not stop.
 
-    Reports show the number times `scale` in `shown_unit`, or in the unit of the column if `shown_unit` is "".
+    Reports show the value times `scale` in `shown_unit`, or in `unit` if `shown_unit` is empty.
     """
 
     name: str
@@ -67,7 +68,7 @@ class Measure:
     shown_unit: str = ""
 
     def of(self, run: Run) -> float | None:
-        """Return the value for a run; None if the value is not defined for the run."""
+        """Return the value of the measure for a run; None if it is not defined."""
         value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
         return None if math.isnan(value) else value
 
@@ -82,7 +83,7 @@ MEASURES = (
     Measure("max_torque_nm", "highest torque", "N*m", lambda run: run.max_torque),
     Measure("rms_torque_rate", "rms torque rate", "N*m/s", lambda run: run.rms_torque_rate),
 )
-"""Columns with statistics."""
+"""Measures for which there are statistics."""
 
 OTHERS = (
     Measure("ended_at_s", "time at the end, stop or not", "s", lambda run: run.braking_time),
@@ -99,25 +100,25 @@ OTHERS = (
     Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
     Measure("energy_error", "error of the energy balance", "1", lambda run: run.energies.error),
 )
-"""Columns without statistics."""
+"""Measures that are only stored."""
 
 COLUMNS = MEASURES + OTHERS
 
 
 def measured(name: str) -> Measure:
-    """Return the measure of a column by the column's name."""
+    """Return the measure with statistics that has this name; StopIteration for any other name."""
     return next(measure for measure in MEASURES if measure.name == name)
 
 
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
-    """Return the row of a run, with None for missing numbers; `run` is None if the sampled values are not allowed."""
+    """Return the row of a run, None where it has no value; `run` is None if the sampled values are not allowed."""
     outcome = REFUSED if run is None else run.outcome.value
     measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
     return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
-    """Simulate run number i; return its rows, one for each controller."""
+    """Simulate run number i and return its rows, one for each controller."""
     values, ready = campaign.values(i), dict[str, Simulator]()
     with suppress(InputError):
         case = campaign.case(i)
@@ -129,7 +130,7 @@ def run_rows(campaign: Campaign, i: int) -> Rows:
 
 
 class Part(NamedTuple):
-    """Runs from `start` to `stop` - 1."""
+    """Part of a campaign: runs from `start` to `stop` - 1."""
 
     start: int
     stop: int
@@ -150,16 +151,16 @@ def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
 def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
     """Return the rows of a part as `run_part` does, computed on this machine's GPU."""
     check_version(version)
-    found: dict[tuple[int, str], Run] = {}
+    runs: dict[tuple[int, str], Run] = {}
     for k, name in enumerate(campaign.controller_names):
         ready: dict[tuple[int, str], tuple[Simulator, Any]] = {}
         for i in range(*part):
             with suppress(InputError):
                 case = campaign.case(i)
                 ready[i, name] = Simulator(case.scenario, case.controllers[k]), case.seed
-        found |= dict(zip(ready, run_batch([*ready.values()]) if ready else (), strict=True))
+        runs |= dict(zip(ready, run_batch([*ready.values()]) if ready else (), strict=True))
     names = campaign.controller_names
-    return [row(i, campaign.values(i), name, found.get((i, name))) for i in range(*part) for name in names]
+    return [row(i, campaign.values(i), name, runs.get((i, name))) for i in range(*part) for name in names]
 
 
 # --- the folder -----------------------------------------------------------------------------------------------------
@@ -167,7 +168,7 @@ def gpu_part(campaign: Campaign, part: Part, version: str) -> Rows:
 
 @dataclass(frozen=True)
 class Store:
-    """Results of a campaign in a folder, in which each file holds a part of `part_runs` runs."""
+    """Results of a campaign in a folder; each file has a part of `part_runs` runs."""
 
     campaign: Campaign
     folder: Path
@@ -177,7 +178,7 @@ class Store:
     def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
         """Open the store of a campaign in a folder; an existing store keeps its `part_runs`. Nothing is written.
 
-        InputError if the folder holds another campaign, one of another version, or other files.
+        InputError if the folder has another campaign, a campaign of another version, or other files.
         """
         if (folder / MANIFEST).exists():
             return cls._resumed(campaign, folder)
@@ -211,13 +212,14 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """Claim the store for writing by this process alone, and begin it if it is new.
+        """Lock the folder for this process, and write the manifest if the store is new.
 
-        A new store is removed if the block fails before a part is finished. InputError if another process writes to
+        A new store is removed if an error occurs before a part is finished. InputError if another process writes to
         the folder, or if the folder is not writable.
         """
         with claimed(self.folder):
-            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # may have been begun meanwhile
+            # opened again, because another process may have begun it meanwhile
+            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)
             try:
                 store._begin()
                 yield store
@@ -229,7 +231,7 @@ class Store:
                 raise
 
     def _begin(self) -> None:
-        """Write the manifest if it is missing, and remove unfinished files of a killed campaign."""
+        """Write the manifest if it is missing, and remove unfinished files of an interrupted campaign."""
         content = {
             "format": FORMAT,
             "package": "railslip_ctrl",
@@ -258,7 +260,7 @@ class Store:
         return map(self.part, range(0, self.campaign.runs, self.part_runs))
 
     def path(self, part: Part) -> Path:
-        """Return the path of a part's file, which exists if the part is finished."""
+        """Return the path of a part's file; the file exists if the part is finished."""
         return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
 
     def finished(self) -> Iterator[Part]:
@@ -323,7 +325,7 @@ class Store:
 
 
 def _foreign(folder: Path) -> bool:
-    """Return True if a folder without a manifest has files that are not from an interrupted campaign."""
+    """Return True if a folder without a manifest has files other than those of an interrupted campaign."""
     return any(
         not path.name.startswith((INCOMPLETE, LOCK))
         and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
@@ -353,8 +355,8 @@ def execute(
     - `part_runs`: number of runs in a part; the default depends on the number of runs.
     - `progress`: function that receives numbers of finished runs, first the number of runs already stored.
 
-    InputError if the folder holds other files, is not writable or is in use, if a worker process dies, or if the
-    cluster cannot be reached or has another version of this package.
+    InputError if the folder has other files, is not writable or is in use; if a worker process ends unexpectedly; or if
+    the cluster cannot be reached or has another version of this package.
     """
     work: Work = run_part
     if campaign.device == "gpu":
@@ -384,17 +386,17 @@ def execute(
                 tell(part.stop - part.start)
 
 
-# --- where parts are run --------------------------------------------------------------------------------------------
+# --- workers --------------------------------------------------------------------------------------------------------
 
 Work = Callable[[Any, Any, str], Any]
-"""Function that a worker runs: of the data common to all tasks, the task, and the version of the package."""
+"""Function that a worker runs; arguments: data common to all tasks, the task, version of the package."""
 
 Workers = tuple[Callable[[Any], "Future[Any]"], int]
-"""Function that submits a task, and the number of tasks that keeps every worker busy."""
+"""Function that submits a task, and the number of waiting tasks that keeps every worker busy."""
 
 
 def workers_for(work: Work, shared: Any, workers: int | None, scheduler: str | None) -> AbstractContextManager[Workers]:
-    """Return the workers for tasks: this process, several processes or a cluster, as for `execute`."""
+    """Return the workers for tasks: this process, several processes or a cluster; arguments as for `execute`."""
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
         raise InputError(
@@ -416,8 +418,8 @@ def _at_once(work: Work, shared: Any, task: Any) -> Future[Any]:
 
 @contextmanager
 def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
-    """Start worker processes. Threads would wait: preparing a run takes a third of its time under Python's lock."""
-    cache_folder()  # the workers inherit a temporary one
+    """Start worker processes; threads would wait for Python's lock, which a run holds for a third of its time."""
+    cache_folder()  # if it is temporary, the workers inherit it
     try:
         with processes(count) as submit:
             for _ in range(count):
@@ -430,7 +432,7 @@ def _processes(work: Work, shared: Any, count: int) -> Iterator[Workers]:
 
 
 def _nothing() -> None:
-    """Do nothing; the first task of a process makes it import this package."""
+    """Do nothing, as the first task of a process, which then imports this package."""
 
 
 @contextmanager
@@ -458,7 +460,7 @@ def _cluster(work: Work, shared: Any, scheduler: str) -> Iterator[Workers]:
 
 
 async def _reach(scheduler: str) -> None:
-    """Check that a scheduler answers, because a Dask client without scheduler waits long and prints warnings."""
+    """Raise an error if a scheduler does not answer; a Dask client would wait long and print warnings."""
     from distributed import Security
     from distributed.core import rpc
 
@@ -469,12 +471,12 @@ async def _reach(scheduler: str) -> None:
         await ask.close_rpc()
 
 
-# --- a run again ----------------------------------------------------------------------------------------------------
+# --- replay ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Repeated run `number` of a campaign: the sampled `values`, SI, by name, and the `runs` by controller.
+    """Repeated run of a campaign: its `number`, the sampled `values`, SI, by name, and the `runs` by controller.
 
     `stored` is True if the campaign's folder has this run; its numbers are then equal to those of the repeated run.
     """
@@ -488,9 +490,9 @@ class Replay:
 def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
     """Repeat run number `i` (from 0) of a `campaign` and record its time series at every sample.
 
-    InputError for a number out of range, for values that are not allowed, or if the numbers differ from those stored in
-    the campaign's `folder`: another processor or version of NumPy may round differently. Runs of a GPU may differ by
-    1e-9, relative.
+    InputError for an i out of range, for values that are not allowed, or if the results differ from those stored in the
+    campaign's `folder`, because another processor or version of NumPy may round differently. For a campaign on a GPU,
+    relative differences up to 1e-9 are accepted.
     """
     case = campaign.case(i)
     runs = {c.label: Simulator(case.scenario, c).run(case.seed, record_every=1) for c in case.controllers}
@@ -500,8 +502,8 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None) -> Replay:
         for column, value in before.items():
             if again[column] != value and not (campaign.device == "gpu" and _close(again[column], value)):
                 raise InputError(
-                    f"run {i}, {name}: {column} is {again[column]!r}, but {value!r} is stored; replay the run on the "
-                    "machine of the campaign, with the same versions"
+                    f"run {i}, {name}: {column} is {again[column]!r}, but the folder has {value!r}; replay the run on "
+                    "the machine of the campaign, with the same versions"
                 )
     return Replay(i, case.values, runs, bool(stored))
 

@@ -1,6 +1,6 @@
-"""Campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
+"""Definition of a campaign: a scenario, controllers, quantities with distributions, a number of runs and a seed.
 
-In a TOML file a number is in SI, or a text with a unit of the quantity.
+In a TOML file a quantity is a number in SI or text with a unit.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ T = TypeVar("T")
 MOST_RUNS = 10**9
 LARGEST_SEED = 2**63 - 1
 CUT = 4.0
-"""Standard deviations at which a normal distribution is cut off by default, so that every value is finite."""
+"""Standard deviations from the mean at which a normal distribution is cut off by default; all values are then finite.
+"""
 
-_FARTHEST = 8.0  # standard deviations; bounds beyond leave a probability below 1e-15 and are refused as a mistake
-_LISTED = 200  # characters of the list of paths in an error
-_DRAW = 2  # child of a run's seed for the quantities; random force and noise have the children 0 and 1
+_FARTHEST = 8.0  # standard deviations; bounds farther out leave a probability below 1e-15 and are refused as a mistake
+_LISTED = 200  # number of characters of the list of paths in a message
+_DRAW = 2  # child of a run's seed for the quantities; the children 0 and 1 are for random force and noise
 _DESIGN = 2**32 - 1  # child of the campaign's seed for points that are drawn together; no run has this number
 
 
@@ -50,7 +51,7 @@ _DESIGN = 2**32 - 1  # child of the campaign's seed for points that are drawn to
 
 
 class Distribution:
-    """Distribution of a quantity, SI, given by its quantile function."""
+    """Base class of the distributions of a quantity, SI; each defines its quantile function `at`."""
 
     low: Any
     high: Any
@@ -96,7 +97,7 @@ class Normal(Distribution):
 
     By default it is cut off at `CUT` standard deviations from the mean.
 
-    InputError for `std` <= 0, or bounds that leave almost nothing of the distribution.
+    InputError for `std` <= 0, or for bounds with almost no probability between them.
     """
 
     mean: float
@@ -109,7 +110,9 @@ class Normal(Distribution):
         super().__post_init__()
         low, high = self._cut
         if low > _FARTHEST or high < -_FARTHEST:
-            raise InputError("normal: low and high leave almost no probability; give bounds nearer to the mean")
+            raise InputError(
+                "normal: almost no probability is left between low and high; give bounds nearer to the mean"
+            )
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -122,10 +125,10 @@ class Normal(Distribution):
         return (low - self.mean) / self.std, (high - self.mean) / self.std
 
     def at(self, u: float) -> float:
-        from scipy.special import ndtr, ndtri  # importing scipy.stats would take half a second in each worker
+        from scipy.special import ndtr, ndtri  # scipy.stats would take half a second to import in each worker
 
         (low, high), (least, most) = self._cut, self.ends
-        if low > 0.0:  # above the mean the upper tail is more precise
+        if low > 0.0:  # above the mean the upper tail has smaller rounding errors
             above, below = ndtr(-low), ndtr(-high)
             z = -float(ndtri(above - u * (above - below)))
         else:
@@ -138,8 +141,8 @@ class Normal(Distribution):
 class LogNormal(Distribution):
     """Log-normal distribution with `median`, SI, and `spread`, the standard deviation of the logarithm.
 
-    It is cut off at `low` and `high`, by default at `CUT` standard deviations. InputError for a median, spread or low
-    that is not positive.
+    It is cut off at `low` and `high`; by default at `CUT` standard deviations of the logarithm. InputError for a
+    median, spread or low that is not positive.
     """
 
     median: float
@@ -205,7 +208,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of the `values`, SI, equally likely or by `weights` > 0. InputError unless each value has a weight."""
+    """One of the `values`, SI, equally likely or by `weights`, a ratio > 0 for each value; InputError otherwise."""
 
     weights: tuple[float, ...] | None = None
 
@@ -226,17 +229,17 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """All of the `values`, SI, each combined with every value of the campaign's other grids."""
+    """All of the `values`, SI; each is combined with every value of the campaign's other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
     made.__name__.lower(): made for made in (Uniform, Normal, LogNormal, Triangular, Choice, Grid)
 }
-"""Distributions by their names in files."""
+"""Distributions by the names that files use."""
 
 
 class Sampling(StrEnum):
-    """Method that samples points of the unit cube."""
+    """Method of sampling the points of the unit cube, from which all quantities follow."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
@@ -244,7 +247,7 @@ class Sampling(StrEnum):
 
 
 def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
-    """Return the sampled point number i of the unit cube."""
+    """Return point number i of the unit cube."""
     if dimensions == 0 or sampling is Sampling.RANDOM:
         return stream(seed, i, _DRAW).random(dimensions)
     if sampling is Sampling.LATIN_HYPERCUBE:
@@ -253,7 +256,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
         from scipy.stats import qmc
 
         points = qmc.Sobol(dimensions, rng=stream(seed, _DESIGN))
-        if i:  # SciPy refuses to skip 0 points
+        if i:  # SciPy does not allow skipping 0 points
             points.fast_forward(i)
         point = points.random(1)[0]
     return point
@@ -261,7 +264,7 @@ def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: in
 
 @lru_cache(maxsize=4)
 def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
-    """Return all points of a Latin hypercube, which are drawn together because each depends on the others."""
+    """Return all points of a Latin hypercube; they are drawn together, because each depends on the others."""
     from scipy.stats import qmc
 
     points: Floats = qmc.LatinHypercube(dimensions, rng=stream(seed, _DESIGN)).random(runs)
@@ -269,11 +272,11 @@ def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
 
 
 def stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the random generator of a child of a seed; `key` identifies the child."""
+    """Return the random generator for a child of a seed; `key` is the number of the child."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-# --- as data for JSON ------------------------------------------------------------------------------------------------
+# --- data for JSON ----------------------------------------------------------------------------------------------------
 
 
 def described(value: Any) -> Any:
@@ -296,11 +299,11 @@ def described(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that varies from run to run: the `paths` that it is written to, and its `distribution`, SI.
+    """A quantity that varies from run to run: its `distribution`, SI, and the `paths` of the numbers that it sets.
 
-    A path names a number of the scenario ("vehicle.mass"), or else of every controller with this number ("kp"). With a
-    controller's name in front it names a number of this controller only ("pi.kp"). If `relative` is true, the value is
-    a factor on the numbers of the campaign's scenario or controllers.
+    A path is the path of a number of the scenario ("vehicle.mass"). If the scenario has no such number, it is a number
+    of every controller that has it ("kp"). With the name of a controller in front, it is a number of this controller
+    only ("pi.kp"). If `relative` is True, the value is a factor on the numbers of the scenario or the controllers.
     """
 
     paths: tuple[str, ...]
@@ -315,7 +318,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class SampledRun:
-    """One run of a campaign: sampled values by name, scenario and controllers with these values, and seed."""
+    """Run of a campaign: sampled values by name, scenario and controllers with these values, and seed."""
 
     values: dict[str, float]
     scenario: Scenario
@@ -325,21 +328,21 @@ class SampledRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Many runs of a scenario with varied quantities. Run number i (from 0) depends only on the campaign and i.
+    """Many runs of a scenario with varied quantities; run number i (from 0) depends only on the campaign and i.
 
-    Each run has the same sampled vehicle, rail and noise for every controller.
+    In each run the sampled vehicle, the rail and the noise are the same for every controller.
 
     - scenario: the braking run.
-    - controllers: controllers as for `simulate`; a second one of a kind gets a number behind its name.
+    - controllers: controllers as for `simulate`; a number is added to the name of a second controller of a kind.
     - quantities: quantities of scenario and controllers that vary from run to run.
     - runs: number of runs, 1 to `MOST_RUNS`.
-    - seed: 0 to 2^63 - 1.
-    - sampling: joint sampling of the quantities.
-    - device: "cpu" or "gpu"; on the GPU random force and noise come from a counter.
+    - seed: seed of the campaign, 0 to 2^63 - 1.
+    - sampling: method of sampling the quantities.
+    - device: "cpu" or "gpu"; on the GPU, a counter-based generator makes the random force and the noise.
 
-    InputError: no controller, two with one name, a path that does not exist or is given twice, a number of runs or a
-    seed out of range, a number of runs that does not fit the grid or the Sobol sequence, or a quantity whose smallest
-    or largest value is not allowed.
+    InputError: no controller; two controllers with the same name; a path that does not exist or is given twice; a
+    number of runs or a seed out of range; a number of runs that does not fit the grid or the Sobol sequence; a quantity
+    whose smallest or largest value is not allowed.
     """
 
     scenario: Scenario
@@ -351,9 +354,11 @@ class Campaign:
     device: Literal["cpu", "gpu"] = "cpu"
 
     def __post_init__(self) -> None:
-        vehicle, held = self.scenario.believed_vehicle, self.scenario.adhesion.reference
+        vehicle, reference = self.scenario.believed_vehicle, self.scenario.adhesion.reference
         given = tuple(self.controllers)
-        object.__setattr__(self, "controllers", _numbered(given, (as_control(one, vehicle, held) for one in given)))
+        object.__setattr__(
+            self, "controllers", _numbered(given, (as_control(each, vehicle, reference) for each in given))
+        )
         names = self.controller_names
         if not names:
             raise InputError("controllers: the list is empty; give at least one")
@@ -377,7 +382,7 @@ class Campaign:
 
     @property
     def grid_points(self) -> int:
-        """Number of combinations of all grids; 1 without a grid."""
+        """Number of combinations of the values of all grids; 1 without a grid."""
         return math.prod(len(d.values) for d in self._distributions if isinstance(d, Grid))
 
     @property
@@ -389,7 +394,7 @@ class Campaign:
     def fingerprint(self) -> str:
         """Hash of everything that the results depend on."""
         content = described(self)
-        if self.device == "cpu":  # left out, because folders of older versions have no device
+        if self.device == "cpu":  # left out, because folders of older versions do not have it
             del content["device"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -397,20 +402,20 @@ class Campaign:
         """Return the number at a path of a `Quantity`; InputError, with the nearest path, for an unknown path."""
         if path not in self._paths:
             near = close_match(path, self._paths) or f"scenario: {', '.join(self._paths)[:_LISTED]} ... "
-            raise InputError(f"quantity: {path!r} is not a number of scenario or controllers; {near.rstrip()}")
+            raise InputError(f"quantity: {path!r} is not a number of the scenario or of a controller; {near.rstrip()}")
         owner, own = self._paths[path][0]
         return self._numbers[owner][own]
 
     def case(self, i: int) -> SampledRun:
-        """Return run number i with its values; InputError for a number out of range or values that are not allowed."""
+        """Return run number i with its values; InputError for an i out of range or for values that are not allowed."""
         values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
         draws = Counted(*seed.generate_state(2).tolist()) if self.device == "gpu" else seed
         return SampledRun(values, *self.with_values(values.values()), draws)
 
     def values(self, i: int) -> dict[str, float]:
-        """Return the sampled values of run number i by name; InputError for a number out of range.
+        """Return the sampled values of run number i by name; InputError for an i out of range.
 
-        The grid point is i modulo the number of grid points; the value of the first grid changes fastest.
+        The grid point of the run is i modulo the number of grid points; the value of the first grid changes fastest.
         """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
@@ -426,7 +431,7 @@ class Campaign:
         return values
 
     def grid_values(self, point: int) -> dict[str, float]:
-        """Return the values of the grids by name at grid point number `point`, from 0."""
+        """Return the values of the grids by name at the grid point with number `point`, from 0."""
         grids = {quantity.name for quantity in self.quantities if isinstance(quantity.distribution, Grid)}
         return {name: value for name, value in self.values(point).items() if name in grids}
 
@@ -436,54 +441,54 @@ class Campaign:
 
     @cached_property
     def _numbers(self) -> tuple[dict[str, Number], ...]:
-        """Numbers by path: of the scenario, then of each controller."""
+        """Numbers by path, first of the scenario, then of each controller."""
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
     def _paths(self) -> dict[str, list[tuple[int, str]]]:
-        """Index in `_numbers` and path in that record, by path of a `Quantity`; the scenario has priority."""
-        found: dict[str, list[tuple[int, str]]] = {}
+        """For each path of a `Quantity`, index in `_numbers` and path in this record; the scenario has priority."""
+        paths: dict[str, list[tuple[int, str]]] = {}
         for k, own in enumerate(self._numbers[1:], 1):
             for path in own:
-                found.setdefault(path, []).append((k, path))
+                paths.setdefault(path, []).append((k, path))
         for k, (name, own) in enumerate(zip(self.controller_names, self._numbers[1:], strict=True), 1):
-            found |= {f"{name}.{path}": [(k, path)] for path in own}
-        return found | {path: [(0, path)] for path in self._numbers[0]}
+            paths |= {f"{name}.{path}": [(k, path)] for path in own}
+        return paths | {path: [(0, path)] for path in self._numbers[0]}
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Targets of each quantity: index in `_numbers`, path in that record, and factor on the value."""
+        """Targets of each quantity: index in `_numbers`, path in this record, and factor on the value."""
         taken: set[tuple[int, str]] = set()
-        found: list[list[tuple[int, str, float]]] = []
+        all_targets: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
-            found.append([])
+            all_targets.append([])
             for owner, path in (target for given in quantity.paths for target in self._paths[given]):
                 if (owner, path) in taken:
                     raise InputError(f"quantity: {path!r} is given twice; leave one out")
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
                 if scale is None:
                     raise InputError(
-                        f"quantity: {path!r} is not set, so that a factor has no effect; give the value itself"
+                        f"quantity: {path!r} has no value, so that a factor has no effect; give the value itself"
                     )
                 taken.add((owner, path))
-                found[-1].append((owner, path, scale))
-        return found
+                all_targets[-1].append((owner, path, scale))
+        return all_targets
 
     def changes(self, values: Iterable[float]) -> dict[int, dict[str, float]]:
-        """Return the numbers that `values`, one a quantity, change, SI, by path; key 0: scenario, i: controller i."""
-        found: dict[int, dict[str, float]] = {}
+        """Return the changed numbers, SI, by path, for `values` of all quantities; key 0: scenario, i: controller i."""
+        changed: dict[int, dict[str, float]] = {}
         for targets, value in zip(self._targets, values, strict=True):
             for owner, path, scale in targets:
-                found.setdefault(owner, {})[path] = value * scale
-        return found
+                changed.setdefault(owner, {})[path] = value * scale
+        return changed
 
     def with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
-        """Return scenario and controllers with `values`, SI, one a quantity; InputError for a value not allowed."""
+        """Return scenario and controllers with `values`, SI, of all quantities; InputError for a value not allowed."""
         records: list[Any] = [self.scenario, *self.controllers]
         for owner, change in self.changes(values).items():
             records[owner] = replaced(records[owner], change)
         scenario, nominal = records[0], self.scenario
-        if scenario.beliefs != nominal.beliefs:  # controllers assume the nominal vehicle, not the sampled one
+        if scenario.beliefs != nominal.beliefs:  # the controllers assume the nominal vehicle, not the sampled one
             believed, before = scenario.beliefs.of(nominal.vehicle), nominal.believed_vehicle
             records[1:] = [control.believing(believed, before) for control in records[1:]]
         return scenario, tuple(records[1:])
@@ -499,11 +504,12 @@ class Campaign:
         if self.sampling is Sampling.SOBOL and self.runs & (self.runs - 1):
             more = 1 << self.runs.bit_length()
             raise InputError(
-                f"runs: {self.runs} is not allowed; Sobol points are balanced for powers of 2: {more // 2} or {more}"
+                f"runs: {self.runs} is not allowed; Sobol points are balanced for powers of 2; give {more // 2} or "
+                f"{more}"
             )
 
     def _check_ends(self) -> None:
-        """Raise InputError if an end of a quantity is not allowed, with the other quantities at their medians."""
+        """Raise InputError if the smallest or largest value of a quantity is not allowed; the others are at medians."""
         middle = [distribution.at(0.5) for distribution in self._distributions]
         for k, distribution in enumerate(self._distributions):
             for end in distribution.ends:
@@ -511,22 +517,22 @@ class Campaign:
 
 
 def _numbered(given: Iterable[Any], made: Iterable[Controller]) -> tuple[Controller, ...]:
-    """Return the controllers `made` from `given`; a default name that is taken gets a number behind it."""
-    found: dict[str, Controller] = {}
-    twice = []  # controllers with a name that the user gave twice; `Campaign` refuses them
-    for one, control in zip(given, made, strict=True):
+    """Return the controllers `made` from `given`; a default name that is already used gets a number."""
+    named: dict[str, Controller] = {}
+    twice = []  # controllers with a name that the user has given twice, which `Campaign` refuses
+    for original, control in zip(given, made, strict=True):
         name = control.label
-        if own_name(one) in (None, control.kind):
-            name = next(n for n in chain([name], (f"{name} {i}" for i in count(2))) if n not in found)
+        if own_name(original) in (None, control.kind):
+            name = next(n for n in chain([name], (f"{name} {i}" for i in count(2))) if n not in named)
             control = control if name == control.label else control.model_copy(update={"name": name})
-        if name in found:
+        if name in named:
             twice.append(control)
         else:
-            found[name] = control
-    return (*found.values(), *twice)
+            named[name] = control
+    return (*named.values(), *twice)
 
 
-# --- campaigns from the user's TOML files -----------------------------------------------------------------------------
+# --- campaigns from TOML files ----------------------------------------------------------------------------------------
 
 
 KEYS_OF = {kind: tuple(field.name for field in fields(made)) for kind, made in DISTRIBUTIONS.items()}
@@ -537,7 +543,7 @@ _LISTS = ("values", "weights")
 
 
 class ControllerTable(Record):
-    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes two controllers of one kind."""
+    """Table `[[controller]]`: a built-in controller or a file; `name` distinguishes controllers of the same kind."""
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
@@ -550,7 +556,7 @@ class ControllerTable(Record):
 
 
 class QuantityKeys(BaseModel):
-    """Table `[[quantity]]`; its other keys are those of the distribution, `KEYS_OF`."""
+    """Table `[[quantity]]`; all other keys are those of the distribution, `KEYS_OF`."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
@@ -564,7 +570,7 @@ class CampaignKeys(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    scenario: str = Field(description="a built-in scenario or a TOML file beside this one")
+    scenario: str = Field(description="name of a built-in scenario, or of a TOML file in the folder of this file")
     runs: int = Field(strict=True, ge=1, le=MOST_RUNS, description="number of runs")
     seed: int = Field(0, strict=True, ge=0, le=LARGEST_SEED)
     sampling: Sampling = Sampling.RANDOM
@@ -595,7 +601,7 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """Call `make`; put the position in the file in front of the message of an InputError."""
+    """Call `make`; an InputError gets the position in the file in front of its message."""
     try:
         return make()
     except InputError as error:
@@ -609,12 +615,12 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
     if keys.controller.lower().endswith((".toml", ".py")):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
-            raise InputError(f"{key}: not allowed, because {keys.controller} contains this key; leave it out")
+            raise InputError(f"{key}: is not allowed with the controller file {keys.controller}; set it in that file")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
-        found = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
+        control = as_control(loaded, scenario.believed_vehicle, scenario.adhesion.reference, path.stem)
     else:
-        found = controller_named(
+        control = controller_named(
             keys.controller,
             scenario.believed_vehicle,
             column=keys.gains or default_column(scenario.adhesion),
@@ -623,14 +629,14 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )
-    return found if keys.name is None else found.model_copy(update={"name": keys.name})
+    return control if keys.name is None else control.model_copy(update={"name": keys.name})
 
 
 def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:
     paths = (keys.path,) if isinstance(keys.path, str) else tuple(keys.path)
     units = {nominal.number_at(path).unit for path in paths}
     if len(units) > 1 and not keys.relative:
-        raise InputError(f"path: {', '.join(paths)} have different units; give each its own table, or relative = true")
+        raise InputError(f"path: {', '.join(paths)} have different units; give a table for each, or relative = true")
     unit = "1" if keys.relative else units.pop()
     return Quantity(paths, _distribution(keys, unit), keys.relative)
 
@@ -645,16 +651,16 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
     for name in given:
         if name not in KEYS_OF[kind]:
             near = close_match(name, KEYS_OF[kind])
-            raise InputError(f"{name}: {kind} has no such key; {near}it has {', '.join(KEYS_OF[kind])}")
+            raise InputError(f"{name}: unknown key of {kind}; {near}allowed: {', '.join(KEYS_OF[kind])}")
     for field in fields(DISTRIBUTIONS[kind]):
         if field.name not in given and field.default is MISSING:
-            raise InputError(f"{field.name}: missing; {kind} needs it")
+            raise InputError(f"{field.name}: missing; give it for the distribution {kind}")
     made: Distribution = DISTRIBUTIONS[kind](**{name: _si(value, unit, name) for name, value in given.items()})
     return made
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
-    """Return a number, or a tuple of numbers, in SI; without a known unit only plain numbers are allowed."""
+    """Return a number, or a tuple of numbers, in SI; if the unit is unknown, only plain numbers are allowed."""
     unit = "1" if name in _WITHOUT_UNIT else unit or "1"
     if name in _LISTS:
         if not isinstance(value, list):

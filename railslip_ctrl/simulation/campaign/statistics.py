@@ -1,6 +1,6 @@
-"""Statistics of a campaign: estimates, comparisons of controllers, worst runs; and `campaign`, a campaign in one call.
+"""Statistics of a campaign: estimates, comparisons of controllers, worst runs; and `campaign`, which does everything.
 
-Parts are read one column at a time, so that some tens of bytes of memory are needed for each run.
+The results are read column by column, so that a run needs only some tens of bytes of memory.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 
     Columns = dict[str, Floats]
 
-CONFIDENCE = 0.95  #: of every interval
-LEVELS = (0.05, 0.5, 0.95)  #: quantiles reported
-WORST = 5  #: number of worst runs in the list of each controller
-LISTED = 20  #: number of failed runs in a list
+CONFIDENCE = 0.95  #: confidence level of every interval
+LEVELS = (0.05, 0.5, 0.95)  #: levels of the reported quantiles
+WORST = 5  #: number of worst runs listed for each controller
+LISTED = 20  #: largest number of failed runs listed for an outcome
 
 BINS = 120
-_SHOWN = 2000  # runs in the sample for pictures; the runs are independent, so the first runs are a random sample
+_SHOWN = 2000  # number of runs in pictures; runs are independent, so that the first ones are a random sample
 
 
 # --- estimates with their confidence intervals ----------------------------------------------------------------------
 
 
 class Estimate(NamedTuple):
-    """A value and the bounds of its confidence interval; a bound is infinite for too few runs."""
+    """Estimated value and its confidence interval from `low` to `high`; with too few runs a bound is infinite."""
 
     value: float
     low: float
@@ -56,7 +56,7 @@ _UNKNOWN = Estimate(math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean, sample standard deviation, minimum and maximum of finite values; NaN for too few values."""
+    """Count, mean, sample standard deviation, minimum and maximum of finite values; NaN if there are too few."""
 
     count: int
     mean: float
@@ -84,7 +84,7 @@ class Moments:
 
 
 def share(count: int, total: int) -> Estimate:
-    """Return the share count/total with Wilson's interval; NaN if the total is 0."""
+    """Return the share count/total with Wilson's confidence interval; NaN if the total is 0."""
     if total == 0:
         return _UNKNOWN
     from scipy import stats
@@ -94,7 +94,7 @@ def share(count: int, total: int) -> Estimate:
 
 
 def quantile(values: Floats, level: float) -> Estimate:
-    """Return a quantile with its interval by order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
+    """Return a quantile with its interval from order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
     from scipy import stats
 
     low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
@@ -114,7 +114,7 @@ class Histogram(NamedTuple):
 
     @classmethod
     def of(cls, values: Floats) -> Histogram:
-        """Return the histogram of the finite values, with `BINS` bins; a single value gets a nonzero width."""
+        """Return the histogram of finite values, with `BINS` bins, which have a width > 0 even for equal values."""
         low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
         edges = np.linspace(low, high if high > low else low + max(abs(low), 1.0) * 1e-3, BINS + 1)
         return cls(edges, np.histogram(values, edges)[0])
@@ -132,7 +132,7 @@ class Histogram(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasureSummary:
-    """Statistics of a measure over the stopped runs; `excluded` is the number of stopped runs without finite value."""
+    """Statistics of a measure over the stopped runs; `excluded` of them have no finite value."""
 
     moments: Moments
     excluded: int
@@ -145,8 +145,8 @@ class ControllerSummary:
     """Statistics of one controller over the finished runs.
 
     - outcomes: number of runs by outcome.
-    - failed: numbers of the first runs that did not stop, by outcome.
-    - not_stopped, locked: shares of all runs.
+    - failed: run numbers of the first runs that did not stop, by outcome.
+    - not_stopped, locked: share of the runs that did not stop, and share of the runs with a locked wheel.
     - worst: rows of the stopped runs with the highest values of the measure `worst_by`.
     """
 
@@ -178,7 +178,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """One grid point of a campaign: its values, and by controller the means and the number of failed runs."""
+    """Grid point of a campaign: its values, means by controller and measure, and shares of runs that did not stop."""
 
     values: dict[str, float]
     means: dict[tuple[str, str], Estimate]
@@ -187,10 +187,11 @@ class PointSummary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """Statistics of the finished `runs` of a `campaign`: by `controllers`, `paired`, and by `points` of the grids.
+    """Statistics of the finished `runs` of a `campaign`.
 
-    `worst_by` is the measure that ranks the worst runs. `sample` is for pictures: by controller, the quantities and
-    `worst_by` of the first runs, SI, NaN for a run that did not stop.
+    They are given by controller (`controllers`), for pairs of controllers (`paired`), and by grid point (`points`).
+    `worst_by` is the measure that ranks the worst runs. `sample` is for pictures: by controller, the values of the
+    quantities and of `worst_by` in the first runs, SI; `worst_by` is NaN for a run that did not stop.
     """
 
     campaign: Campaign
@@ -202,8 +203,9 @@ class CampaignSummary:
     sample: dict[str, Columns]
 
     def table(self) -> str:
-        """Return a table with a line for each controller: stopped runs, braking distance, slip, locked runs."""
-        text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)  # a room above this one
+        """Return a table as text with a line for each controller: stopped runs, braking distance, slip, locked runs."""
+        # imported when called, because `report` imports this package
+        text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)
         return text
 
     @property
@@ -213,8 +215,8 @@ class CampaignSummary:
 
     @property
     def any_stopped(self) -> bool:
-        """True if a run of any controller stopped."""
-        return any(found.stopped for found in self.controllers.values())
+        """True if at least one run of any controller stopped."""
+        return any(summary.stopped for summary in self.controllers.values())
 
 
 def check_measure(name: str) -> None:
@@ -227,7 +229,7 @@ def check_measure(name: str) -> None:
 
 
 class _Runs:
-    """Runs of the finished parts; each column is an array of shape (runs, controllers)."""
+    """Results of the finished parts; each column is an array of shape (runs, controllers)."""
 
     def __init__(self, store: Store) -> None:
         self._store, self._parts = store, list(store.finished())
@@ -246,24 +248,24 @@ class _Runs:
         return pa.concat_tables(self._store.read(part, [name]) for part in self._parts).column(0)
 
     def column(self, name: str) -> Floats:
-        """Return the values of a column; NaN for a run without a number."""
+        """Return the values of a column; NaN where a run has no value."""
         values: Floats = self._column(name).to_numpy().reshape(-1, len(self.names))
         return values
 
     def of_stopped(self, name: str) -> Floats:
-        """Return the values of a column; NaN for a run without a number or that did not stop."""
+        """Return the values of a column; NaN where a run has no finite value or did not stop."""
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
-        """Return the rows of controller number k with the highest `values`."""
+        """Return the rows with the highest `values` of controller number k."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
-        found = []
+        rows = []
         for i in self.number[order].tolist():
             row = self._store.row(i)[self.names[k]]
             del row["controller"], row["outcome"]
-            found.append({name: math.nan if value is None else value for name, value in row.items()})
-        return found
+            rows.append({name: math.nan if value is None else value for name, value in row.items()})
+        return rows
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
@@ -276,19 +278,19 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
     runs, campaign = _Runs(store), store.campaign
     pairs = list(combinations(range(len(runs.names)), 2))
     point, count = runs.number % campaign.grid_points, campaign.grid_points
-    points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # numbers of the runs at each point
+    points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # indices of the runs at each point
     controllers = _controllers(runs)
     paired: list[list[Paired]] = []
     means: list[dict[tuple[str, str], Estimate]] = [{} for _ in points]
     for measure in MEASURES:  # one column in memory at a time
         values = runs.of_stopped(measure.name)
         paired.append([_paired(runs, first, second, measure.name, values) for first, second in pairs])
-        for k, (name, found) in enumerate(controllers.items()):
-            found.measures[measure.name] = _measure(values[:, k], found.stopped)
+        for k, (name, summary) in enumerate(controllers.items()):
+            summary.measures[measure.name] = _measure(values[:, k], summary.stopped)
             for at, mean in zip(points, means, strict=True):
                 mean[name, measure.name] = Moments.of(values[at, k]).estimate
             if measure.name == worst_by:
-                found.worst.extend(runs.rows(k, values[:, k]))
+                summary.worst.extend(runs.rows(k, values[:, k]))
                 shown = values[:_SHOWN].copy()
     sampled = {name: runs.column(name)[:_SHOWN].copy() for name in campaign.quantity_units}
     return CampaignSummary(
@@ -313,12 +315,12 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
 
 
 def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
-    """Return the summaries of the controllers without measures and worst runs, which `summarise` adds."""
-    locked, found = np.isfinite(runs.column("first_lock_s")), {}
+    """Return the summaries of the controllers by name; `summarise` adds the measures and the worst runs."""
+    locked, summaries = np.isfinite(runs.column("first_lock_s")), {}
     for k, name in enumerate(runs.names):
         numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}
         numbers = {outcome: own for outcome, own in numbers.items() if own.size}
-        found[name] = ControllerSummary(
+        summaries[name] = ControllerSummary(
             name=name,
             outcomes={outcome: own.size for outcome, own in numbers.items()},
             failed={outcome: own[:LISTED].tolist() for outcome, own in numbers.items() if outcome != Outcome.STOPPED},
@@ -327,7 +329,7 @@ def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
             measures={},
             worst=[],
         )
-    return found
+    return summaries
 
 
 def _measure(values: Floats, stopped: int) -> MeasureSummary:
@@ -343,7 +345,7 @@ def _paired(runs: _Runs, first: int, second: int, measure: str, values: Floats) 
     return Paired(runs.names[first], runs.names[second], measure, moments.count, moments.estimate, smaller)
 
 
-# --- in one call ----------------------------------------------------------------------------------------------------
+# --- one call --------------------------------------------------------------------------------------------------------
 
 
 @checked
@@ -357,18 +359,20 @@ def campaign(
     folder: str | Path | None = None,
     workers: int = 1,
 ) -> CampaignSummary:
-    """Run a scenario many times, each run with its own noise, which is the same for every controller.
+    """Run a scenario many times and return the statistics, SI.
 
-    - scenario: the run, SI.
-    - controllers: one or more, as `simulate` takes them.
+    Each run has its own noise, which is the same for every controller.
+
+    - scenario: braking run, SI.
+    - controllers: one or more controllers as for `simulate`.
     - runs: number of runs of each controller.
     - quantities: quantities that vary from run to run, SI.
     - seed: seed of the campaign; the same seed gives the same runs.
-    - folder: folder for the runs, so that an interrupted campaign is resumed; by default nothing is kept.
+    - folder: folder for the results, from which an interrupted campaign continues; by default no results are stored.
     - workers: number of processes. With more than one, the calling script needs `if __name__ == "__main__"`, because
       each process imports it.
 
-    Returns statistics in SI; `table()` has a line for each controller. InputError as for `Campaign` and `execute`.
+    InputError as for `Campaign` and `execute`.
     """
     made = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
     with nullcontext(folder) if folder is not None else TemporaryDirectory() as place:
