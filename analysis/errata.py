@@ -1,7 +1,7 @@
-"""Which equations and numbers of [Park2008] follow from the paper's own statement, which do not, and by how much?
+"""Which equations and numbers of [Park2008] follow from its own model, which do not, and by how much do these differ?
 
-Every doubtful equation and number is entered as printed and compared with the derived or computed one, for both
-references. Equations that follow are in the table too.
+Each equation or number in question is entered as printed and compared with the derived or computed one, for a reference
+slip velocity proportional to the train speed and for a constant one. The table also has the equations that agree.
 
     python analysis/errata.py
 """
@@ -16,7 +16,7 @@ from railslip_ctrl.sliding.derivation import derive
 
 @dataclass(frozen=True)
 class Errata:
-    """Rows by where they are, for the proportional reference, and whether the constant one gives the same verdicts."""
+    """Errata by their place in the paper for the proportional reference; True if the constant one gives the same."""
 
     rows: dict[str, Erratum]
     all_steps_checked: bool
@@ -24,17 +24,17 @@ class Errata:
 
     @property
     def agreeing(self) -> tuple[str, ...]:
-        """Where the print follows from the statement."""
+        """Places where the printed equation or number follows from the model."""
         return tuple(where for where, row in self.rows.items() if row.agrees)
 
     @property
     def disagreeing(self) -> tuple[str, ...]:
-        """Where it does not."""
+        """Places where the printed equation or number does not follow from the model."""
         return tuple(where for where, row in self.rows.items() if not row.agrees)
 
 
 def run() -> Errata:
-    """Derive for both references and compare."""
+    """Derive the law for both references and compare it with the printed one."""
     derivations = [derive(reference=reference) for reference in ("proportional", "constant")]
     proportional, constant = (errata(derivation) for derivation in derivations)
     return Errata(
@@ -45,7 +45,7 @@ def run() -> Errata:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table of errata."""
     result = run()
     for where, row in result.rows.items():
         print(f"{'agrees ' if row.agrees else 'DIFFERS'}  {where:30s}  {row.sign_and_size}")

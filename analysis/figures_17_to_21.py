@@ -1,7 +1,7 @@
-"""What do the published runs look like?
+"""How do the slip, the torque and the speed develop in the published runs?
 
-[Park2008] Figs. 17 to 21: adhesion dry and wet, then speeds, brake torques and slip ratios of the four controllers of
-Table 5, one run each with the same noise.
+The script reproduces [Park2008] Figs. 17 to 21: adhesion on dry and wet rail, then speeds, brake torques and slip
+ratios of the four controllers of Table 5, each in one run with the same noise.
 
     python analysis/figures_17_to_21.py [FOLDER for the pictures]
 """
@@ -19,36 +19,36 @@ from railslip_ctrl.paper.tables import ModelCurve, published_runs, wet_and_dry
 from railslip_ctrl.simulation import Run
 
 SEED = 0
-SWITCH = 25.0  # s, when the rail turns wet and the mass rises
-SETTLED = 10.0  # s after the brake is applied
+SWITCH = 25.0  # s, time at which the rail turns wet and the mass rises
+SETTLED = 10.0  # s, time after which the slip has settled on dry rail
 
 
 @dataclass(frozen=True)
 class Figures:
-    """The curves of Fig. 17 and the runs of Figs. 18 to 21 by column."""
+    """Curves of Fig. 17, and runs of Figs. 18 to 21 by the column of Table 5."""
 
     adhesion: tuple[ModelCurve, ...]
     runs: dict[str, Run]
 
     def highest_slip_after_switch(self, column: str) -> float:
-        """Of the burst when the rail turns wet."""
+        """Highest slip ratio after the rail has turned wet."""
         signals = self.runs[column].signals
         return float(signals.slip[signals.time >= SWITCH].max())
 
     def mean_error_on_dry(self, column: str) -> float:
-        """Mean of slip less the column's own reference from 10 s on, until the rail turns wet: what is left over."""
+        """Mean of slip minus reference slip from 10 s until the rail turns wet: the steady-state error."""
         signals = self.runs[column].signals
         part = (signals.time > SETTLED) & (signals.time < SWITCH)
         return float(np.mean(signals.slip[part] - signals.reference[part]))
 
 
 def run() -> Figures:
-    """Curves and runs."""
+    """Return the curves and the runs."""
     return Figures(wet_and_dry(), published_runs(seed=SEED))
 
 
 def main(argv: Sequence[str]) -> None:
-    """Print what the figures show; with a folder, draw them."""
+    """Print the main numbers of the figures; with a folder, draw the figures."""
     result = run()
     for curve in result.adhesion:
         print(f"Fig. 17, {curve.law} {curve.rail}: peak {curve.peak.coefficient:.3f} at slip {curve.peak.slip:.3f}, "
@@ -64,7 +64,7 @@ def main(argv: Sequence[str]) -> None:
 
 
 def draw(result: Figures, folder: Path) -> None:
-    """Figs. 17 to 21."""
+    """Draw Figs. 17 to 21."""
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.reproduction import run_figures, wet_and_dry_figure
 

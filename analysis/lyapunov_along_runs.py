@@ -1,9 +1,9 @@
-"""How long do the Lyapunov conditions of the sliding-mode law hold along a real stop, with the actuator and without?
+"""For how long do the Lyapunov conditions of the sliding-mode law hold along a stop, with and without the actuator?
 
-[Park2008] (40), (42), (46), Table 4's bristle column in the paper's own scenario, as published and in SI; the law
-without adaptation (k = 0, as in Table 5) and with the printed k. Without the actuator and without noise the
-conditions hold. The actuator prevents sliding, the noise violates (40), and behind the actuator the printed adaptation
-makes the stop more than three times as long.
+The conditions are [Park2008] (40), (42) and (46), with the gains of Table 4's bristle column in the paper's scenario,
+as published and in SI. The law runs without adaptation (k = 0, as in Table 5) and with the printed k. Without actuator
+and noise the conditions hold. The actuator prevents sliding, and the noise violates (40). With the actuator and the
+printed adaptation the stop is more than three times as long.
 
     python analysis/lyapunov_along_runs.py [FOLDER for the pictures]
 """
@@ -27,7 +27,7 @@ LAWS = {"k = 0": replace(PUBLISHED_LAW, k1=0.0, k2=0.0), "printed k": PUBLISHED_
 
 
 def run(*, as_published: bool) -> dict[tuple[str, bool, bool], LyapunovRun]:
-    """Runs by (law, with actuator, with noise)."""
+    """Return the runs by (law, with actuator, with noise)."""
     scenario = published_scenario(as_published=as_published)
     return {
         (name, actuator, noise): judge_run(
@@ -40,13 +40,13 @@ def run(*, as_published: bool) -> dict[tuple[str, bool, bool], LyapunovRun]:
 
 
 def label(case: tuple[str, bool, bool]) -> str:
-    """A case in words."""
+    """Return the name of a case."""
     name, actuator, noise = case
     return f"{name}, {'actuator' if actuator else 'ideal'}{', noise' if noise else ''}"
 
 
 def main() -> None:
-    """Print both readings; with a folder, draw s without adaptation, and the estimates with it."""
+    """Print the conditions as published and in SI; with a folder, draw s without, and the estimates with adaptation."""
     for as_published in (True, False):
         cases = run(as_published=as_published)
         reading = "as published (inertia scale 3.6)" if as_published else "SI"

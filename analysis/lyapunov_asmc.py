@@ -1,10 +1,11 @@
 """Which of the stability claims of the adaptive sliding-mode law hold, in SI and as published?
 
-[Park2008] (40)-(49) with Table 4's gains, bristle column: the conditions without the actuator in both readings of the
-units (`railslip verify` adds those with it), and V along an ideal stop (no actuator) of a loaded vehicle that the law
-assumes empty, without and with the published disturbances. V' <= 0 is proved only without disturbances. When s has
-reached 0, V stays on a plateau: theta_hat need not converge. If the stop lasts beyond 25 s, the published mass step
-changes theta and V jumps: up if theta_hat was correct, otherwise up or down.
+The claims are [Park2008] (40)-(49), with the gains of Table 4's bristle column. The script checks the conditions
+without the actuator, in SI and with the units as published (`railslip verify` also checks those with the actuator). It
+computes V along a stop of a loaded vehicle that the law assumes to be empty, without actuator, without and with the
+published disturbances. V' <= 0 is proved only without disturbances. When s has reached 0, V stays constant, because
+theta_hat need not converge. If the stop takes longer than 25 s, the published mass step changes theta, and V jumps: up
+if theta_hat was correct, otherwise up or down.
 
     python analysis/lyapunov_asmc.py [FOLDER for the picture]
 """
@@ -32,8 +33,11 @@ SEED = 2008
 
 @dataclass(frozen=True)
 class LyapunovCheck:
-    """Verification and runs in one reading: of the loaded vehicle, `ideal` without, `disturbed` with the published
-    disturbances; `stepped`: empty and known, undisturbed, loaded from 25 s on (None where the stop is over by then).
+    """Verification and runs without actuator, in SI or as published.
+
+    `ideal` and `disturbed` are stops of the loaded vehicle, without and with the published disturbances. In `stepped`
+    the vehicle is empty, as the law assumes, and loaded from 25 s on, without disturbances; None if the stop ends
+    before.
     """
 
     verification: Verification
@@ -47,11 +51,11 @@ class LyapunovCheck:
         return float(np.max(V - np.minimum.accumulate(V)) / V[0])
 
     def plateau(self) -> float:
-        """V at the end of the undisturbed run, m^2/s^2: what theta_hat has left."""
+        """V at the end of the undisturbed run, m^2/s^2, due to the remaining error of theta_hat."""
         return float(self.ideal.V[np.isfinite(self.ideal.V[:, 0]), 0][-1])
 
     def jump(self) -> float:
-        """V's step at 25 s in `stepped`, m^2/s^2; NaN without it."""
+        """Step of V at 25 s in `stepped`, m^2/s^2; NaN if `stepped` is None."""
         if self.stepped is None:
             return float("nan")
         i = int(np.searchsorted(self.stepped.time, STEP_TIME - 1e-9))
@@ -59,7 +63,7 @@ class LyapunovCheck:
 
 
 def check(vehicle: Vehicle) -> LyapunovCheck:
-    """One reading."""
+    """Return the verification and the runs of a vehicle, whose inertia scale is 1 or as published."""
     ideal, with_disturbances = (
         simulate_ideal(
             vehicle.loaded(), PUBLISHED_LAW, nominal=vehicle, duration=DURATION, disturbed=disturbed, seeds=(SEED,)
@@ -73,28 +77,28 @@ def check(vehicle: Vehicle) -> LyapunovCheck:
 
 
 def run() -> tuple[LyapunovCheck, LyapunovCheck]:
-    """SI and as published."""
+    """Return the checks in SI and as published."""
     published = PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
     return check(PARK2008), check(published)
 
 
 def main() -> None:
-    """Print what fails in SI and how the other reading differs; with a folder, draw V along the runs."""
+    """Print the conditions that fail in SI, and differences as published; with a folder, draw V along the runs."""
     si, published = run()
     print(failures(si.verification, published.verification))
     for name, result in (("SI", si), ("as published", published)):
-        told = (
+        text = (
             f"V along an ideal stop, {name}: largest rise {result.largest_rise(result.ideal):.1e} V(0) undisturbed, "
             f"{result.largest_rise(result.disturbed):.2g} V(0) with the published disturbances; {step_text(result)}; "
-            f"the undisturbed one rests at {result.plateau():.3g} m^2/s^2, theta_hat short of theta"
+            f"without disturbances V ends at {result.plateau():.3g} m^2/s^2, because theta_hat does not reach theta"
         )
-        print(textwrap.fill(told, 110, subsequent_indent="  ", break_on_hyphens=False))
+        print(textwrap.fill(text, 110, subsequent_indent="  ", break_on_hyphens=False))
     if len(sys.argv) > 1:
         draw(si, published, Path(sys.argv[1]))
 
 
 def failures(si: Verification, published: Verification) -> str:
-    """The conditions that fail, without the actuator, each with its evidence in SI; and what differs as published."""
+    """Return the conditions that fail without the actuator, with the evidence in SI, and differences as published."""
     lines = [
         f"Without the actuator {len(si.failing)} of {len(si.conditions)} conditions do not hold in SI",
         "(railslip verify adds those with the actuator):",
@@ -107,7 +111,7 @@ def failures(si: Verification, published: Verification) -> str:
 
 
 def step_text(result: LyapunovCheck) -> str:
-    """V at the mass step."""
+    """Return a text about V at the mass step."""
     if result.stepped is None:
         return f"the stop is over before the mass steps at {STEP_TIME:g} s"
     theta1, k1 = result.stepped.theta[0], PUBLISHED_LAW.k1
@@ -118,7 +122,7 @@ def step_text(result: LyapunovCheck) -> str:
 
 
 def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
-    """V over time, both readings."""
+    """Draw V over time, in SI and as published."""
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.style import (
         PAGE_WIDTH,
@@ -145,7 +149,7 @@ def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
             axes.semilogy(one.time, one.V[:, 0], label=label, **line_style(i))
         axes.axhline(result.plateau(), color="0.4", linewidth=0.8, linestyle=":")
         axes.annotate(
-            folded("plateau of the undisturbed run: s = 0, theta_hat not theta", 0.35 * PAGE_WIDTH, SMALL),
+            folded("final value without disturbances: s = 0, theta_hat is not theta", 0.35 * PAGE_WIDTH, SMALL),
             (0.02, result.plateau()),
             xycoords=("axes fraction", "data"),
             xytext=(0, 3),

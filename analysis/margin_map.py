@@ -1,8 +1,9 @@
-"""Where in the design envelope does a controller hold, and with what margin?
+"""Where in the design envelope is the loop of a controller stable, and with which Ms?
 
-Rail, speed 5 to 140 km/h, empty and loaded, slip from half to one and a half times the reference (through the adhesion
-peak), actuator dead time and lag +-30 %, three adhesion laws: several thousand loops per controller, each with its dead
-time exact. Printed as a table by axis with the worst case, drawn as a map over speed and load.
+The envelope has both rails, speeds from 5 to 140 km/h, the empty and the loaded vehicle, slips from 0.5 to 1.5 times
+the reference (through the adhesion peak), dead time and lag of the actuator +-30 %, and three adhesion laws. These are
+several thousand loops for each controller, each with its exact dead time. The script prints a table for each axis with
+the worst case, and draws a map over speed and load.
 
     python analysis/margin_map.py [FOLDER for the picture]
 """
@@ -30,12 +31,12 @@ ENVELOPE = Envelope(
 
 
 def run(envelope: Envelope = ENVELOPE) -> dict[str, Judgement]:
-    """Both controllers over the envelope."""
+    """Judge both controllers over the envelope."""
     return {name: judge(envelope, controller) for name, controller in CONTROLLERS.items()}
 
 
 def main() -> None:
-    """Print the tables; with a folder, draw the map."""
+    """Print the tables; with a folder, draw the maps."""
     result = run()
     for name, judged in result.items():
         print(f"\n{name}: {len(judged.points)} cases, {100 * judged.stable.mean():.2f} % stable; {judged.verdict_line}")
@@ -51,7 +52,7 @@ def _text(value: object) -> str:
 
 
 def draw(result: dict[str, Judgement], folder: Path) -> None:
-    """The maps of both controllers."""
+    """Draw the maps of both controllers."""
     from railslip_ctrl.report.plots import ms_map_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
-"""How do the paper's two adhesion models differ, and are its reference slips at their peaks?
+"""How do the paper's two adhesion models differ, and are its reference slips at the peaks of these models?
 
-[Park2008] Figs. 13 to 15: mu over slip on dry rail at initial speeds of 30, 60, 100 and 140 km/h, beam model and
-bristle model, the latter along a slip ramp and at rest. The rig's measurements were printed only as marks in Fig. 13;
-what of Table 3 can still be checked is its arithmetic.
+The script reproduces [Park2008] Figs. 13 to 15: mu over slip on dry rail at initial speeds of 30, 60, 100 and 140 km/h,
+for the beam model and the bristle model; the latter along a slip ramp and in steady state. The rig's measurements were
+only printed as marks in Fig. 13, so that of Table 3 only the arithmetic can be checked.
 
     python analysis/model_curves.py [FOLDER for the pictures]
 """
@@ -19,18 +19,18 @@ from railslip_ctrl.paper.tables import ModelCurve, Table3, model_curves, table3
 
 @dataclass(frozen=True)
 class ModelCurves:
-    """The curves of Figs. 13 to 15 and what follows from Table 3."""
+    """Curves of Figs. 13 to 15, and the check of Table 3."""
 
     curves: tuple[ModelCurve, ...]
     table3: Table3
 
     def curve(self, law: str, initial_speed_kmh: float) -> ModelCurve:
-        """One of the curves; StopIteration where there is none."""
+        """Return the curve of a law and an initial speed, km/h; StopIteration if there is none."""
         return next(c for c in self.curves if (c.law, c.initial_speed_kmh) == (law, initial_speed_kmh))
 
 
 def run() -> ModelCurves:
-    """All curves."""
+    """Return all curves and the check of Table 3."""
     return ModelCurves(model_curves(), table3())
 
 
@@ -53,7 +53,7 @@ def main(argv: Sequence[str]) -> None:
 
 
 def draw(result: ModelCurves, folder: Path) -> None:
-    """Figs. 13 to 15."""
+    """Draw Figs. 13 to 15."""
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.reproduction import model_figures
 

@@ -1,17 +1,17 @@
-"""How do the published PI, the published ASMC and this project's PI-lead behave when nothing is quite as printed?
+"""How do the published PI, the published ASMC and this project's PI-lead behave on other vehicles and rails?
 
-Mass +-20 %, adhesion with a standard deviation of 15 %, dead time and lag of the brake within wide tolerances, drawn
-anew for every run; every controller gets the same vehicles, rails and noise. The scenario is [Park2008]'s in the
-as-published reading. Answers, of few runs asserted in the tests:
+In each run the mass varies by +-20 %, the adhesion with a standard deviation of 15 %, and dead time and lag of the
+brake within wide tolerances. All controllers get the same vehicles, rails and noise. The scenario is that of [Park2008]
+as published. Results, which the tests check with few runs:
 
-- the PI-lead stops shorter than the published PI and the published ASMC on every vehicle, and in the median holds the
-  slip far better; the ASMC beats the PI in distance and not in slip error;
-- where adhesion is a third less than its curve says, the ASMC is the longest of the three, or does not stop in time;
-- the published PI never locks the wheel. The two quicker ones do, in about a tenth of the runs, and always within two
-  seconds of the moment at which the rail turns wet: on vehicles that are slow by then (light, or with much adhesion),
-  where the brake's dead time is long against the time the wheel takes to lock.
+- On every vehicle the PI-lead has a shorter braking distance than the published PI and the published ASMC, and its
+  median slip error is much smaller. The ASMC has a shorter distance than the PI, but not a smaller slip error.
+- If the adhesion is a third lower than its curve, the ASMC has the longest distance, or does not stop in time.
+- The published PI never locks the wheel. The two faster controllers lock it in about a tenth of the runs, always within
+  two seconds after the rail turns wet. These vehicles are slow at that time (light, or with high adhesion), so that the
+  brake's dead time is long compared with the time in which the wheel locks.
 
-    python analysis/monte_carlo.py [FOLDER for runs, report and pictures; resumed if it holds some] [RUNS]
+    python analysis/monte_carlo.py [FOLDER for runs, report and pictures; a campaign in it is resumed] [RUNS]
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ QUANTITIES = (
 
 
 def campaign(runs: int = RUNS) -> Campaign:
-    """The question as a campaign."""
+    """Return the campaign."""
     scenario = built_in_scenario("park2008")
     controllers = tuple(controller_named(name, scenario.vehicle) for name in CONTROLLERS)
     return Campaign(scenario, controllers, runs, QUANTITIES, seed=2008)
 
 
 def run(folder: Path, *, runs: int = RUNS, workers: int | None = None) -> CampaignSummary:
-    """Every run that the folder lacks, then the statistics of all."""
+    """Run all runs that are missing in the folder, and return the statistics of all runs."""
     return summarise(execute(campaign(runs), folder, workers=workers))
 
 
 def main() -> None:
-    """Print the report; with a folder, keep the runs and draw."""
+    """Print the report; with a folder, store the runs and draw the pictures."""
     from railslip_ctrl.report.campaign import campaign_text
 
     runs = int(sys.argv[2]) if len(sys.argv) > 2 else RUNS
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def draw(result: CampaignSummary, folder: Path) -> None:
-    """Distributions, and the braking distance over what was varied."""
+    """Draw the distributions, and the braking distance over the varied quantities."""
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.runs import distributions_figure, scatter_figure
 

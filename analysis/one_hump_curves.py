@@ -1,8 +1,8 @@
 """How often does the 95 % interval of the peak contain the true peak, and how often is a false delay reported?
 
-Counted over logs of the virtual rig with random vehicles on random one-hump curves. No formula of `identify` fits such
-a curve exactly, so that the intervals have to include the misfit. Each log has three tests from 100 km/h, with and
-without noise.
+The script counts logs of the virtual rig with random vehicles on random adhesion curves with one peak. No formula of
+`identify` fits these curves exactly, so that the intervals must include the misfit. Each log has three tests from
+100 km/h, with or without noise.
 
     python analysis/one_hump_curves.py [CURVES [FIRST_SEED]]
 """
@@ -28,14 +28,14 @@ from railslip_ctrl.simulation.population import Peak, one_hump, peak_of, random_
 
 CURVES = 200
 V0 = 100.0 * KMH
-TESTS = 3  # a log
-RATE = 0.116  # 1/s, of the torque over wheel load times one metre: 4 kN*m/s of the published vehicle
+TESTS = 3  # number of tests in a log
+RATE = 0.116  # m/s, rate of torque over wheel load: 4 kN*m/s for the published vehicle
 SILENT = {"random_force": 0.0, "wheel_noise": 0.0}
 
 
 @dataclass(frozen=True)
 class Found:
-    """What was found in the log of a curve: the model chosen, the 95 % intervals, whether a delay was reported."""
+    """Identification of one log: true peak, chosen model, 95 % intervals of slip and mu, and if a delay is reported."""
 
     seed: int
     true: Peak
@@ -45,13 +45,13 @@ class Found:
     delayed: bool
 
     @property
-    def held(self) -> tuple[bool, bool]:
-        """Whether the intervals of slip and of mu hold the truth."""
+    def covered(self) -> tuple[bool, bool]:
+        """Whether the intervals of slip and of mu contain the true values."""
         return self.slip[0] <= self.true.slip <= self.slip[1], self.mu[0] <= self.true.mu <= self.mu[1]
 
 
 def found_in(seed: int, *, noisy: bool) -> Found:
-    """The log of the curve of a seed, identified."""
+    """Identify the log for the random curve of a seed."""
     generator = np.random.default_rng(seed)
     vehicle = random_vehicle(generator)
     law = one_hump(generator)
@@ -60,14 +60,14 @@ def found_in(seed: int, *, noisy: bool) -> Found:
     rows = run_tests(RigTest(vehicle, law, V0, rate=RATE * vehicle.wheel_load, **noise), tests=TESTS, seed=seed)
     try:
         found = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
-    except InputError:  # a log that is refused counts as one whose peak is missed
+    except InputError:  # if the log is refused, the peak counts as missed
         return Found(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
     peak, delayed = found.own_peak, any("the wheel's speed seems to be" in text for text in found.warnings)
     return Found(seed, true, found.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
 
 
 def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dict[str, tuple[Found, ...]]:
-    """Logs without and with noise of as many curves; `workers` processes, as many as processors if None."""
+    """Return the results without and with noise; `workers` is the number of processes, None: one a core."""
     seeds, jobs = range(first, first + curves), {"without noise": False, "with noise": True}
     if workers == 1:
         return {name: tuple(found_in(seed, noisy=noisy) for seed in seeds) for name, noisy in jobs.items()}
@@ -76,12 +76,12 @@ def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dic
 
 
 def line(name: str, each: Sequence[Found]) -> str:
-    """The counts of some logs."""
-    slip, mu = np.mean([found.held for found in each], axis=0)
+    """Return a line of the table."""
+    slip, mu = np.mean([x.covered for x in each], axis=0)
     widths = [[(x.slip[1] - x.slip[0]) / x.true.slip / 2.0, (x.mu[1] - x.mu[0]) / x.true.mu / 2.0] for x in each]
     of_slip, of_mu = 100.0 * np.nanmedian(widths, axis=0)
     table, delayed = (np.mean(which) for which in ([x.model == "table" for x in each], [x.delayed for x in each]))
-    missed = ", ".join(str(x.seed) for x in each if not all(x.held))
+    missed = ", ".join(str(x.seed) for x in each if not all(x.covered))
     return (
         f"{name:14s} {len(each):5d} {slip:8.1%} {mu:8.1%} {of_slip:8.1f} % {of_mu:8.1f} % {delayed:8.1%} {table:8.1%}"
         f"  {missed or 'none'}"
@@ -89,10 +89,10 @@ def line(name: str, each: Sequence[Found]) -> str:
 
 
 def main() -> None:
-    """Print the counts."""
+    """Print the table."""
     curves, first = (int(x) for x in (*sys.argv[1:], *(CURVES, 0)[len(sys.argv) - 1 :]))
-    print("Shares of logs whose 95 % interval holds the peak's slip and mu, median half widths over the truth, shares")
-    print("with a reported delay and with the table chosen, and the seeds of the peaks that were missed")
+    print("Shares of logs whose 95 % interval contains slip and mu of the peak; median half widths over true values;")
+    print("shares with a reported delay and with the table as chosen model; seeds of logs with a missed peak")
     print("               curves  slip       mu   width slip   width mu  delays   table   missed")
     for name, each in run(curves, first=first, workers=None).items():
         print(line(name, each))

@@ -1,8 +1,8 @@
-"""How wrong is a Pade approximation of the dead time, on margins and on stabilising sets?
+"""How large are the errors of margins and stabilising gains with a Pade approximation of the dead time?
 
-The wheel-slip loop at dry rail, 100 km/h, with PI and with PI-lead, and loops of growing dead time: Pade orders 1 to 5
-against exact. The largest stabilising proportional gain is where a low order misleads most, as it lives at high
-frequency.
+The script compares Pade orders 1 to 5 with the exact dead time, for the wheel-slip loop on dry rail at 100 km/h with PI
+and PI-lead, and for several dead times. A low order has the largest error in the largest stabilising proportional gain,
+which is decided at high frequency.
 
     python analysis/pade_order.py
 """
@@ -31,17 +31,17 @@ DEAD_TIMES = (0.05, 0.15, 0.4)  # s
 
 @dataclass(frozen=True)
 class PadeErrors:
-    """Relative errors by Pade order (rows) of margins, of the largest stabilising kp, and of ki there."""
+    """Relative errors, one for each Pade order, of margins and of the largest stabilising kp and ki."""
 
     gain_increase: dict[str, np.ndarray]
     phase: dict[str, np.ndarray]
     ms: dict[str, np.ndarray]
-    largest_kp: dict[float, np.ndarray]  # by dead time: upper end of the stabilising kp
-    largest_ki: dict[float, np.ndarray]  # by dead time: ki limit in the middle of the exact kp range
+    largest_kp: dict[float, np.ndarray]  # by dead time, s: largest stabilising kp
+    largest_ki: dict[float, np.ndarray]  # by dead time, s: largest ki at the geometric mean of the exact kp range
 
 
 def run() -> PadeErrors:
-    """All errors, relative to the exact loop."""
+    """Return all errors relative to the exact loop."""
     plant = actuated_plant(plant_at("bristle", PARK2008, Rail.DRY, 100.0), ACTUATOR)
     gain, phase, ms = {}, {}, {}
     for name, controller in CONTROLLERS.items():

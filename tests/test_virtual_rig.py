@@ -128,14 +128,14 @@ def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     module, test = script("analysis/interval_coverage.py"), published_tests("beam")[0]
     result = module.run(1)
     # 24 parameters in dependent threes; at 99 % each more than one law and speed amiss has a probability below 1 %
-    assert sum(c.held for c in result) >= 21
+    assert sum(c.covered for c in result) >= 21
     monkeypatch.setattr(module, "run", lambda *_, **__: result)
     monkeypatch.setattr(sys, "argv", ["interval_coverage.py", "1"])
     module.main()
     assert capsys.readouterr().out.count("km/h") == 24
     ends = ((1.0, (0.0, math.inf)), (1.5, (1.0, 2.0)))
     counted = module.coverage(test, "a", [Parameter("a", x * test.law.a, 0.0, "fitted", limits) for x, limits in ends])
-    assert (counted.logs, counted.held, counted.endless, counted.bias) == (2, 1, 1, pytest.approx(0.25))
+    assert (counted.logs, counted.covered, counted.endless, counted.bias) == (2, 1, 1, pytest.approx(0.25))
 
 
 @pytest.mark.long
@@ -145,7 +145,7 @@ def test_the_peak_of_a_curve_that_is_no_formula_lies_in_its_interval(capsys, mon
     result = module.run(10, first=1)
     for each in result.values():
         # at 95 % fewer than 8 of 10 have a probability of 1.2 %
-        assert np.all(np.sum([found.held for found in each], axis=0) >= 8)
+        assert np.all(np.sum([found.covered for found in each], axis=0) >= 8)
         assert all(found.slip[1] - found.slip[0] > 0.0 for found in each)
     assert sum(found.delayed for each in result.values() for found in each) == 0
     exact = result["without noise"]
