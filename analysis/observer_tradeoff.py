@@ -1,9 +1,10 @@
-"""How fast may an adhesion-torque observer be, what does the printed form do wrong, and is a Kalman filter better?
+"""How fast may an adhesion-torque observer be, which error does the printed one have, and is a Kalman filter better?
 
-The observer of [Park2008] (27) as printed and with every term filtered, and a Kalman filter, on a brake application as
-in Fig. 12: torque rises until the slip passes 50 %, then is released. Encoder and torque sensor are assumed, as the
-paper names none. For every setting the error from lag and the error from noise, the setting where both together are
-least, and what becomes of it when the log is sampled slower or faster.
+The script compares the observer of [Park2008] (27) as printed, the same observer with every term filtered, and a Kalman
+filter. The test is a brake application as in Fig. 12: the torque rises until the slip exceeds 50 %, and is then
+released. Encoder and torque sensor are assumptions, because the paper does not name any. For every setting the script
+computes the error from lag and the error from noise. It finds the setting with the smallest total error, also for other
+sampling intervals.
 
     python analysis/observer_tradeoff.py [FOLDER for the pictures]
 """
@@ -44,19 +45,19 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import corrected_observer, passed_at_once
 
-if TYPE_CHECKING:  # only a drawing needs it
+if TYPE_CHECKING:  # only the figures need Matplotlib
     from matplotlib.figure import Figure
 
 VEHICLE = PARK2008
 INITIAL_SPEED_KMH = 140.0  # Fig. 12
 COURSE = BrakeCourse()
-LAW = "beam"  # the bristle model has no damping and rings after the release, which no observer should be judged by
-ENCODER = Encoder(counts=4096)  # 1024 lines, two tracks
+LAW = "beam"  # the bristle model has no damping and oscillates after the release, which would distort the errors
+ENCODER = Encoder(counts=4096)  # 1024 lines on each of two tracks
 SENSOR = TorqueSensor(noise=50.0, resolution=5.0)  # N*m
-INTERVAL = 5e-3  # s
+INTERVAL = 5e-3  # s, sampling interval
 INTERVALS = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3)  # s
-TAUS = np.geomspace(4e-3, 0.5, 25)  # s
-WALKS = np.geomspace(1e4, 1e9, 25)  # (N*m)^2/s
+TAUS = np.geomspace(4e-3, 0.5, 25)  # s, time constants of the filter
+WALKS = np.geomspace(1e4, 1e9, 25)  # (N*m)^2/s, intensities of the random walk of Ta
 OMEGA = np.geomspace(0.1, 600, 300)  # rad/s, up to pi/INTERVAL
 SEED = 2008
 NAMES = ("printed (27)", "corrected", "Kalman filter")
@@ -66,16 +67,16 @@ LABELS = dict(zip(NAMES, ("τ (s)", "τ (s)", "random walk of Ta ((N·m)²/s)"),
 # --- lag against noise -----------------------------------------------------------------------------------------------
 
 
-_LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its minimum
+_LOG_TOLERANCE = 1e-4  # tolerance of the logarithm of the best setting; the error is flat at its minimum
 
 
 @dataclass(frozen=True)
 class ObserverErrors:
-    """Root mean square errors of Ta_hat over a trial from the time the brake is applied, N*m.
+    """Root mean square errors of Ta_hat in a trial, N*m, from the time at which the brake is applied.
 
-    Before that an observer settles from its first sample. `lag` is that with perfect sensors, `noise` what the sensors
-    add, from the H2 norm; `simulated` is on counts of the encoder and noise drawn for the torque, an independent check
-    of `total`.
+    Before this time the observer settles. `lag` is the error with perfect sensors. `noise` is the error that the
+    sensors add, from the H2 norm. `simulated` is the error with simulated encoder counts and torque noise, an
+    independent check of `total`.
     """
 
     lag: float
@@ -84,15 +85,15 @@ class ObserverErrors:
 
     @property
     def total(self) -> float:
-        """lag and noise together."""
+        """Root of the sum of squares of lag and noise, N*m."""
         return math.hypot(self.lag, self.noise)
 
 
 @dataclass(frozen=True)
 class TradeOff:
-    """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
+    """Errors over a setting of an observer: tau (s) of a filter, or the walk ((N*m)^2/s) of the Kalman filter.
 
-    `errors` are those at the `settings`, 1-D, `at_best` that at the setting `best`, which has the least total error.
+    `errors` are those at the `settings`, 1-D. `best` is the setting with the smallest total error, `at_best` its error.
     """
 
     settings: Floats
@@ -102,7 +103,7 @@ class TradeOff:
 
 
 def estimated(observer: TorqueObserver, trial: BrakeTrial) -> Floats:
-    """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
+    """Return Ta_hat (N*m) with perfect sensors, whose speed is a difference of angles, at all times but the first."""
     speed = np.diff(trial.angle) / np.diff(trial.time)
     return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
 
@@ -110,7 +111,7 @@ def estimated(observer: TorqueObserver, trial: BrakeTrial) -> Floats:
 def observer_errors(
     observer: TorqueObserver, trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
-    """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
+    """Return the errors of an `observer` in a `trial` with `encoder` and `sensor`; `seed` sets the torque noise."""
     braked = trial.time[1:] >= trial.brake_time
     truth = trial.adhesion_torque[1:]
     seen = measured(trial, encoder, sensor, seed=seed)
@@ -131,10 +132,10 @@ def trade_off(
     *,
     seed: int,
 ) -> TradeOff:
-    """Errors over a setting of the observer, and the best setting between its first and last value.
+    """Return the errors over a setting of an observer, and the best setting between the first and the last.
 
-    `make` gives the observer for a setting; `settings`, s or (N*m)^2/s, 1-D, are > 0 and grow. `trial`, `encoder`,
-    `sensor` and `seed` as of `observer_errors`.
+    `make` returns the observer for a setting. `settings`, s or (N*m)^2/s, 1-D, are > 0 and rise. `trial`, `encoder`,
+    `sensor` and `seed` are those of `observer_errors`.
     """
     from scipy.optimize import minimize_scalar
 
@@ -162,22 +163,16 @@ def _rms(error: Floats) -> float:
 
 @dataclass(frozen=True)
 class ObserverComparison:
-    """Everything by observer, in the order of `NAMES`.
+    """Results by observer, in the order of `NAMES`.
 
-    Attributes
-    ----------
-    passed_at_once : dict
-        Share of a step of the brake torque that is in the estimate at once, from the symbolic transfer (filters only).
-    curves : dict
-        Errors over the setting, and the best one.
-    estimates, errors : dict
-        Ta_hat at the best setting on noisy measurements and Ta_hat - Ta, N*m, at the times of the trial but the first.
-    responses : dict
-        At the best setting.
-    coefficient_errors : dict
-        Total rms error at the best setting as adhesion coefficient.
-    by_interval : dict
-        Interval (s) to best setting and total rms error (N*m), by observer.
+    - passed_at_once: share of a step of the brake torque that appears in the estimate immediately, from the symbolic
+      transfer function (filters only).
+    - curves: errors over the setting, and the best setting.
+    - estimates, errors: Ta_hat from noisy measurements at the best setting, and Ta_hat - Ta, N*m, at all times of the
+      trial but the first.
+    - responses: frequency responses at the best setting.
+    - coefficient_errors: total rms error at the best setting as an adhesion coefficient.
+    - by_interval: by sampling interval (s) and observer, the best setting and its total rms error (N*m).
     """
 
     trial: BrakeTrial
@@ -191,7 +186,7 @@ class ObserverComparison:
 
 
 def makers(interval: float) -> dict[str, Callable[[float], TorqueObserver]]:
-    """The observers as functions of their setting: tau, or the intensity of the walk."""
+    """Return the observers as functions of their setting: tau, or the intensity of the walk."""
     return {
         NAMES[0]: lambda tau: FilterObserver.of(VEHICLE, tau, Form.PRINTED),
         NAMES[1]: lambda tau: FilterObserver.of(VEHICLE, tau),
@@ -202,7 +197,7 @@ def makers(interval: float) -> dict[str, Callable[[float], TorqueObserver]]:
 
 
 def run() -> ObserverComparison:
-    """The trial, the curves, the best of each observer, and the best at other intervals."""
+    """Return the trial, the errors over the settings, and the best settings for all sampling intervals."""
     trial = trial_at(INTERVAL)
     make = makers(INTERVAL)
     curves = curves_at(trial, TAUS, WALKS)
@@ -233,13 +228,13 @@ def run() -> ObserverComparison:
 
 
 def trial_at(interval: float) -> BrakeTrial:
-    """The brake application, sampled at an interval in s."""
+    """Return the brake application, sampled at an interval, s."""
     law = published_law(LAW, Rail.DRY, INITIAL_SPEED_KMH)
     return brake_trial(law, VEHICLE, INITIAL_SPEED_KMH / 3.6, interval=interval, course=COURSE)
 
 
 def curves_at(trial: BrakeTrial, taus: np.ndarray, walks: np.ndarray) -> dict[str, TradeOff]:
-    """The trade-off of every observer on a trial."""
+    """Return the errors of each observer over its setting, for a trial."""
     return {
         name: trade_off(make, walks if name == NAMES[2] else taus, trial, ENCODER, SENSOR, seed=SEED)
         for name, make in makers(trial.interval).items()
@@ -247,7 +242,7 @@ def curves_at(trial: BrakeTrial, taus: np.ndarray, walks: np.ndarray) -> dict[st
 
 
 def main() -> None:
-    """Print the tables; with a folder, draw the pictures."""
+    """Print the tables; with a folder, draw the figures."""
     result = run()
     for name, share in result.passed_at_once.items():
         print(f"{name}: {100 * share:.0f} % of a step of the brake torque is in the estimate at once")
@@ -265,7 +260,7 @@ def main() -> None:
 
 
 def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
-    """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
+    """Return a figure of the errors over each observer's setting; `labels` name the setting with its unit."""
     from railslip_ctrl.report.plots import style
 
     columns = min(len(curves), 3)
@@ -285,7 +280,7 @@ def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *
 
 
 def draw(result: ObserverComparison, folder: Path) -> None:
-    """Trade-off, estimates beside the truth, responses."""
+    """Draw the errors over the settings, the estimates with the true torque, and the responses."""
     from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)

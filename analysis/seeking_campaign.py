@@ -1,18 +1,19 @@
-"""How far over the bound does the seeking controller stop, on unknown rails and with errors of the assumed brake?
+"""How much longer than the bound are stops with the seeking controller, on unknown rails and with brake errors?
 
-The published vehicle, empty and loaded, five adhesion laws, five sequences of rails, the brake as assumed, 30 % faster
-and 30 % slower. Every stop is compared with the clairvoyant one with the same brake. Answers, with few seeds asserted
-in the tests:
+The stops are those of the published vehicle, empty and loaded, with five adhesion laws, five sequences of rails, and a
+brake as assumed, 30 % faster or 30 % slower. Every stop is compared with the clairvoyant stop with the same brake.
+Results, which the tests check with few seeds:
 
-- On curve, bristle and beam the median is 6 %, and 95 in 100 stops are below 9 % with the brake as assumed and below
-  16 % with a brake 30 % slower.
-- The worst there are 11 %, and 37 % with the slower brake, on beam from wet to dry.
-- No wheel locks on these three laws.
-- Polach's peak is at a slip of 0.014 (dry, 100 km/h) and its adhesion falls immediately beyond it. A change from dry to
-  wet rail costs 25 % there; wheels lock after it in one stop of ten at 90 m, more often with the slower brake.
-- A change from dry to wet costs most, because the torque at that moment cannot be released within the dead time.
+- On curve, bristle and beam the median excess is 6 %. 95 of 100 stops are below 9 % with the brake as assumed, and
+  below 16 % with a brake 30 % slower.
+- The largest excess with these laws is 11 %; with the slower brake it is 37 %, on beam from wet to dry.
+- No wheel locks with these three laws.
+- Polach's peak is at a slip of 0.014 (dry, 100 km/h), and the adhesion falls immediately beyond it. A change from dry
+  to wet rail makes the stop 25 % longer. Wheels lock after the change in one stop of ten at 90 m, and more often with
+  the slower brake.
+- A change from dry to wet rail has the largest effect, because the torque cannot be released within the dead time.
 
-    python analysis/seeking_campaign.py [SEEDS, 16 unless given] [FIRST SEED, 0 unless given]
+    python analysis/seeking_campaign.py [SEEDS, default 16] [FIRST SEED, default 0]
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ from railslip_ctrl.simulation.bound import clairvoyant_stop
 
 KMH = 1 / 3.6
 CONTROLLERS = {"asmc": "published ASMC", "slide-protection": "slide protection", "pi-lead": "PI-lead",
-    "predictive": "predictive, slip told", "seeking": "seeking"}  # fmt: skip
-"""Names in the table, by controller. All but two know the reference slip of law and rail."""
+    "predictive": "predictive, slip known", "seeking": "seeking"}  # fmt: skip
+"""Names in the table, by controller. All but slide protection and seeking get the reference slip of law and rail."""
 
 LAWS = ("curve", "bristle", "beam", "polach", "lugre")
 RAILS = {
@@ -44,12 +45,12 @@ RAILS = {
     "wet to dry at 80 m": ("wet", (rs.Event(distance=80, rail="dry"),)),
 }
 BRAKES = (0.7, 1.0, 1.3)
-"""Factors on the dead time and lag that the controller assumes."""
+"""Dead time and lag of the brake relative to those that the controller assumes."""
 
 TORQUE_MAX = 9000.0
 """Largest torque, N*m."""
 
-# [Park2008] has no numbers of a LuGre law: friction as of its bristle model, falling with sliding speed
+# [Park2008] has no LuGre law: these numbers give the friction of its bristle model, falling with the sliding speed
 LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.1e3, "vs": 4.7}
 
 
@@ -57,7 +58,8 @@ LUGRE = {"alpha": 2.2e4, "alpha1": 310.0, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.
 class Stop:
     """Result of a stop.
 
-    Its case, the distance over the bound, %, the highest slip, the speed of locking, km/h, and the filled torque, N*m.
+    It has the case of the stop, the excess `over` the bound in distance, %, the highest slip, the highest speed with a
+    locked wheel, km/h (0: none), and the `filled` torque, the sum of all increases of the torque, N*m.
     """
 
     controller: str
@@ -72,7 +74,7 @@ class Stop:
 
 
 def controller(name: str, law: AdhesionLaw) -> rs.Controller:
-    """Return a controller of the package; a controller with a reference slip has the law's on each rail."""
+    """Return a controller of the package; its reference slips, if it has any, are those of the law."""
     reference, column = law.reference, catalogue.default_column(law)
     return catalogue.controller_named(name, rs.PARK2008, column=column, reference=reference)
 
@@ -85,7 +87,7 @@ def run(
     brakes: Iterable[float] = BRAKES,
     rails: Iterable[str] = RAILS,
 ) -> list[Stop]:
-    """Run every stop of these seeds, down to 2 km/h."""
+    """Return all stops for these seeds, down to 2 km/h."""
     names, seeds = tuple(controllers), tuple(seeds)
     cases = product(laws, rails, ("empty", "loaded"), brakes)
     return [stop for case in cases for stop in _stops(names, *case, seeds)]
@@ -127,16 +129,16 @@ def _scenario(law: str, rails: str, load: str, brake: float) -> Scenario:
     )
 
 
-# --- what their loops tolerate ----------------------------------------------------------------------------------------
+# --- tolerances of the loops ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Tolerated:
-    """Tolerances of a loop at its operating points on curve, bristle and beam, empty and loaded, from `SLOWEST` up.
+    """Tolerances of the loop of a controller on curve, bristle and beam, empty and loaded, from `SLOWEST` up.
 
-    gain: smallest and largest brake gain relative to the assumed one; dead_time, lag: largest errors in both
-    directions, shares of the brake's, 1 at most. Within each alone every loop is stable. from_kmh: lowest speed above
-    which the loop is robust, with all tolerances of an envelope; None if there is none.
+    - gain: smallest and largest brake gain, relative to the assumed one, with all loops stable.
+    - dead_time, lag: largest relative errors in both directions, at most 1, with all loops stable; each alone.
+    - from_kmh: lowest speed above which the loop is robust with all tolerances of an envelope; None if there is none.
     """
 
     gain: tuple[float, float]
@@ -146,16 +148,16 @@ class Tolerated:
 
 
 SLOWEST = 20.0
-"""Lowest speed, km/h; at 10 km/h loops at the published slips have almost no tolerance."""
+"""Lowest speed, km/h; at 10 km/h the loops at the published slips have almost no tolerance."""
 
 
 def tolerated(name: str) -> Tolerated | None:
-    """Return the largest tolerances of a controller; None for one without a loop."""
+    """Return the tolerances of a controller; None for a controller without a linear loop."""
     control = controller(name, rs.published_law("curve", "dry"))
     if isinstance(control, rs.Sliding | rs.SlideProtection):
         return None
     whole = rs.Envelope(rs.PARK2008, laws=LAWS[:3])
-    fast = whole.at(speeds=[one for one in whole.speeds if one >= SLOWEST], slip=1, radius=1, dead_time=1, lag=1)
+    fast = whole.at(speeds=[speed for speed in whole.speeds if speed >= SLOWEST], slip=1, radius=1, dead_time=1, lag=1)
     nominal = rs.judge(fast, control, nominal=True)
     gain = nominal.least("gain_decrease", largest=True)[0], nominal.least("gain_increase")[0]
 
@@ -171,7 +173,7 @@ def tolerated(name: str) -> Tolerated | None:
 
 
 def cells(found: Tolerated | None) -> tuple[str, str, str, str]:
-    """Gain, dead time, lag and lowest speed of the table."""
+    """Return gain, dead time, lag and lowest speed as texts of the table."""
     if found is None:
         return ("-",) * 4
     errors = [f"+-{100 * error:.0f} %" for error in (found.dead_time, found.lag)]
@@ -185,8 +187,8 @@ def cells(found: Tolerated | None) -> tuple[str, str, str, str]:
 def numbers(stops: list[Stop]) -> tuple[float, ...]:
     """Return the numbers of a row.
 
-    Median, 95 % and worst over the bound, %, highest slip, shares that lock above and below 5 km/h, %, median and
-    largest filled torque, kN*m.
+    These are the median, the 95 % quantile and the largest excess over the bound, %; the highest slip; the shares of
+    stops with a lock above and only below 5 km/h, %; the median and the largest filled torque, kN*m.
     """
     over, filled = [stop.over for stop in stops], [stop.filled / 1e3 for stop in stops]
     above, below = (

@@ -1,8 +1,8 @@
-"""How do beam and bristle model fit a known truth, and do the polynomials (30)-(32) come back?
+"""How well do beam and bristle model fit data of a known law, and does the fit recover the polynomials (30)-(32)?
 
-[Park2008] Figs. 12 and 13, Table 3 and (30)-(32), redrawn from simulated data, as the rig's records are not available.
-A simulated rig with the paper's dynamic bristle model runs the tests of Table 1, and both models are fitted to its
-logs.
+The script reproduces [Park2008] Figs. 12 and 13, Table 3 and (30)-(32) from simulated data, because the rig's records
+are not available. A simulated rig with the paper's dynamic bristle model runs the tests of Table 1, and both models are
+fitted to its logs.
 
     python analysis/virtual_rig.py [FOLDER for the pictures]
 """
@@ -24,15 +24,16 @@ from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.vehicle import PARK2008
 
 MODELS = ("bristle", "beam")
-SPREAD = 0.03  # of the adhesion from test to test, relative: the width of the marks in Fig. 13
+SPREAD = 0.03  # relative standard deviation of the adhesion from test to test: the spread of the marks in Fig. 13
 TORQUE_NOISE = 50.0  # N*m
-TESTS = {30: 60, 60: 24, 100: 12, 140: 12}  # by v0, km/h: at 30 km/h the slip hardly shows the fall of the adhesion
-PUBLISHED = {"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)}  # Table 3
+TESTS = {30: 60, 60: 24, 100: 12, 140: 12}  # number of tests by v0, km/h; at 30 km/h the adhesion hardly falls
+# mean absolute errors of Table 3, by model, at the four speeds
+PUBLISHED = {"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)}
 
 
 @dataclass(frozen=True)
 class VirtualRig:
-    """One test to look at, and the identifications by model at the four speeds."""
+    """Signals of one test, and the identifications by model at the four speeds."""
 
     course: Rows
     tests: tuple[RigTest, ...]
@@ -40,12 +41,12 @@ class VirtualRig:
     campaign: LogSeries
 
     def errors(self, model: str) -> tuple[float, ...]:
-        """Mean absolute error of mu at each speed, as in Table 3."""
+        """Return the mean absolute error of mu at each speed, as in Table 3."""
         return tuple(each.chosen.mean_abs_error for each in self.found[model])
 
 
 def identified(test: RigTest, model: str) -> Identification:
-    """A model fitted to the log of a condition."""
+    """Return the fit of a model to the log of a test condition."""
     speed = round(test.initial_speed / KMH)
     rows = run_tests(test, tests=TESTS[speed], seed=speed)
     options = Options(model=model, initial_speed=test.initial_speed)
@@ -53,7 +54,7 @@ def identified(test: RigTest, model: str) -> Identification:
 
 
 def run() -> VirtualRig:
-    """Run the tests and fit."""
+    """Run the tests and fit both models."""
     tests = tuple(
         dataclasses.replace(test, spread=SPREAD, torque_noise=TORQUE_NOISE) for test in published_tests("bristle")
     )
@@ -64,15 +65,15 @@ def run() -> VirtualRig:
 
 
 def main() -> None:
-    """Print Table 3's form and the parameters; with a folder, draw."""
+    """Print a table like Table 3 and the parameters; with a folder, draw the figures."""
     result = run()
     speeds = [test.initial_speed / KMH for test in result.tests]
-    print("Mean absolute error of mu on the virtual rig's data (in brackets: Table 3, on the real rig's)")
+    print("Mean absolute error of mu for the data of the virtual rig (in brackets: Table 3, data of the real rig)")
     print("  model   " + "".join(f"{speed:>10.0f} km/h" for speed in speeds))
     for model in MODELS:
         pairs = zip(result.errors(model), PUBLISHED[model], strict=True)
         print(f"  {model:8s}" + "".join(f" {ours:.4f} ({theirs:.4f})" for ours, theirs in pairs))
-    print("The bristle model's parameters, fitted and (30)-(32):")
+    print("Parameters of the bristle model, fitted (in brackets: (30)-(32)):")
     for speed, each in zip(speeds, result.found["bristle"], strict=True):
         truth = published_coefficients(speed, PARK2008.wheel_load)
         fitted = each.chosen.fit.parameters
@@ -83,7 +84,7 @@ def main() -> None:
 
 
 def draw(result: VirtualRig, folder: Path) -> None:
-    """Fig. 12, and Fig. 13 with each model."""
+    """Draw Fig. 12, and Fig. 13 with each model."""
     from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure, rig_test_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
