@@ -34,8 +34,8 @@ ENTRIES = {
     "identification.virtual_rig": "BrakeCourse BrakeTrial Measurements brake_trial measured",
     "controllers.sampled": "SampledController",
     "design.specification": "Specification",
-    "model.vehicle": "GRAVITY INITIAL_SPEED_KMH PARK2008 Actuator PIGains Rail Record Resistance Vehicle Wheel doubts "
-    "remarks table4_gains",
+    "model.vehicle": "GRAVITY INITIAL_SPEED_KMH PARK2008 Actuator PIGains Rail Record Resistance Vehicle Wheel "
+    "vehicle_warnings notes_and_warnings table4_gains",
     "model.vehicle_files": "load_vehicle",
     "model.linearization": "LinearPlant OperatingPoint",
     "sliding.derivation": "Derivation",

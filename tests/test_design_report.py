@@ -494,15 +494,15 @@ def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
         signals = one.run.signals
         controlled = signals.slip[signals.speed * 3.6 > 10.0]  # below, the file holds a torque
         assert 0 < controlled.size < signals.slip.size
-        assert one.held == np.median(controlled[controlled.size // 2 :])
-        assert one.reached == (one.held >= 0.95 * one.reference)
+        assert one.settled_slip == np.median(controlled[controlled.size // 2 :])
+        assert one.reached == (one.settled_slip >= 0.95 * one.reference)
     for name, value, where in first_page(robust).rows:
         if name.startswith("Stop, "):  # the longest of all laws and loads, under the head "worst"
             rail = name.split(", ")[1]
             worst = max((one for one in robust.stops if one.rail == rail), key=lambda one: one.run.braking_distance)
             assert float(value.removesuffix(" m")) == pytest.approx(worst.run.braking_distance, rel=1e-3)  # 4 digits
             assert where.startswith(f"{worst.law}, {worst.load}: ")
-    slow = [replace(one, held=0.5 * one.reference) for one in robust.stops]
+    slow = [replace(one, settled_slip=0.5 * one.reference) for one in robust.stops]
     assert "below its reference" in told(replace(robust, stops=tuple(slow)))[1]["To do"]
 
 
@@ -545,10 +545,10 @@ def test_the_seeking_controller_is_recommended_where_it_is_best(tmp_path):
     points, slips = [plant.point for plant in found.in_use.points.plants], {}
     for one in found.stops:
         known = [point.slip for point in points if point.rail is one.rail]
-        if not min(known) <= one.held <= max(known):
-            slips.setdefault(one.rail, set()).add(one.held)
-    assert {one.rail: set(one.slips) for one in found.held_elsewhere} == slips != {}
-    for one in found.held_elsewhere:  # by the scalar engine
+        if not min(known) <= one.settled_slip <= max(known):
+            slips.setdefault(one.rail, set()).add(one.settled_slip)
+    assert {one.rail: set(one.slips) for one in found.unjudged_slips} == slips != {}
+    for one in found.unjudged_slips:  # by the scalar engine
         cases = product([point for point in points if point.rail is one.rail], one.slips)
         loops = [operating_point(p.law, p.vehicle, p.speed, slip, rail=p.rail) for p, slip in cases]
         ms = max(found.control.loop_as_run(point, PARK2008.actuator).margins().ms for point in loops)

@@ -18,7 +18,7 @@ from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design.assessment import Verdict, assess
-from railslip_ctrl.design.envelope_tuning import REACH_SHARE, held_slips, operating_plants, select, tune
+from railslip_ctrl.design.envelope_tuning import REACH_SHARE, common_reference, operating_plants, select, tune
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, PIGains, Rail, Resistance, Vehicle, Wheel
@@ -506,7 +506,7 @@ def test_the_slips_held_are_those_of_every_law():
     mine = published_law("bristle", "dry").model_copy(update={"reference": ReferenceSlip(dry=0.1, wet=0.08)})
     for axes, held in (({}, (0.132, 0.092)), ({"rails": "wet"}, (0.092, 0.092)), ({"laws": [mine, "curve"]}, None)):
         envelope = Envelope(speeds=60, **axes)
-        found = held_slips(envelope, envelope.points(nominal=True))
+        found = common_reference(envelope, envelope.points(nominal=True))
         assert (found and (found.dry, found.wet)) == held
 
 

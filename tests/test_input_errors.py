@@ -108,7 +108,7 @@ def functions() -> dict[str, Callable[..., object]]:
     """What takes arguments, at the top and in the rooms."""
     modules = [railslip_ctrl, *(importlib.import_module(f"railslip_ctrl.{room}") for room in ROOMS)]
     found = {name: getattr(module, name) for module in modules for name in module.__all__}
-    found |= {one.__name__: one for one in (vehicle.doubts, vehicle.remarks, vehicle.table4_gains)}
+    found |= {one.__name__: one for one in (vehicle.vehicle_warnings, vehicle.notes_and_warnings, vehicle.table4_gains)}
     return {name: thing for name, thing in found.items() if inspect.isfunction(thing)}
 
 

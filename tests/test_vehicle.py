@@ -11,7 +11,7 @@ import pytest
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import LARGEST_FILE
-from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, doubts, remarks
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, notes_and_warnings, vehicle_warnings
 from railslip_ctrl.model.vehicle_files import load_vehicle, read_rolling_stock
 
 FILES = ("siemens_desiro_classic.yaml", "Facs124.yaml", "Bombardier_Traxx_2_P160.yaml")
@@ -124,11 +124,11 @@ def _with(line: str = "mass = 4000", without: str = "") -> str:
 @pytest.mark.parametrize("line", IMPLAUSIBLE)
 def test_an_implausible_number_is_taken_and_told_with_range_and_remedy(file: Any, line: str) -> None:
     vehicle = load_vehicle(file(_with(line)))
-    (told,) = doubts(vehicle)  # one number, one sentence, though others are computed from it
+    (told,) = vehicle_warnings(vehicle)  # one number, one sentence, though others are computed from it
     value, usual, remedy = IMPLAUSIBLE[line]
     assert told.startswith(f"{value} is taken as given, but is outside the usual {usual} (")
     assert remedy in told.partition("); ")[2]
-    assert remarks(vehicle) == (*vehicle.notes, told)
+    assert notes_and_warnings(vehicle) == (*vehicle.notes, told)
 
 
 def test_what_is_usual_is_not_doubted(file: Any) -> None:
@@ -136,10 +136,10 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
     edges = {"dead_time = 2": 0, "dead_time = 2.001": 1, "mass_loaded = 45000": 0, "mass_loaded = 45001": 1}
     for line, told in edges.items():
         text = _with(line, without="wheel_load_loaded")  # the weight of the loaded mass, then
-        assert len(doubts(load_vehicle(file(text)))) == told
+        assert len(vehicle_warnings(load_vehicle(file(text)))) == told
     scaled, plausible = PARK2008.model_copy(update={"inertia_scale": 3.6}), file(_with())
     for vehicle in (PARK2008, scaled, *map(load_vehicle, (plausible, EXAMPLE, DESIRO, FACS, TRAXX))):
-        assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
+        assert vehicle_warnings(vehicle) == vehicle_warnings(vehicle.loaded()) == ()
 
 
 def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_brake() -> None:

@@ -35,7 +35,7 @@ from railslip_ctrl.model.adhesion import (
     wheel_load_in,
 )
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
-from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, notes_and_warnings
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation import Scenario
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, STEEPEST, load_scenario
@@ -318,7 +318,7 @@ def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
 
 def tell_remarks(vehicle: Vehicle) -> None:
     """Print the assumptions about a vehicle on standard error."""
-    for note in remarks(vehicle):
+    for note in notes_and_warnings(vehicle):
         progress(f"note: {vehicle.name}: {note}")
 
 

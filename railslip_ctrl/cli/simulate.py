@@ -16,8 +16,8 @@ from railslip_ctrl.design.catalogue import (
     COLUMNS,
     controller_named,
     default_column,
-    held_reference,
     is_tuned_when_asked,
+    tracked_reference,
 )
 from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.pictures import Drawings, write_results
@@ -156,7 +156,7 @@ def _chosen(
     column = None if gains is None else next((one for one in COLUMNS if one == gains.lower()), None)
     if column is None and gains is not None:
         raise InputError(f"--gains: {gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
-    reference = held_reference(name, law, slip, column, dashes="--")
+    reference = tracked_reference(name, law, slip, column, dashes="--")
     if is_tuned_when_asked(name, vehicle.empty(), own):
         progress(f"tuning {name} for {vehicle.name}; this takes some seconds")
     column = column or default_column(law)

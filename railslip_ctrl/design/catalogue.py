@@ -318,7 +318,7 @@ NAMES = ("pi", "asmc", "pi-lead", "scheduled", *BY_RULE)
 _LINEAR = ("pi", "pi-lead")
 
 
-def _holds_reference(name: str) -> bool:
+def _tracks_reference(name: str) -> bool:
     return name not in BY_RULE or BY_RULE[name].follows_reference
 
 
@@ -327,7 +327,7 @@ def default_column(law: AdhesionLaw) -> Column:
     return "beam" if law.name == "beam" else "bristle"
 
 
-def held_reference(
+def tracked_reference(
     controller: str, law: AdhesionLaw, slip: float | None, column: Column | None, *, dashes: str = ""
 ) -> ReferenceSlip | None:
     """Return the reference slips of a controller of `NAMES`; None if it has none.
@@ -335,7 +335,7 @@ def held_reference(
     They are `slip`, or those of a `column` of Table 4, or those of the adhesion law. InputError if none of the three
     exists, or if the controller does not use an argument. Messages put `dashes` before the names of arguments.
     """
-    if not _holds_reference(controller):
+    if not _tracks_reference(controller):
         for name, given in (("slip", slip), ("gains", column)):
             if given is not None:
                 message = f"{dashes}{name}: {given} does not go with {controller}, which holds no reference slip"
@@ -386,7 +386,7 @@ def controller_named(
         raise InputError(
             f"controller: {name!r} has neither adaptation nor a model of the rail to keep dry; choose 'asmc' for those"
         )
-    slips = reference if reference is not None or not _holds_reference(name) else published_reference(column)
+    slips = reference if reference is not None or not _tracks_reference(name) else published_reference(column)
     vehicle = vehicle.empty()
     if name in BY_RULE:
         fields = {} if period is None else {"period": period}

@@ -205,7 +205,7 @@ def tune_over(
     margins = tuple(loop.margins() for loop in loops)
     design = replace(tuned.design, kp=gains.kp, ki=gains.ki, worst=worst, margins=margins)
     return replace(tuned, design=design), judged_design(
-        kind, run, envelope, points, held_slips(envelope, points), nominal
+        kind, run, envelope, points, common_reference(envelope, points), nominal
     )
 
 
@@ -318,7 +318,7 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
 def _remedies(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
     """Yield remedies for an infeasible specification as text: the lowest speed, a smaller slip, a faster brake."""
     brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
-    plants, slips, delayed = operating_plants(points), held_slips(envelope, points), _with_hold(brake, period)
+    plants, slips, delayed = operating_plants(points), common_reference(envelope, points), _with_hold(brake, period)
     lowest = _feasible_from(tuned_at, plants, delayed)
     yield "no speed meets the specification" if lowest is None else f"it can be met from {lowest:g} km/h up"
     for factor in _REMEDY_FACTORS:
@@ -344,7 +344,7 @@ def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:
     return [points.plants[i] for i in points.plant[points.operating]]
 
 
-def held_slips(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | None:
+def common_reference(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | None:
     """Return the reference slips on dry and wet rail; None if the adhesion laws have different ones.
 
     A rail that is not in the envelope has the slip of the other rail.
@@ -491,7 +491,7 @@ def select(
     """
     choices = []
     own = envelope.points(nominal=True)
-    slips = held_slips(envelope, own)
+    slips = common_reference(envelope, own)
     for factor in reference_factors if slips is not None else [f for f in reference_factors if f == 1.0]:
         reference = (
             slips if slips is None or factor == 1.0 else ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet)

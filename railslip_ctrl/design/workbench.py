@@ -19,7 +19,7 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 
 from .catalogue import BY_RULE, begun
 from .envelope import Envelope, EnvelopePoints, HeldSlip
-from .envelope_tuning import held_slips, operating_plants
+from .envelope_tuning import common_reference, operating_plants
 from .gain_map import Screen
 from .judging import envelope_for
 
@@ -46,7 +46,7 @@ class Workbench:
     def reference(self) -> ReferenceSlip:
         """Reference slips with which a design begins."""
         own = self.envelope.reference or getattr(self.given, "reference", None)
-        slips = own or held_slips(self.envelope, self.envelope.points(nominal=True))
+        slips = own or common_reference(self.envelope, self.envelope.points(nominal=True))
         if slips is None:
             raise InputError(
                 "envelope: its adhesion laws have different reference slips; give it a reference, or give --slip"

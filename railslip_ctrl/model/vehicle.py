@@ -373,7 +373,7 @@ USUAL_RANGES: Mapping[str, Any] = texts(__package__, "usual_ranges.toml")
 
 
 @checked
-def doubts(vehicle: Vehicle) -> tuple[str, ...]:
+def vehicle_warnings(vehicle: Vehicle) -> tuple[str, ...]:
     """Warnings on implausible numbers of a `vehicle`: key, value, usual range and remedy, one sentence each.
 
     M, J and B are checked without `inertia_scale`. InputError: the argument is not a vehicle.
@@ -392,12 +392,12 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 @checked
-def remarks(vehicle: Vehicle) -> tuple[str, ...]:
-    """Assumptions on a `vehicle` (`Vehicle.notes`), then warnings on implausible numbers (`doubts`).
+def notes_and_warnings(vehicle: Vehicle) -> tuple[str, ...]:
+    """Assumptions on a `vehicle` (`Vehicle.notes`), then warnings on implausible numbers (`vehicle_warnings`).
 
     InputError: the argument is not a vehicle.
     """
-    return (*vehicle.notes, *doubts(vehicle))
+    return (*vehicle.notes, *vehicle_warnings(vehicle))
 
 
 def _remedy(usual: Mapping[str, Any], value: float, low: float, high: float) -> str:

@@ -22,7 +22,7 @@ from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.catalogue import BY_RULE, controller_named, is_published, is_tuned_when_asked
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import Design, StructureChoice, hand_over_of, held_slips
+from railslip_ctrl.design.envelope_tuning import Design, StructureChoice, common_reference, hand_over_of
 from railslip_ctrl.design.judging import Judgement, judge
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Actuator, Vehicle
@@ -244,7 +244,7 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
         choice = StructureChoice(name, 1.0, None, no_margins(control))
         return _trial(choice, control, unjudged(envelope), 0.0, hard)
     if control.follows_reference:
-        slips = held_slips(envelope, envelope.points(nominal=True))
+        slips = common_reference(envelope, envelope.points(nominal=True))
         held = slips or as_reference(operating_points(envelope.points(nominal=True)))
         less = ReferenceSlip(dry=HELD_SHARE * held.dry, wet=HELD_SHARE * held.wet)
         control, envelope = control.model_copy(update={"reference": less}), envelope.at(reference=less)

@@ -16,7 +16,7 @@ from railslip_ctrl.design.envelope_tuning import StructureChoice
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.vehicle import doubts
+from railslip_ctrl.model.vehicle import vehicle_warnings
 from railslip_ctrl.report.candidates import FASTER, NEARLY_UNSTABLE, NOT_RUN, SEEKING, TIE, Trial
 from railslip_ctrl.report.recommendation import DesignReport, Rival, longest
 from railslip_ctrl.report.stops import CHANGES, ERRORS, SLIDING, TEETH, Stop
@@ -370,14 +370,14 @@ def _over(stop: Stop) -> str:
     return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m; "
 
 
-def _held(stop: Stop) -> str:
+def _slip(stop: Stop) -> str:
     """Slip held, with the reference unless the controller finds its slip."""
-    return short(stop.held, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
+    return short(stop.settled_slip, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
 
 
 def _stop_words(stop: Stop) -> str:
     """Excess over the bound, slip held and highest slip of a stop."""
-    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
+    return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_slip(stop)}, highest {above(stop.max_slip)}"
 
 
 def _sampled_words(report: DesignReport) -> str:
@@ -625,7 +625,7 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
 def _elsewhere(report: DesignReport) -> str:
     """Sentence about stops that hold a slip outside the envelope, with Ms there."""
     phrase = ""
-    for one in report.held_elsewhere:
+    for one in report.unjudged_slips:
         slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
         phrase += (
             f"On {one.law}, {one.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
@@ -642,7 +642,7 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
         bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _slip(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return Table(head, rows, caption=caption, wide=True)
 
@@ -728,7 +728,7 @@ def _adhesion(report: DesignReport) -> Section:
 
 def _plant(report: DesignReport) -> Section:
     vehicle = report.vehicle
-    noted = [*vehicle.notes, *(f"To be checked: {one}" for one in doubts(vehicle))]
+    noted = [*vehicle.notes, *(f"To be checked: {one}" for one in vehicle_warnings(vehicle))]
     points = dict.fromkeys(curve.point for curve in report.curves)
     if report.in_use is not None:
         points = {report.in_use.worst.point: None} | points

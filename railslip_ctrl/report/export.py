@@ -28,7 +28,7 @@ from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, remarks
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, notes_and_warnings
 
 PUBLISHED, GIVEN = "published", "given"  #: sources of an adhesion law without a file
 
@@ -99,7 +99,7 @@ def _context_json(point: OperatingPoint) -> dict[str, Any]:
     return {
         "adhesion_law": law_json(point.law, source_at(point)),
         **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
-        "notes": list(remarks(point.vehicle)),
+        "notes": list(notes_and_warnings(point.vehicle)),
     }
 
 

@@ -127,7 +127,7 @@ class Released:
 
 
 @dataclass(frozen=True)
-class HeldElsewhere:
+class UnjudgedSlips:
     """Slip ratios held in stops on a law and rail but not judged, and the worst Ms there, inf if unstable."""
 
     law: str
@@ -168,7 +168,7 @@ class DesignReport:
     worst_loops: tuple[ShownLoop, ...] = ()  # loops at the worst operating point, and at the worst with tolerances
     stops: tuple[Stop, ...] = ()  # stops of the recommended design
     harder_stops: tuple[Stop, ...] = ()  # its stops with errors of sensors and brake, and on a changing rail
-    held_elsewhere: tuple[HeldElsewhere, ...] = ()  # slips that the seeking controller holds but that were not judged
+    unjudged_slips: tuple[UnjudgedSlips, ...] = ()  # slips that the seeking controller holds but that were not judged
     rolling: tuple[RollingLoop, ...] = ()  # loops for the laws and loads with which the wheel oscillates
     rivals: tuple[Rival, ...] = ()  # the user's controllers
     limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # limits of any controller, hardest for each rail and load
@@ -443,7 +443,7 @@ def _designed(
         worst_loops=() if in_use is None else _worst_loops(in_use),
         stops=best.stops,
         harder_stops=best.harder,
-        held_elsewhere=tuple(_held_elsewhere(best.stops, in_use)) if in_use is not None and plain is None else (),
+        unjudged_slips=tuple(_unjudged_slips(best.stops, in_use)) if in_use is not None and plain is None else (),
         rolling=() if plain is None or judgement is None else rolling_loops(best.stops, plain, judgement),
         limits=_limits(shown),
         curves=tuple(map(_curve, laws_of(shown))),
@@ -493,13 +493,13 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     return tuple(ShownLoop(case.loop_description, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
 
 
-def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldElsewhere]:
+def _unjudged_slips(runs: Sequence[Stop], judged: Judgement) -> Iterator[UnjudgedSlips]:
     """Slips that a controller holds in stops but at which it was not judged, with Ms there."""
     for law, rail in dict.fromkeys((stop.law, stop.rail) for stop in runs):
         points = [plant.point for plant in judged.points.plants]
         known = [point.slip for point in points if (point.law.name, point.rail) == (law, rail)]
-        here = {stop.held for stop in runs if (stop.law, stop.rail) == (law, rail) and not math.isnan(stop.held)}
-        slips = tuple(sorted(slip for slip in here if not known or not min(known) <= slip <= max(known)))
+        here = {stop.settled_slip for stop in runs if (stop.law, stop.rail) == (law, rail)}
+        slips = tuple(sorted(s for s in here if not (math.isnan(s) or (known and min(known) <= s <= max(known)))))
         most = 0.0
         for slip in slips:
             envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
@@ -508,7 +508,7 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
             mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
             most = max(most, float(found.ms[mine].max()))
         if slips:
-            yield HeldElsewhere(law, rail, slips, most)
+            yield UnjudgedSlips(law, rail, slips, most)
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:

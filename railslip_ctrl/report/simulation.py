@@ -13,7 +13,7 @@ from railslip_ctrl import simulation
 from railslip_ctrl.controllers.base import torque_range
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import named_law
-from railslip_ctrl.model.vehicle import remarks
+from railslip_ctrl.model.vehicle import notes_and_warnings
 from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
 from railslip_ctrl.simulation.run import GIVEN_DRAWS, events_log
 
@@ -85,7 +85,7 @@ def simulation_json(run: simulation.Run, gains: str | None, law_speed: float) ->
         "adhesion": scenario.adhesion.name,
         "adhesion_law": law_json(scenario.adhesion, _law_source(scenario, law_speed)),
         "vehicle": scenario.vehicle.name,
-        "notes": list(remarks(scenario.vehicle)),
+        "notes": list(notes_and_warnings(scenario.vehicle)),
         "step_s": scenario.step,
         "period_s": _period(run),
         **exported(scenario, "limits", "measurement", "disturbances"),

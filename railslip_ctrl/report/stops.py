@@ -47,7 +47,7 @@ class Stop:
     load: str  # "empty" or "loaded"
     run: Run  # the longest run of all seeds, recorded
     others: tuple[Run, ...]  # runs with the other seeds
-    held: float  # median slip over the second half of the time under control, without noise and start
+    settled_slip: float  # median slip over the second half of the time under control, without noise and start
     reference: float  # slip ratio to hold; if the controller has its `own_slip`, the reference of the law
     cut_out: float = 0.0  # m/s, speed below which slip is not controlled
     errors: str = ""  # errors of sensors and brake, or change of rail, as text; empty in stops as given
@@ -85,7 +85,7 @@ class Stop:
     @property
     def reached(self) -> bool:
         """Whether slip reaches 0.95 of the reference."""
-        return self.held >= REACHED_SHARE * self.reference
+        return self.settled_slip >= REACHED_SHARE * self.reference
 
     @property
     def max_slip(self) -> float:
@@ -287,7 +287,7 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         load,
         run,
         tuple(replace(one, signals=None) for one in runs if one is not run),
-        _held(run, cut_out),
+        _settled_slip(run, cut_out),
         math.nan if held is None else held.on(scenario.rail),
         cut_out,
         errors,
@@ -326,7 +326,7 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
     return tuple(found)
 
 
-def _held(run: Run, cut_out: float) -> float:
+def _settled_slip(run: Run, cut_out: float) -> float:
     """Median slip over the second half of the time above the `cut_out` speed, m/s; NaN if it is never above."""
     assert run.signals is not None, "the run is recorded"
     slip = run.signals.slip[run.signals.speed > cut_out]

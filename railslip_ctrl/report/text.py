@@ -22,7 +22,7 @@ from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, notes_and_warnings
 
 from .document import (
     MARGIN_HEAD,
@@ -108,7 +108,7 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
         ("Brake actuator", _actuator(vehicle.actuator)),
         ("Inertia scale", f"{vehicle.inertia_scale:g} on M, J and B"),
     ]
-    return rows + [("Note", note) for note in remarks(vehicle)]
+    return rows + [("Note", note) for note in notes_and_warnings(vehicle)]
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:

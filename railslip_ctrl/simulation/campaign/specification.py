@@ -27,7 +27,7 @@ from railslip_ctrl.core.arguments import Floats, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.records import dataclass
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
-from railslip_ctrl.design.catalogue import controller_named, default_column, held_reference
+from railslip_ctrl.design.catalogue import controller_named, default_column, tracked_reference
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.simulation.counted import Counted
 from railslip_ctrl.simulation.paths import Number, members, numbers, replaced
@@ -625,7 +625,7 @@ def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Cont
             scenario.believed_vehicle,
             column=keys.gains or default_column(scenario.adhesion),
             gains=gains,
-            reference=held_reference(keys.controller, scenario.adhesion, keys.slip, keys.gains),
+            reference=tracked_reference(keys.controller, scenario.adhesion, keys.slip, keys.gains),
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )
