@@ -2,9 +2,10 @@
 
 Each seed gives a random vehicle and a random rail. Each stop, from 100 to 5 km/h, is compared with the attainable stop,
 or with the clairvoyant stop if the rail changes during the stop. In the second half of the table, every second stop has
-errors of the sensors, the brake and the assumed vehicle. FAMILY is one of `population.FAMILIES`.
+errors of the sensors, the brake and the assumed vehicle. A third argument may be the name of one of the
+`population.FAMILIES` of rails; the default is "one hump".
 
-    python analysis/population.py [SEEDS, default 200] [FIRST SEED, default 9000] [FAMILY, default "one hump"]
+    python analysis/population.py [SEEDS, default 200] [FIRST SEED, default 9000]
 """
 
 from __future__ import annotations

@@ -301,7 +301,7 @@ class Controller(Record):
     def stable_and_ms(
         self, points: Sequence[OperatingPoint], brakes: Sequence[Actuator], case: tuple[Any, Any]
     ) -> tuple[Any, Any] | None:
-        """Stability and Ms of the sampled loop of n cases, Ms inf if unstable; None if `linear` gives the loop.
+        """Stability and Ms of the sampled loop in n cases, Ms inf if unstable; None if `linear` gives the loop.
 
         - case: for each case its index in `points` and its index in `brakes`, (n,) each.
         """
@@ -319,7 +319,7 @@ class Controller(Record):
 
     @classmethod
     def outside_functions(cls, model: type[AdhesionLaw] | None) -> Mapping[str, Callable[..., Any]]:
-        """Python functions, by name, for those that the module of the step marks as `outside`.
+        """Python functions, by name, that replace those marked as `outside` in the module of the step.
 
         With a `model`, they include the functions of this adhesion law; `outside_text` defines the others.
         """

@@ -15,7 +15,7 @@ from .sampled import Rule, run_period
 from .systems import PolynomialController, StateSpaceController, linear_controller
 
 SURE_SHARE = 0.8
-"""Initial and hand-over torque of a linear controller over the brake torque at the operating point of least adhesion.
+"""Initial and hand-over torque of a linear controller, relative to the brake torque at the point of least adhesion.
 
 The other 20 % are a margin for the random force.
 """

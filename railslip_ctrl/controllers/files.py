@@ -171,7 +171,7 @@ def as_control(
       - a `Controller`, or a design with an attribute `controller`;
       - the class of a kind, which makes the controller by the rule of `for_vehicle`;
       - a linear system (`systems.linear_controller`), which is sampled by Tustin's rule every 10 ms or at its own
-        period; its torque is limited to 0 and the vehicle's full brake, with anti-windup;
+        period; its torque is limited to the range from 0 to the vehicle's full brake, with anti-windup;
       - any other object with a step, or a function, which is called at its `period`.
     - vehicle: vehicle for the parameters that the controller does not set.
     - reference, name: reference slip and name for a controller that has none.

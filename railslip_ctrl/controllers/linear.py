@@ -21,7 +21,7 @@ from .sampled import Rule, SampledController, linear_step, state_names
 from .systems import LinearController, PolynomialController, StateSpaceController, describe_system
 
 TORQUE_LIMIT = 9000.0
-"""Full brake torque of the published vehicle, N*m: twice the torque at the highest adhesion, 0.3 of the wheel load."""
+"""Full brake torque of the published vehicle, N*m: twice the torque at an adhesion coefficient of 0.3."""
 
 _MOST_COEFFICIENTS = 12  # largest number of coefficients of a polynomial in `design`
 

@@ -31,7 +31,7 @@ KEPT = 1024  #: number of operating points whose linear wheel is cached; an enve
 _GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; lowest frequency over 1/(dead time + lag)
 _CLOSER, _CLOSE_GRID = 5, 9  # number of refinements at a peak, points of each; relative error of the peak 1e-9
 _TURN = 1.0  # rad, largest change of the angle of D + N between frequencies, which makes the winding number reliable
-_NARROWEST = 1e-9  # rad/s, smallest interval of frequencies; only at a zero on the circle would it become smaller
+_NARROWEST = 1e-9  # rad/s, smallest interval of frequencies; it would be smaller only at a zero on the circle
 _TERMS, _SMALL = 14, 0.5  # terms of the series of exp, largest norm of its argument: error 0.5^15/15! = 2e-17
 
 
