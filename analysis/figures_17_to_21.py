@@ -53,10 +53,10 @@ def main(argv: Sequence[str]) -> None:
     for curve in result.adhesion:
         print(f"Fig. 17, {curve.law} {curve.rail}: peak {curve.peak.coefficient:.3f} at slip {curve.peak.slip:.3f}, "
               f"published reference {curve.reference:g}")  # fmt: skip
-    for name, one in result.runs.items():
+    for name, trial in result.runs.items():
         print(
-            f"Figs. 18-21, {name}: {one.braking_time:.1f} s, {one.braking_distance:.0f} m, highest torque "
-            f"{one.max_torque / 1e3:.2f} kN m, slip {result.mean_error_on_dry(name):+.3f} from its reference on dry "
+            f"Figs. 18-21, {name}: {trial.braking_time:.1f} s, {trial.braking_distance:.0f} m, highest torque "
+            f"{trial.max_torque / 1e3:.2f} kN m, slip {result.mean_error_on_dry(name):+.3f} from its reference on dry "
             f"rail, up to {result.highest_slip_after_switch(name):.2f} when it turns wet"
         )
     if argv:

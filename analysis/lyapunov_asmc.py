@@ -103,9 +103,9 @@ def failures(si: Verification, published: Verification) -> str:
         f"Without the actuator {len(si.failing)} of {len(si.conditions)} conditions do not hold in SI",
         "(railslip verify adds those with the actuator):",
     ]
-    for one in si.failing:
-        lines += [f"  {one.name}", textwrap.fill(evidence(one), 110, initial_indent="    ", subsequent_indent="    ")]
-    other = sorted({one.name for one in si.failing} ^ {one.name for one in published.failing})
+    for each in si.failing:
+        lines += [f"  {each.name}", textwrap.fill(evidence(each), 110, initial_indent="    ", subsequent_indent="    ")]
+    other = sorted({each.name for each in si.failing} ^ {each.name for each in published.failing})
     lines.append(f"As published (M, J and B times 3.6) {'differ: ' + ', '.join(other) if other else 'the same fail.'}")
     return "\n".join(lines)
 
@@ -145,8 +145,8 @@ def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
         ]
         if result.stepped is not None:
             lines.append((f"{empty:g} kg, {loaded:g} kg from {STEP_TIME:g} s on, undisturbed", result.stepped))
-        for i, (label, one) in enumerate(lines):
-            axes.semilogy(one.time, one.V[:, 0], label=label, **line_style(i))
+        for i, (label, ideal) in enumerate(lines):
+            axes.semilogy(ideal.time, ideal.V[:, 0], label=label, **line_style(i))
         axes.axhline(result.plateau(), color="0.4", linewidth=0.8, linestyle=":")
         axes.annotate(
             folded("final value without disturbances: s = 0, theta_hat is not theta", 0.35 * PAGE_WIDTH, SMALL),

@@ -144,13 +144,13 @@ def trade_off(
     def errors(setting: float) -> ObserverErrors:
         return observer_errors(make(setting), trial, encoder, sensor, seed=seed)
 
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda logarithm: errors(math.exp(logarithm)).total,
         bounds=(math.log(values[0]), math.log(values[-1])),
         method="bounded",
         options={"xatol": _LOG_TOLERANCE},
     )
-    best = math.exp(found.x)
+    best = math.exp(minimum.x)
     return TradeOff(values, tuple(errors(float(value)) for value in values), best, errors(best))
 
 

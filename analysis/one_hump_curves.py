@@ -34,7 +34,7 @@ SILENT = {"random_force": 0.0, "wheel_noise": 0.0}
 
 
 @dataclass(frozen=True)
-class Found:
+class Identified:
     """Identification of one log: true peak, chosen model, 95 % intervals of slip and mu, and if a delay is reported."""
 
     seed: int
@@ -50,7 +50,7 @@ class Found:
         return self.slip[0] <= self.true.slip <= self.slip[1], self.mu[0] <= self.true.mu <= self.mu[1]
 
 
-def found_in(seed: int, *, noisy: bool) -> Found:
+def identified(seed: int, *, noisy: bool) -> Identified:
     """Identify the log for the random curve of a seed."""
     generator = np.random.default_rng(seed)
     vehicle = random_vehicle(generator)
@@ -59,23 +59,23 @@ def found_in(seed: int, *, noisy: bool) -> Found:
     noise = {} if noisy else SILENT
     rows = run_tests(RigTest(vehicle, law, V0, rate=RATE * vehicle.wheel_load, **noise), tests=TESTS, seed=seed)
     try:
-        found = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
+        result = identify_curve(curve_of(rows, vehicle, Options(), name="virtual rig"), vehicle, Options())
     except InputError:  # if the log is refused, the peak counts as missed
-        return Found(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
-    peak, delayed = found.own_peak, any("the wheel's speed seems to be" in text for text in found.warnings)
-    return Found(seed, true, found.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
+        return Identified(seed, true, "refused", (math.nan, math.nan), (math.nan, math.nan), delayed=False)
+    peak, delayed = result.own_peak, any("the wheel's speed seems to be" in text for text in result.warnings)
+    return Identified(seed, true, result.chosen.fit.model.name, peak.slip_interval, peak.coefficient_interval, delayed)
 
 
-def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dict[str, tuple[Found, ...]]:
+def run(curves: int = CURVES, *, first: int = 0, workers: int | None = 1) -> dict[str, tuple[Identified, ...]]:
     """Return the results without and with noise; `workers` is the number of processes, None: one a core."""
     seeds, jobs = range(first, first + curves), {"without noise": False, "with noise": True}
     if workers == 1:
-        return {name: tuple(found_in(seed, noisy=noisy) for seed in seeds) for name, noisy in jobs.items()}
+        return {name: tuple(identified(seed, noisy=noisy) for seed in seeds) for name, noisy in jobs.items()}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return {name: tuple(pool.map(partial(found_in, noisy=noisy), seeds)) for name, noisy in jobs.items()}
+        return {name: tuple(pool.map(partial(identified, noisy=noisy), seeds)) for name, noisy in jobs.items()}
 
 
-def line(name: str, each: Sequence[Found]) -> str:
+def line(name: str, each: Sequence[Identified]) -> str:
     """Return a line of the table."""
     slip, mu = np.mean([x.covered for x in each], axis=0)
     widths = [[(x.slip[1] - x.slip[0]) / x.true.slip / 2.0, (x.mu[1] - x.mu[0]) / x.true.mu / 2.0] for x in each]

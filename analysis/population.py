@@ -67,15 +67,15 @@ def stops_of(seed: int, family: str = "one hump") -> list[Stop]:
     plain = scenarios[False]
     least, top = attainable(plain), peak_of(plain.adhesion, plain.initial_speed, plain.vehicle.wheel_load)
     hand_over_kmh = rs.Seeking.for_vehicle(plain.vehicle).controlled_from / KMH
-    found = []
+    stops = []
     for wrong, scenario in scenarios.items():
         for name, kind in CONTROLLERS.items():
             simulator = rs.Simulator(scenario, kind.for_vehicle(scenario.believed_vehicle))
             run = simulator.run(seed)
             over = 100.0 * (run.braking_distance / least - 1.0) if run.stopped else math.inf
             locked = _locked_at(simulator, run)
-            found.append(Stop(seed, name, wrong, top.slip, hand_over_kmh, over, run.max_slip, locked))
-    return found
+            stops.append(Stop(seed, name, wrong, top.slip, hand_over_kmh, over, run.max_slip, locked))
+    return stops
 
 
 def _locked_at(simulator: rs.Simulator, run: rs.Run) -> float:

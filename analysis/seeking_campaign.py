@@ -172,13 +172,13 @@ def tolerated(name: str) -> Tolerated | None:
     return Tolerated(gain, largest("dead_time"), largest("lag"), rs.judge(whole, control).robust_from_kmh)
 
 
-def cells(found: Tolerated | None) -> tuple[str, str, str, str]:
+def cells(tolerance: Tolerated | None) -> tuple[str, str, str, str]:
     """Return gain, dead time, lag and lowest speed as texts of the table."""
-    if found is None:
+    if tolerance is None:
         return ("-",) * 4
-    errors = [f"+-{100 * error:.0f} %" for error in (found.dead_time, found.lag)]
-    start = "-" if found.from_kmh is None else f"{found.from_kmh:.0f} km/h"
-    return f"{found.gain[0]:.2f}-{found.gain[1]:.2f}", errors[0], errors[1], start
+    errors = [f"+-{100 * error:.0f} %" for error in (tolerance.dead_time, tolerance.lag)]
+    start = "-" if tolerance.from_kmh is None else f"{tolerance.from_kmh:.0f} km/h"
+    return f"{tolerance.gain[0]:.2f}-{tolerance.gain[1]:.2f}", errors[0], errors[1], start
 
 
 # --- the script -------------------------------------------------------------------------------------------------------

@@ -278,7 +278,7 @@ def locks_under(name: str, rail: str, share: float, seeds: Iterable[int]) -> int
 
 
 @dataclass(frozen=True)
-class Found:
+class Results:
     """Results by case: `least_speed` for slip 0.5 and for a lock, and the results of the other functions."""
 
     speeds: dict[tuple[str, str, float], list[float]]
@@ -290,11 +290,11 @@ class Found:
     locks: dict[tuple[str, str, float], int]
 
 
-def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = RAILS) -> Found:
+def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = RAILS) -> Results:
     """Return all results, for seeds from 0 on."""
     every, brakes = range(seeds), tuple(product(laws, LOADS, BRAKES))
     curve = law_of("curve")
-    return Found(
+    return Results(
         {case: [least_speed(law_of(case[0]), braked(*case[1:]), slip) for slip in (0.5, 1.0)] for case in brakes},
         {
             (*case, place): released_at_change(*case, place)
@@ -312,30 +312,30 @@ def run(seeds: int = 8, laws: tuple[str, ...] = LAWS, rails: tuple[str, ...] = R
 def main() -> None:
     """Print the tables."""
     seeds = int([*sys.argv[1:], "8"][:1][0])
-    found = run(seeds)
+    results = run(seeds)
     print("dry to wet, brake released at the change; speed, km/h, below which slip exceeds 0.5, below which it locks")
-    for (law, load, brake), (past, locks) in found.speeds.items():
+    for (law, load, brake), (past, locks) in results.speeds.items():
         print(f"  {law:8s}{load:7s}brake x {brake:g}: {past:6.0f}{locks:6.0f}")
     print("\ndry to wet, brake released at the change from the dry peak: excess over the bound, %")
-    for (law, load, brake, place), over in found.released.items():
+    for (law, load, brake, place), over in results.released.items():
         print(f"  {law:8s}{load:7s}brake x {brake:g}, {place:g} m: {f'{over:6.1f}' if over < math.inf else ' locks'}")
     print(f"\nof {seeds} runs with this change: locked above 5 km/h; of these, locked even with immediate release")
-    for (law, load, brake, place), (slow, fast, locked, lost) in found.changes.items():
+    for (law, load, brake, place), (slow, fast, locked, lost) in results.changes.items():
         if locked:
             where = f"{law:8s}{load:7s}brake x {brake:g}, {place:g} m, at {slow:.0f} to {fast:.0f} km/h"
             print(f"  {where}: {locked}; {lost}")
     print("\nfilled torque, kN*m (excess, %): smallest; without noise; with noise; inner loop half as fast")
-    for (law, rails), (least, stops) in found.fillings.items():
+    for (law, rails), (least, stops) in results.fillings.items():
         print(f"  {law:8s}{rails:20s}{least:5.1f}" + "".join(f"{torque:7.1f} ({over:4.1f})" for torque, over in stops))
     print("\ncurve with less torque, kN*m: filled torque, kN*m; excess over the bound, %")
-    for (rail, most), (torque, over) in found.starts.items():
+    for (rail, most), (torque, over) in results.starts.items():
         print(f"  {rail} {most / 1e3:4.1f}: {torque:5.1f} {over:6.1f}")
     print("\npolach dry: smallest Ms at 1, 1.25, 1.5, 2 times the peak slip; slip of Ms 2; loss 25 % below, %")
-    for kmh, (least_ms, share, loss) in found.steeps.items():
+    for kmh, (least_ms, share, loss) in results.steeps.items():
         print(f"  {kmh:4.0f} km/h " + "".join(f"{ms:6.2f}" for ms in least_ms) + f"{share:7.2f}{loss:7.3f}")
     print(f"\nof {5 * seeds} runs from 30 to 2 km/h, locked under shares of the peak torque {SHARES}")
-    for law, rail in dict.fromkeys(case[:2] for case in found.locks):
-        print(f"  {law:8s}{rail:4s}" + "".join(f"{found.locks[law, rail, share]:4d}" for share in SHARES))
+    for law, rail in dict.fromkeys(case[:2] for case in results.locks):
+        print(f"  {law:8s}{rail:4s}" + "".join(f"{results.locks[law, rail, share]:4d}" for share in SHARES))
 
 
 if __name__ == "__main__":

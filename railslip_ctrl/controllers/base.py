@@ -71,7 +71,7 @@ class Situation:
     assumed: AdhesionLaw | None
 
 
-_BELIEFS: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
+_ASSUMED: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
     {
         "radius": lambda vehicle: vehicle.wheel.radius,
         "wheel_inertia": lambda vehicle: vehicle.effective_inertia,
@@ -87,7 +87,7 @@ _BELIEFS: Mapping[str, Callable[[Vehicle], float]] = MappingProxyType(
 """Fields for the vehicle parameters that a controller assumes, each with a function that reads it from a vehicle."""
 
 
-_GIVEN = {*_BELIEFS, "period", "tracking_time", "torque_min", "torque_max"} | {
+_NOT_TUNED = {*_ASSUMED, "period", "tracking_time", "torque_min", "torque_max"} | {
     *("initial_torque", "hand_over_torque", "hand_over_speed")
 }
 """Fields that are not design numbers: assumed vehicle parameters, period, limits, start and hand-over."""
@@ -236,7 +236,7 @@ class Controller(Record):
         Assumed vehicle parameters, period, limits, start and hand-over are left out.
         """
         inherited = {name for base in type(self).__mro__[1:] for name in getattr(base, "model_fields", ())}
-        shaped = [n for n in self.units() if n not in _GIVEN and isinstance(getattr(self, n), float)]
+        shaped = [n for n in self.units() if n not in _NOT_TUNED and isinstance(getattr(self, n), float)]
         numbers = []
         for name in sorted(shaped, key=lambda name: 0 if name in ("kp", "ki") else 1 + (name in inherited)):
             field = type(self).model_fields[name]
@@ -269,8 +269,8 @@ class Controller(Record):
     def believing(self, vehicle: Vehicle, before: Vehicle | None = None) -> Self:
         """Copy that assumes the parameters of a `vehicle` where it has none, or those of the vehicle `before`."""
         changed = {}
-        for name in _BELIEFS.keys() & type(self).model_fields.keys():
-            now, was = _BELIEFS[name](vehicle), None if before is None else _BELIEFS[name](before)
+        for name in _ASSUMED.keys() & type(self).model_fields.keys():
+            now, was = _ASSUMED[name](vehicle), None if before is None else _ASSUMED[name](before)
             if getattr(self, name) in (None, was) and now != was:
                 changed[name] = now
         return self.model_copy(update=changed) if changed else self
@@ -396,7 +396,7 @@ class Controller(Record):
 
         cloudpickle.register_pickle_by_value(module)
         model = None if self.model_law is None else type(self.model_law)
-        return _sent, (cloudpickle.dumps(type(self)), model, self.source_text(), dict(self))
+        return _rebuilt, (cloudpickle.dumps(type(self)), model, self.source_text(), dict(self))
 
     # --- files ---
 
@@ -463,16 +463,16 @@ def python_file(kind: type[Controller]) -> str | None:
         return None
 
 
-def _sent(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
+def _rebuilt(kind: bytes, model: type[AdhesionLaw] | None, text: str, values: dict[str, Any]) -> Controller:
     """Rebuild a pickled controller whose kind cannot be imported."""
     from numba import cloudpickle
 
     made: type[Controller] = cloudpickle.loads(kind)
-    _SENT[made, model] = text
+    _RECEIVED[made, model] = text
     return made.model_construct(**values)
 
 
-_SENT: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
+_RECEIVED: dict[tuple[type[Controller], type[AdhesionLaw] | None], str] = {}
 """Kernel texts of kinds that another process has defined, by kind and assumed adhesion law."""
 
 
@@ -520,7 +520,7 @@ def _is_number(hint: Any) -> bool:
 
 @cache
 def _source_text(kind: type[Controller], model: type[AdhesionLaw] | None) -> str:
-    if (kind, model) in _SENT:
-        return _SENT[kind, model]
+    if (kind, model) in _RECEIVED:
+        return _RECEIVED[kind, model]
     step = with_functions(kind.step, kind.outside_functions(None))
     return kind.outside_text(model) + kernel_text(read_step(step), layout_of(kind))

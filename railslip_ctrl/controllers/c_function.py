@@ -233,7 +233,7 @@ class CFunction:
                 return [f"{self._text(node.value)};"]
             case ast.Pass():
                 return []
-        raise self._refused(node)
+        raise self._untranslatable(node)
 
     def _loop(self, node: ast.For) -> list[str]:
         assert isinstance(node.iter, ast.Call), "`translate` allows only range()"
@@ -260,7 +260,7 @@ class CFunction:
             if value is not None and any(
                 ast.unparse(part) in texts for part in ast.walk(value) if isinstance(part, ast.expr)
             ):
-                raise self._refused(node)  # a value depends on a target of the same assignment
+                raise self._untranslatable(node)  # a value depends on a target of the same assignment
         for target, value in pairs:
             assert value is not None
             whole = isinstance(target, ast.Name) and target.id in self._ints
@@ -328,7 +328,7 @@ class CFunction:
                 return f"({self._truth(node.test)} ? {' : '.join(sides)})"
             case ast.Call():
                 return self._call(node)
-        raise self._refused(node)
+        raise self._untranslatable(node)
 
     def _variable(self, node: ast.Name | ast.Attribute | ast.Subscript, real: bool) -> str:
         """Return the text of a name, a field, or an element of an array."""
@@ -361,7 +361,7 @@ class CFunction:
             )
         if isinstance(node.op, ast.Mod):
             if as_real:
-                raise self._refused(node)
+                raise self._untranslatable(node)
             return f"modulo({self._bare(node.left)}, {self._bare(node.right)})"
         return f"({left} {_OPERATORS[type(node.op)]} {self._text(node.right, as_real)})"
 
@@ -393,7 +393,7 @@ class CFunction:
             text = f"{name}({text}, {self._bare(part, True)})"
         return text
 
-    def _refused(self, node: ast.AST) -> InputError:
+    def _untranslatable(self, node: ast.AST) -> InputError:
         return InputError(
             f"{self._function.name}: {ast.unparse(node)!r} cannot be translated to C; write it in simpler statements"
         )

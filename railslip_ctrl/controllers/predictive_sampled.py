@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 KEPT = 1024  #: number of operating points whose linear wheel is cached; an envelope with tolerances has 300 to 400
 _GRID, _LOWEST = 250, 1e-3  # number of frequencies of the first grid; lowest frequency over 1/(dead time + lag)
-_CLOSER, _CLOSE_GRID = 5, 9  # number of refinements at a peak, points of each; relative error of the peak 1e-9
+_REFINEMENTS, _FINE_GRID = 5, 9  # number of refinements at a peak, points of each; relative error of the peak 1e-9
 _TURN = 1.0  # rad, largest change of the angle of D + N between frequencies, which makes the winding number reliable
 _NARROWEST = 1e-9  # rad/s, smallest interval of frequencies; it would be smaller only at a zero on the circle
 _TERMS, _SMALL = 14, 0.5  # terms of the series of exp, largest norm of its argument: error 0.5^15/15! = 2e-17
@@ -105,11 +105,11 @@ class SampledLaws:
         rows = np.flatnonzero(stable)
         if rows.size:
             omega, size = np.broadcast_to(grid, (rows.size, grid.size)), np.abs(own / (own + wheel[rows]))
-            for _ in range(_CLOSER):
+            for _ in range(_REFINEMENTS):
                 top = size.argmax(axis=1)
                 low, high = (np.clip(top + side, 0, omega.shape[1] - 1) for side in (-1, 1))
                 some = np.arange(rows.size)
-                omega = np.linspace(omega[some, low], omega[some, high], _CLOSE_GRID, axis=1)
+                omega = np.linspace(omega[some, low], omega[some, high], _FINE_GRID, axis=1)
                 near, far = self.parts(omega, rows)
                 size = np.abs(near / (near + far))
             ms[rows] = size.max(axis=1)

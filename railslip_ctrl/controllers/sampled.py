@@ -33,11 +33,11 @@ from .systems import (
     linear_controller,
 )
 
-_STANDING = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, count as 0
-_WORTH_MOVING = 1.01  # smallest ratio of rates at which a pole is moved; rounding splits double poles by 1e-8
+_SLOWEST = 1e-9  # zeros and poles with a magnitude below this, relative to 1/h, count as 0
+_LEAST_RATIO = 1.01  # smallest ratio of rates at which a pole is moved; rounding splits double poles by 1e-8
 # `sampled_peak`: smallest magnitude of poles that cause a peak; lowest frequency relative to the slowest feature;
 # points of the grid; points of a refinement; number of refinements
-_RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
+_NEAR_CIRCLE, _LOWEST, _GRID, _FINE_GRID, _REFINEMENTS = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative distance from 2/h (backward: 1/h) below which a root maps to infinity in z
 
 
@@ -139,7 +139,7 @@ class SampledController:
             roots = (system.zeros, system.poles)
             zeros, poles = (np.abs(each if self.design.period is None else (each - 1) / h) for each in roots)
             fastest = np.max(poles, initial=0.0)
-            missing = fastest if fastest > _STANDING / h else math.inf
+            missing = fastest if fastest > _SLOWEST / h else math.inf
             rates = np.sort(np.append(zeros, np.full(system.relative_degree, missing)))
         if self.tracking_time is not None:
             rates[:1] = np.where(rates[:1] > 0, 1 / self.tracking_time, 0.0)
@@ -322,10 +322,10 @@ def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Flo
     poles = np.linalg.eigvals(slow)
     poles = poles[np.argsort(np.abs(poles))]
     decays = np.minimum(np.abs(poles), -2 * poles.real)  # the second is smaller for a damping ratio below 0.5
-    moved = np.flatnonzero(rates > decays * _WORTH_MOVING)
+    moved = np.flatnonzero(rates > decays * _LEAST_RATIO)
     if not moved.size:
         return np.zeros(c.size)
-    limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _STANDING / h
+    limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _SLOWEST / h
     _, basis, count = schur(slow, output="real", sort=lambda re, im: math.hypot(re, im) <= limit)
     basis, identity = basis[:, :count], np.eye(count)
     inner, row = (basis.T @ phi @ basis - identity) / h, c @ basis
@@ -375,15 +375,15 @@ def sampled_peak(loop: SampledLoop) -> float:
     if not loop.is_stable():
         return math.inf
     poles = loop.closed_loop_poles()
-    rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
-    low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
+    rings = np.abs(np.angle(poles[np.abs(poles) > _NEAR_CIRCLE])) / loop.period
+    low, high = math.log(loop.feature_frequencies.min() * _LOWEST), math.log(loop.nyquist_frequency)
     return peak_near(loop, np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0]))
 
 
 def peak_near(loop: Any, omega: Floats) -> float:
     """Return the highest |S| on a grid of frequencies `omega`, rad/s, refined around the maximum."""
-    for _ in range(_CLOSER):
+    for _ in range(_REFINEMENTS):
         size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))
-        omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
+        omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _FINE_GRID)
     return float(size.max())

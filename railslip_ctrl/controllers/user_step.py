@@ -202,8 +202,8 @@ class PythonCall:
                 self._error = error, t
                 return nan
 
-        self._kept = STEP(called)
-        self.address = address_of(self._kept)
+        self._callback = STEP(called)
+        self.address = address_of(self._callback)
 
     def _reset(self, v: float, omega: float) -> Callable[..., Any]:
         step = self._control.thing
@@ -242,8 +242,8 @@ class NumbaCall:
 
     def __init__(self, control: StepControl) -> None:
         self._control, self._count = control, len(control.start_numbers)
-        self._kept = _compiled(control.thing.function, self._count, control.label)
-        self.address = int(self._kept.address)
+        self._compiled = _compiled(control.thing.function, self._count, control.label)
+        self.address = int(self._compiled.address)
 
     def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
         """Raise the error of the step if the run `ended` at time t, s, because the torque was not finite.
