@@ -239,4 +239,4 @@ def test_figures_12_and_13_from_the_virtual_rig(ran):
             assert fitted == pytest.approx(getattr(test.law, polynomial.name), rel=0.25)
     for parameter in series_json(result.campaign)["parameters"].values():
         assert 0.0 < parameter["stderr"] < 0.3 * parameter["value"]
-    assert ("on the virtual rig's data" in out, len(pictures)) == (True, 3)
+    assert ("Mean absolute error of mu" in out, len(pictures)) == (True, 3)
