@@ -390,7 +390,7 @@ def test_no_statement_contradicts_a_table_beside_it(robust):
     figure = report_drawings(robust)["map"]()
     drawn = any(line.get_linestyle() == "--" for ax in figure.axes for line in ax.lines)
     assert ("dashed line" in captions["map"]) == drawn
-    assert f"sampled, Ms is {pages._sampled_words(robust)}" in captions["loop"]
+    assert f"sampled, Ms is {pages._sampled_ms(robust)}" in captions["loop"]
 
 
 def test_a_controller_of_one_s_own_is_compared_with_what_the_recommended_is(robust):

@@ -27,7 +27,7 @@ from railslip_ctrl.simulation.campaign.specification import Campaign, load_campa
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option, refuse_given, tell_remarks
+from .options import controller_option, print_remarks, refuse_given
 from .output import progress, show
 from .settings import HELP, json_option, option, preset, switch
 
@@ -86,7 +86,7 @@ def command(
     if device == "gpu":
         refuse_given("workers", "scheduler", because="with --device gpu")
     campaign = replace(load_campaign(campaign_file, controllers=controller), device=device)
-    tell_remarks(campaign.scenario.vehicle)
+    print_remarks(campaign.scenario.vehicle)
     if rare is not None or confidence_levels:
         both = "with --rare or --confidence-levels"
         refuse_given("device", "worst_by", "number", "internal", *(["rare"] if confidence_levels else []), because=both)

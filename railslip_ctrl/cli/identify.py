@@ -32,7 +32,7 @@ from railslip_ctrl.report.identification import (
 )
 from railslip_ctrl.report.pictures import Drawings, write_results
 
-from .options import from_file, number_option, tell_remarks, whole_number
+from .options import from_file, number_option, print_remarks, whole_number
 from .output import progress, show
 from .settings import HELP, json_option, option, options_named, path_option, preset, switch
 
@@ -149,7 +149,7 @@ def command(
         if observed is not None and observed.resolve() in {out.resolve(), *(out.resolve() / n for n in _file_names(1))}:
             raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
     chosen = PARK2008 if vehicle is None else from_file("--vehicle", vehicle, load_vehicle)
-    tell_remarks(chosen)
+    print_remarks(chosen)
     chosen = chosen.loaded() if loaded else chosen
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
         result: Identification | LogSeries = (

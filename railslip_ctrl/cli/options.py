@@ -119,7 +119,7 @@ class CaseOptions:
         """Return the vehicle with the load or the first mass given; print the assumptions about it."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
-        tell_remarks(chosen)
+        print_remarks(chosen)
         return chosen
 
     @cached_property
@@ -236,7 +236,7 @@ class CaseOptions:
         """Return the scenario with the options applied; print the assumptions about its vehicle."""
         scenario = naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._run_vehicle(scenario.vehicle)
-        tell_remarks(vehicle)
+        print_remarks(vehicle)
         self._check_run(scenario)
         start = self.speeds[0] * KMH if self.speeds else scenario.initial_speed
         changes: dict[str, Any] = {"initial_speed": start}
@@ -316,7 +316,7 @@ def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
     return vehicle if mass is None else vehicle.with_mass(mass)
 
 
-def tell_remarks(vehicle: Vehicle) -> None:
+def print_remarks(vehicle: Vehicle) -> None:
     """Print the assumptions about a vehicle on standard error."""
     for note in remarks(vehicle):
         progress(f"note: {vehicle.name}: {note}")

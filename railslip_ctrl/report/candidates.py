@@ -121,8 +121,8 @@ class Trial:
 
 
 def _mean(values: Iterable[float]) -> float:
-    found = list(values)
-    return sum(found) / len(found) if found else math.inf
+    result = list(values)
+    return sum(result) / len(result) if result else math.inf
 
 
 def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
@@ -133,11 +133,11 @@ def ordered(trials: Sequence[Trial], prefer: str = "distance") -> list[Trial]:
     the shortest mean stop. The others follow by the number of stops as given with a locked wheel, then by their mean.
     """
     first, second = (Trial.distance, _worst) if prefer == "distance" else (_worst, Trial.distance)
-    good = sorted((one for one in trials if one.above_kmh is not None), key=first)
+    good = sorted((trial for trial in trials if trial.above_kmh is not None), key=first)
     limit = (1 + TIE) * first(good[0]) if good else 0.0
-    level = [one for one in good if first(one) <= limit]
-    level.sort(key=lambda one: (second(one), one.air))
-    rest = sorted((one for one in trials if one.above_kmh is None), key=_as_given)
+    level = [trial for trial in good if first(trial) <= limit]
+    level.sort(key=lambda trial: (second(trial), trial.air))
+    rest = sorted((trial for trial in trials if trial.above_kmh is None), key=_as_given)
     return [*level, *good[len(level) :], *rest]
 
 
@@ -148,7 +148,7 @@ def _worst(trial: Trial) -> float:
 def _as_given(trial: Trial) -> tuple[bool, int, float]:
     return (
         not trial.stops,
-        sum(one.locked_from > trial.control.controlled_from for one in trial.stops),
+        sum(stop.locked_from > trial.control.controlled_from for stop in trial.stops),
         trial.distance_as_given(),
     )
 
@@ -167,11 +167,11 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
     They run from the best as given on until `_COMPLETE` qualify, and for all within `_NEAR` of the first. If none
     qualifies, the least bad trial and slide protection run them too.
     """
-    if nominal and any(one.above_kmh is not None for one in trials):
+    if nominal and any(trial.above_kmh is not None for trial in trials):
         return ordered(trials, prefer)
     key = Trial.distance_as_given if prefer == "distance" else _worst
-    waiting = sorted((one for one in trials if one.above_kmh is not None), key=key)
-    done = [one for one in trials if one.above_kmh is None]
+    waiting = sorted((trial for trial in trials if trial.above_kmh is not None), key=key)
+    done = [trial for trial in trials if trial.above_kmh is None]
     good: list[Trial] = []
     while waiting:
         near = good and key(waiting[0]) <= (1 + _NEAR) * key(good[0])
@@ -179,31 +179,31 @@ def decided(trials: Sequence[Trial], envelope: Envelope, nominal: bool, prefer: 
             break
         now, waiting = waiting[:2], waiting[2:]
         # a kind by rule runs in its earlier process, which has its compiled step
-        here = next((one for one in now if one.choice.structure not in named(envelope.vehicle)), now[0])
-        apart = {i: submit(_completed, one, envelope) for i, one in enumerate(now) if one is not here}
+        here = next((trial for trial in now if trial.choice.structure not in named(envelope.vehicle)), now[0])
+        apart = {i: submit(_completed, trial, envelope) for i, trial in enumerate(now) if trial is not here}
         mine = _completed(here, envelope)
         ran = [apart[i]() if i in apart else mine for i in range(len(now))]
-        good += [one for one in ran if one.above_kmh is not None]
-        done += [one for one in ran if one.above_kmh is None]
-    done += [replace(one, above_kmh=None, reason=NOT_RUN) for one in waiting]
+        good += [trial for trial in ran if trial.above_kmh is not None]
+        done += [trial for trial in ran if trial.above_kmh is None]
+    done += [replace(trial, above_kmh=None, reason=NOT_RUN) for trial in waiting]
     if good:
         return ordered([*good, *done], prefer)
-    found = ordered([_with_stops(one, envelope) for one in done], prefer)
+    result = ordered([_with_stops(trial, envelope) for trial in done], prefer)
     return [
-        _with_harder(one, envelope)
-        if not nominal and (one is found[0] or one.choice.structure == SlideProtection.kind)
-        else one
-        for one in found
+        _with_harder(trial, envelope)
+        if not nominal and (trial is result[0] or trial.choice.structure == SlideProtection.kind)
+        else trial
+        for trial in result
     ]
 
 
 def _completed(trial: Trial, envelope: Envelope) -> Trial:
     """Trial with the harder stops; if it then does not qualify, that of a later hand-over."""
-    found = _with_harder(trial, envelope)
-    if found.above_kmh is not None:
-        return found
+    result = _with_harder(trial, envelope)
+    if result.above_kmh is not None:
+        return result
     if trial.choice.structure in named(envelope.vehicle):
-        return rule_trial(trial.choice.structure, envelope, False, True) or found
+        return rule_trial(trial.choice.structure, envelope, False, True) or result
     return linear_trial(trial.choice, False, True)
 
 
@@ -250,15 +250,15 @@ def rule_trial(name: str, envelope: Envelope, nominal: bool, hard: bool) -> Tria
         control, envelope = control.model_copy(update={"reference": less}), envelope.at(reference=less)
     if reason := no_margins(control):
         return _trial(StructureChoice(name, HELD_SHARE, None, reason), control, unjudged(envelope), 0.0, hard)
-    found = _judged(name, control, envelope, nominal, hard)
-    if found.above_kmh is not None or "fade_speed" not in type(control).model_fields:
-        return found
-    for later in _handed_over_later(control, envelope, found.judgement):
+    result = _judged(name, control, envelope, nominal, hard)
+    if result.above_kmh is not None or "fade_speed" not in type(control).model_fields:
+        return result
+    for later in _handed_over_later(control, envelope, result.judgement):
         if not locks_at_once(later, unjudged(envelope), later.controlled_from, hard=hard):
             other = _judged(name, later, envelope, nominal, hard)
             if other.above_kmh is not None:
                 return other
-    return found
+    return result
 
 
 def _handed_over_later(control: Any, envelope: Envelope, judged: Judgement | None) -> Iterator[Controller]:
@@ -289,12 +289,12 @@ def _trial(
     If its margins qualify it runs the stops; if `hard` and no wheel locks there, the harder ones too.
     """
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0 if judgement.controller else 0.0
-    found = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
-    if not found.reason:
-        found = _concluded(replace(found, stops=stops(control, judgement)), judgement)
-    if hard and not found.reason:
-        found = _concluded(replace(found, harder=harder_stops(control, judgement)), judgement)
-    return found
+    result = _concluded(Trial(choice, None, lowest, control, (), robust_kmh=robust), judgement)
+    if not result.reason:
+        result = _concluded(replace(result, stops=stops(control, judgement)), judgement)
+    if hard and not result.reason:
+        result = _concluded(replace(result, harder=harder_stops(control, judgement)), judgement)
+    return result
 
 
 def _concluded(trial: Trial, judgement: Judgement) -> Trial:
@@ -342,10 +342,10 @@ def linear_trial(choice: StructureChoice, nominal: bool, hard: bool) -> Trial:
         control = as_run(plain, judgement, speed if begins else 0.0)
         if first is not None and locks_at_once(control, judgement, speed * KMH, hard=hard):
             continue
-        found = _trial(choice, control, judgement, None if robust is None else speed, hard)
-        first = first or found
-        if found.above_kmh is not None:
-            return replace(found, lowest_kmh=speed)
+        result = _trial(choice, control, judgement, None if robust is None else speed, hard)
+        first = first or result
+        if result.above_kmh is not None:
+            return replace(result, lowest_kmh=speed)
     assert first is not None
     return first
 
@@ -361,9 +361,9 @@ def remedy_of(envelope: Envelope, trials: Sequence[Trial], nominal: bool) -> Rem
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = envelope.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
         for name in names:
-            found = rule_trial(name, faster, nominal, not nominal)
-            if found is not None and found.above_kmh is not None:
-                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", found)
+            result = rule_trial(name, faster, nominal, not nominal)
+            if result is not None and result.above_kmh is not None:
+                return Remedy(f"dead time {actuator.dead_time:.3g} s and lag {actuator.lag:.3g} s", result)
     return None
 
 

@@ -48,12 +48,12 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "seeking": [_stop_json(stop) for stop in (() if report.seeking is None else report.seeking.stops)],
         "given": [
             {
-                "name": one.name,
-                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
-                **_from_speeds(one.judgement, one),
-                "stops": [_stop_json(stop) for stop in one.stops],
+                "name": item.name,
+                **({"verdict": None, "reason": item.reason} if item.judgement is None else item.judgement.table()),
+                **_from_speeds(item.judgement, item),
+                "stops": [_stop_json(stop) for stop in item.stops],
             }
-            for one in report.rivals
+            for item in report.rivals
         ],
         "prefer": report.prefer,
         "trials": [_trial_json(trial) for trial in report.trials],
@@ -69,17 +69,17 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "sliding": {
             "reason": report.sliding.reason,
             "predictive": [
-                exported(one, "name", "holds", "how")
-                for one in (() if report.sliding.found is None else report.sliding.found.conditions)
+                exported(item, "name", "holds", "how")
+                for item in (() if report.sliding.verification is None else report.sliding.verification.conditions)
             ],
         },
         "no_lock": [
             {
-                **exported(one.stop, "load", "rail", adhesion="law"),
-                **exported(one.found, "share", "outside_kmh"),
-                "reason": one.reason,
+                **exported(item.stop, "load", "rail", adhesion="law"),
+                **exported(item.certified, "share", "outside_kmh"),
+                "reason": item.reason,
             }
-            for one in report.released
+            for item in report.released
         ],
         "seconds": plain(report.seconds),
         "files": list(files),

@@ -42,7 +42,7 @@ from .document import (
     short,
 )
 from .page import typeset
-from .text import envelope_words, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
+from .text import envelope_text, law_facts, no_lock_section, vehicle_facts, worst_cells, worst_rows
 
 RECOMMENDED = "recommended.toml"
 """Name of the file with the recommended design."""
@@ -71,7 +71,7 @@ _MOST_NOTES = 8  # lines about points left out and reference slips at the peak
 
 def first_page(report: DesignReport) -> FirstPage:
     """First page: what to do, why, and at most ten numbers, to be read in a minute."""
-    headline, subject = _headline(report), _design_words(report)
+    headline, subject = _headline(report), _design_text(report)
     after = tuple(_not_judged(report))
     phrase = " ".join([headline, subject, *(text for _, text in after)])
     texts = _within(_MOST_WORDS - len(phrase.split()), _why(report), _risks(report), _steps(report))
@@ -117,7 +117,7 @@ def used_from(ran: DesignReport | Trial | Rival | None) -> float | None:
     return max(ran.above_kmh, round(ran.judgement.hand_over_kmh, 9))
 
 
-def _design_words(report: DesignReport) -> str:
+def _design_text(report: DesignReport) -> str:
     """Recommended design with its numbers."""
     if report.control is None:
         return "any PI or PI-lead"
@@ -177,7 +177,7 @@ def _decided(report: DesignReport) -> Iterator[tuple[str, str]]:
             cost = 100 * (other.distance() / best.distance() - 1)
             yield "Runner-up", f"{_kind(other.choice)}{_share(other)}: {_short(other)}; {cost:+.0f} % distance."
         else:
-            rest = "; ".join(f"{_kind(one.choice)} {one.reason}" for one in report.trials[1:3])
+            rest = "; ".join(f"{_kind(item.choice)} {item.reason}" for item in report.trials[1:3])
             yield "Runner-up", f"none qualifies: {rest}."
     yield "Stops", _which(report, "")
 
@@ -225,14 +225,14 @@ def _which(report: DesignReport, sizes: str | None = None) -> str:
 def _within(most: int, *texts: Iterable[str]) -> list[list[str]]:
     """The first sentence of each text, and further sentences while they fit into a number of words."""
     sentences = [list(text) for text in texts]
-    found = [text[:1] for text in sentences]
-    most -= sum(len(one.split()) for text in found for one in text)
-    for kept, text in zip(found, sentences, strict=True):
-        for one in text[1:]:
-            if len(one.split()) <= most:
-                kept.append(one)
-                most -= len(one.split())
-    return found
+    result = [text[:1] for text in sentences]
+    most -= sum(len(item.split()) for text in result for item in text)
+    for kept, text in zip(result, sentences, strict=True):
+        for item in text[1:]:
+            if len(item.split()) <= most:
+                kept.append(item)
+                most -= len(item.split())
+    return result
 
 
 def _not_judged(report: DesignReport) -> Iterator[tuple[str, str]]:
@@ -256,7 +256,9 @@ def _between(report: DesignReport, over: float, used: float) -> str:
     if not judged.any():
         return "not judged"
     unstable = np.unique(speeds[judged & np.isinf(ms)]).tolist()
-    where = f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{one:.3g}' for one in unstable)} km/h"
+    where = (
+        f"unstable{'' if report.nominal else ' with tolerances'} at {listed(f'{item:.3g}' for item in unstable)} km/h"
+    )
     return where if unstable else "not robust"
 
 
@@ -298,16 +300,16 @@ def _steps(report: DesignReport) -> Iterator[str]:
 
 def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
     """Verdict on each of the user's controllers, or why there is none, and its longest stops."""
-    for one in report.rivals:
-        phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_words(stop)})" for stop in longest(one.stops))
-        locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
-        verdict = f"NOT JUDGED: {one.name} is {one.reason} and has no margins"
-        if (judged := one.judgement) is not None:
+    for item in report.rivals:
+        phrase = "; ".join(f"{stop.rail} {_distance(stop)} ({_stop_text(stop)})" for stop in longest(item.stops))
+        locks = "a wheel locks" if any(stop.locks for stop in item.stops) else "no lock"
+        verdict = f"NOT JUDGED: {item.name} is {item.reason} and has no margins"
+        if (judged := item.judgement) is not None:
             start = "at no speed" if judged.usable_from_kmh is None else f"from {judged.usable_from_kmh:g} km/h up"
             held = "" if judged.nominal else " with every tolerance"
             worst = worst_cells(judged.worst)
             ms = f"{worst[0]}: {worst[1]} at {worst[2]}" if judged.worst.margins else f"unstable at {worst[2]}"
-            verdict = f"{judged.verdict.upper()}: {one.name} is stable{held} {start}; {ms}"
+            verdict = f"{judged.verdict.upper()}: {item.name} is stable{held} {start}; {ms}"
         yield "Yours", f"{verdict}. Stops: {phrase}; {locks}."
 
 
@@ -315,18 +317,18 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     """At most ten numbers over the speeds in use, with their cases."""
     judged = report.in_use
     if judged is None:
-        point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
+        point, limits = max(report.limits, key=lambda item: item[1].ms_bound)
         yield "Least Ms of any linear controller", ms_down(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
     else:
         yield from worst_rows(judged)
     for stop in report.longest_stops:
-        here = [one for one in (*report.stops, *report.harder_stops) if one.rail is stop.rail]
-        locked = [one for one in here if one.locks]
+        here = [item for item in (*report.stops, *report.harder_stops) if item.rail is stop.rail]
+        locked = [item for item in here if item.locks]
         locks = f"locks in {len(locked)} of {len(here)}" if locked else f"no lock in {len(here)}"
         yield (
             f"Stop, {stop.rail}, {report.envelope.initial_speed:g} to 5 km/h",
             _distance(stop),
-            f"{_stop_words(stop)}; {locks}",
+            f"{_stop_text(stop)}; {locks}",
         )
     if report.stops:
         slipped = max((*report.stops, *report.harder_stops), key=lambda stop: stop.max_slip)
@@ -375,16 +377,16 @@ def _held(stop: Stop) -> str:
     return short(stop.held, 2) + ("" if stop.own_slip else f" of {short(stop.reference)}")
 
 
-def _stop_words(stop: Stop) -> str:
+def _stop_text(stop: Stop) -> str:
     """Excess over the bound, slip held and highest slip of a stop."""
     return f"{stop.law}, {stop.load}: {_over(stop)}slip held {_held(stop)}, highest {above(stop.max_slip)}"
 
 
-def _sampled_words(report: DesignReport) -> str:
+def _sampled_ms(report: DesignReport) -> str:
     """Ms of the sampled loops for the worst loops that are drawn."""
     assert report.in_use is not None, "loops are drawn"
     worst = [report.in_use.worst] + ([] if report.in_use.nominal else [report.in_use.worst_with_tolerances])
-    return " and ".join("the same" if math.isnan(one.run_ms) else ms_text(one.run_ms) for one in worst)
+    return " and ".join("the same" if math.isnan(item.run_ms) else ms_text(item.run_ms) for item in worst)
 
 
 def _line_drawn(report: DesignReport) -> bool:
@@ -409,16 +411,16 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
     yield Picture(
         "loop",
         "The design at its worst points: Bode and Nyquist, in continuous time, the dead time exact; as it runs, "
-        f"sampled, Ms is {_sampled_words(report)}.",
+        f"sampled, Ms is {_sampled_ms(report)}.",
         "Magnitude, phase and Nyquist curve of the design at its worst operating point and its worst point "
-        f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
+        f"with tolerances: {'; '.join(item.label for item in report.worst_loops)}",
     )
     if report.stops:
         yield _stops_picture(report)
 
 
 def _stops_picture(report: DesignReport) -> Picture:
-    phrase = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
+    phrase = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_text(stop)}" for stop in report.longest_stops)
     caption = (
         "The longest stop as given on each rail, of all laws, loads and seeds; slip below 0, a wheel faster than the "
         "train, is not shown."
@@ -453,16 +455,16 @@ def design_sections(report: DesignReport, again: str = "") -> list[Section]:
 
 def _envelope(report: DesignReport) -> Section:
     judged, used, car = report.judgement, report.in_use, report.vehicle
-    blocks: list[Block] = [Facts([("Envelope", envelope_words(report.judged_envelope))])]
+    blocks: list[Block] = [Facts([("Envelope", envelope_text(report.judged_envelope))])]
     if judged is not None and used is not None:
         worst = [("Operating points", used.worst)]
         worst += [] if used.nominal else [("With tolerances", used.worst_with_tolerances)]
         rows = []
-        for name, one in worst:
-            found = one.margins
-            margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
-            run = () if one.as_run is None else (ms_text(one.run_ms), one.run_case.description)
-            rows.append((name, ms_text(one.ms), *margins, one.case.description, *run))
+        for name, item in worst:
+            result = item.margins
+            margins = (NONE, NONE) if result is None else (below(result.phase_deg), below(result.delay_s))
+            run = () if item.as_run is None else (ms_text(item.run_ms), item.run_case.description)
+            rows.append((name, ms_text(item.ms), *margins, item.case.description, *run))
         axes = [
             (
                 _AXES.get(axis, axis),
@@ -519,7 +521,7 @@ def _candidates(report: DesignReport) -> Section:
         caption="Candidates in the stops, the best first; the mean of all stops, and of those as given.",
         wide=True,
     )
-    rows = [(*_choice_cells(one.choice), one.reason) for one in report.trials if one.reason]
+    rows = [(*_choice_cells(item.choice), item.reason) for item in report.trials if item.reason]
     for choice in report.selection.choices:
         if not any(_same(choice, trial.choice) for trial in report.trials):
             rows.append((*_choice_cells(choice), choice.reason or "less robust than those that ran"))
@@ -528,10 +530,10 @@ def _candidates(report: DesignReport) -> Section:
     return Section("candidates", "Candidates", (Paragraph(text), ran, *([rest] if rows else [])))
 
 
-def _same(one: StructureChoice, other: StructureChoice) -> bool:
+def _same(choice: StructureChoice, other: StructureChoice) -> bool:
     """Whether two choices have the same design; a design that is judged again is another record."""
     names = ("structure", "reference_factor", "lead_filter")
-    return all(getattr(one, name) == getattr(other, name) for name in names)
+    return all(getattr(choice, name) == getattr(other, name) for name in names)
 
 
 def _named(choice: StructureChoice) -> str:
@@ -553,7 +555,7 @@ def _ran_cells(trial: Trial, nominal: bool) -> tuple[str, ...]:
     """Table cells of a trial; the mean of all stops is empty before the harder ones are run."""
     ms = NONE if trial.judgement is None else ms_text(trial.worst_ms)
     means = (trial.distance(), trial.distance_as_given())
-    whole, given = ("no stop" if math.isinf(one) else short(one) for one in means)
+    whole, given = ("no stop" if math.isinf(item) else short(item) for item in means)
     used = NONE if trial.above_kmh is None else _speed(used_from(trial))
     locks = f"{trial.locked} of {len(trial.stops) + len(trial.harder)}"
     return _named(trial.choice), used, whole if trial.harder or nominal else NONE, given, ms, f"{trial.air:.2f}", locks
@@ -565,17 +567,17 @@ def _rivals(report: DesignReport) -> Section | None:
     taken = [Rival("recommended", report.judgement, report.stops)] if report.control is not None else []
     first = report.rivals[0].stops[0]
     rows = []
-    for one in (*taken, *report.rivals):
+    for item in (*taken, *report.rivals):
         distances = " / ".join(
             f"{_distance(stop)} {stop.rail}{', locks' if stop.locks else ''}"
-            for stop in one.stops
+            for stop in item.stops
             if (stop.law, stop.load) == (first.law, first.load)
         )
         cells: tuple[str, ...] = ("not judged: no margins", *(NONE,) * 3)
-        if (judged := one.judgement) is not None:
+        if (judged := item.judgement) is not None:
             worst = (worst_cells(judged.worst)[1], worst_cells(judged.worst_with_tolerances)[1])
             cells = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
-        rows.append((one.name, *cells, distances))
+        rows.append((item.name, *cells, distances))
     head = (
         "Controller", "Over the whole envelope", "Stable from, km/h", "Worst Ms where stable", "With tolerances",
         f"Longest stops, {first.law}, {first.load}",
@@ -594,7 +596,7 @@ def _stops(report: DesignReport, again: str = "") -> Section | None:
         return None
     ran = report.stops or report.trials[0].stops
     torques = sorted({stop.brake_torque for stop in ran if math.isfinite(stop.brake_torque)})
-    brake = f"a brake of {listed(f'{short(one)} N·m' for one in torques)}" if torques else "a brake"
+    brake = f"a brake of {listed(f'{short(item)} N·m' for item in torques)}" if torques else "a brake"
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(ran[0].runs)} noise seeds each. No "
         f"controller stops before the bound, that of {brake} which is at the peak of adhesion "
@@ -625,11 +627,11 @@ def _limits_of_stops(report: DesignReport) -> Iterator[Block]:
 def _elsewhere(report: DesignReport) -> str:
     """Sentence about stops that hold a slip outside the envelope, with Ms there."""
     phrase = ""
-    for one in report.held_elsewhere:
-        slips = listed(dict.fromkeys(short(slip, 2) for slip in one.slips))
+    for item in report.held_elsewhere:
+        slips = listed(dict.fromkeys(short(slip, 2) for slip in item.slips))
         phrase += (
-            f"On {one.law}, {one.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
-            f"{ms_text(one.ms)}. "
+            f"On {item.law}, {item.rail}, the runs held slip {slips}, outside the envelope: Ms there is at most "
+            f"{ms_text(item.ms)}. "
         )
     return phrase
 
@@ -640,7 +642,7 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         distances = [run.braking_distance for run in stop.runs]
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
+        bound, had = (NONE if item is None else short(item.braking_distance) for item in (stop.bound, stop.attainable))
         locks = "yes" if stop.locks else "no"
         rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
@@ -659,10 +661,10 @@ def _harder_table(stops: Iterable[Stop]) -> Table:
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
     """Paragraphs that explain the oscillation of the wheel with a dynamic law."""
-    for law in dict.fromkeys(one.law for one in report.rolling):
-        loops = [one for one in report.rolling if one.law == law]
-        where = ", ".join(f"{one.rail} {one.load}: {one.frequency / (2 * math.pi):.2g} Hz" for one in loops)
-        unstable = sum(not one.stable for one in loops)
+    for law in dict.fromkeys(item.law for item in report.rolling):
+        loops = [item for item in report.rolling if item.law == law]
+        where = ", ".join(f"{item.rail} {item.load}: {item.frequency / (2 * math.pi):.2g} Hz" for item in loops)
+        unstable = sum(not item.stable for item in loops)
         yield Paragraph(
             f"With {law} the contact of a rolling wheel is a spring, with hardly any damping of its own ({where}). "
             f"About free rolling the loop is unstable in {unstable} of these {len(loops)} cases, and drives the swing "
@@ -728,7 +730,7 @@ def _adhesion(report: DesignReport) -> Section:
 
 def _plant(report: DesignReport) -> Section:
     vehicle = report.vehicle
-    noted = [*vehicle.notes, *(f"To be checked: {one}" for one in doubts(vehicle))]
+    noted = [*vehicle.notes, *(f"To be checked: {item}" for item in doubts(vehicle))]
     points = dict.fromkeys(curve.point for curve in report.curves)
     if report.in_use is not None:
         points = {report.in_use.worst.point: None} | points
@@ -749,19 +751,19 @@ def _plant(report: DesignReport) -> Section:
 
 
 def _sliding(report: DesignReport) -> Section:
-    found = report.sliding.found
-    if found is None:
+    result = report.sliding.verification
+    if result is None:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
-    conditions = found.conditions
-    met = sum(bool(one.holds) for one in conditions)
+    conditions = result.conditions
+    met = sum(bool(item.holds) for item in conditions)
     text = (
         f"The predictive sliding-mode law meets {met} of the {len(conditions)} conditions over a box of "
         "speed, slip and load, on the static curve of the published bristle model. railslip verify --law predictive "
         "has the box and the evidence."
     )
     rows = [
-        (typeset(one.name), "not decided" if one.holds is None else one.how or "" if one.holds else "not met")
-        for one in conditions
+        (typeset(item.name), "not decided" if item.holds is None else item.how or "" if item.holds else "not met")
+        for item in conditions
     ]
     return Section(
         "sliding", "Sliding mode", (Paragraph(text), Table(("Condition", "Verdict"), rows, caption="Its conditions."))

@@ -109,7 +109,7 @@ class Responses:
 class Sliding:
     """Conditions of the predictive sliding-mode law; None with the reason if they are not known."""
 
-    found: Verification | None
+    verification: Verification | None
     reason: str = ""
 
 
@@ -121,7 +121,7 @@ class Released:
     """
 
     stop: Stop
-    found: ReleasedRun | None = None
+    certified: ReleasedRun | None = None
     region: NoLock | None = None
     reason: str = ""
 
@@ -259,11 +259,11 @@ def laws_of(judgement: Judgement) -> Collection[OperatingPoint]:
     operating = operating_points(judgement.points)
     loads = judgement.points.load[judgement.points.operating].tolist()
     top = max(point.speed for point in operating)
-    found: dict[tuple[str, Rail], OperatingPoint] = {}
+    result: dict[tuple[str, Rail], OperatingPoint] = {}
     for point, load in zip(operating, loads, strict=True):
         if load == loads[0] and point.speed > 0.999 * top:
-            found.setdefault((point.law.name, point.rail), point)
-    return found.values()
+            result.setdefault((point.law.name, point.rail), point)
+    return result.values()
 
 
 # --- the best design over an envelope, and further results for a design review --------------------------------------
@@ -310,9 +310,9 @@ def design_report(
     started, vehicle, lead = time.perf_counter(), envelope.vehicle, partial(select, envelope, ("pi-lead",))
     rivals: dict[str, Rival] = {}
 
-    def run_beside(one: str, controller: Any) -> None:
-        progress(f"{one}, judged and run beside")
-        rivals[one] = _rival(one, controller, envelope, nominal)
+    def run_beside(item: str, controller: Any) -> None:
+        progress(f"{item}, judged and run beside")
+        rivals[item] = _rival(item, controller, envelope, nominal)
 
     for name, controller in (given or {}).items():
         if candidates.no_margins(controller):  # its step may fail: run it before the long work
@@ -328,11 +328,11 @@ def design_report(
         if sliding:
             before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
             conditions = submit(_verified, vehicle) if before is None else partial(Sliding, before)
-        found = lead().choices if vehicle.actuator.lag > 0 else ()
-        best = min(found, key=lambda choice: choice.rank, default=None)
+        result = lead().choices if vehicle.actuator.lag > 0 else ()
+        best = min(result, key=lambda choice: choice.rank, default=None)
         if best is not None and best.design is not None:
-            found += lead((best.reference_factor,), _QUICK_FILTER).choices
-        selection = Selection(tuple(sorted((*found, *plain().choices), key=lambda choice: choice.rank)))
+            result += lead((best.reference_factor,), _QUICK_FILTER).choices
+        selection = Selection(tuple(sorted((*result, *plain().choices), key=lambda choice: choice.rank)))
         report = _designed(envelope, nominal, selection, (here, others), prefer, progress, meanwhile)
         no_locks: Callable[[], tuple[Released, ...]] = here(_released, report.stops) if sliding else tuple
         for name, controller in (given or {}).items():
@@ -366,8 +366,10 @@ def _verified(vehicle: Vehicle) -> Sliding:
     from railslip_ctrl.verification.joint_verification import verify  # imports SymPy, which other reports do not need
 
     def decide() -> Verification:
-        found = verify(law="predictive", vehicle=vehicle)
-        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # numbers unused
+        result = verify(law="predictive", vehicle=vehicle)
+        return replace(
+            result, conditions=tuple(replace(item, numbers={}) for item in result.conditions)
+        )  # numbers unused
 
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
@@ -383,7 +385,7 @@ def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
     """No-lock results of the recorded stops, with the region for the stops of the first static law and load."""
     from railslip_ctrl.verification.no_lock import no_lock, released_run  # imports SymPy, as above
 
-    found: list[Released] = []
+    result: list[Released] = []
     for stop in stops:
         scenario = stop.run.scenario
         law, most = scenario.law(scenario.rail), stop.brake_torque
@@ -391,14 +393,14 @@ def _released(stops: Sequence[Stop]) -> tuple[Released, ...]:
         try:
             run = released_run(stop.run, above=stop.cut_out)
         except InputError as error:
-            found.append(Released(stop, reason=str(error)))
+            result.append(Released(stop, reason=str(error)))
             continue
-        first = next((one.stop for one in found if one.found is not None), stop)
+        first = next((item.stop for item in result if item.certified is not None), stop)
         drawn = (stop.law, stop.load) == (first.law, first.load)
         most = most if math.isfinite(most) else float(np.max(run.torque))
         region = no_lock(law, scenario.vehicle, speeds, _REGION_SLIPS, torque_max=most) if drawn else None
-        found.append(Released(stop, run, region))
-    return tuple(found)
+        result.append(Released(stop, run, region))
+    return tuple(result)
 
 
 def _designed(
@@ -413,12 +415,12 @@ def _designed(
     """Report without rivals and sliding-mode law. `beside`: runs functions elsewhere, and has computed trials."""
     submit, others = beside
     progress("braking runs")
-    designed = [one for one in selection.choices if one.design is not None][: candidates.MOST_LINEAR]
-    trials = [candidates.linear_trial(one, nominal, False) for one in designed]  # the kinds by rule run in the other
-    trials += [one for get in others if (one := get()) is not None]
+    designed = [item for item in selection.choices if item.design is not None][: candidates.MOST_LINEAR]
+    trials = [candidates.linear_trial(item, nominal, False) for item in designed]  # the kinds by rule run in the other
+    trials += [item for get in others if (item := get()) is not None]
     trials = candidates.decided(trials, envelope, nominal, prefer, submit)
     best, control = trials[0], trials[0].control
-    bounded = {i for i, one in enumerate(trials) if i == 0 or one.choice.structure in (SEEKING, SlideProtection.kind)}
+    bounded = {i for i, item in enumerate(trials) if i == 0 or item.choice.structure in (SEEKING, SlideProtection.kind)}
     had = submit(clairvoyant_stops, [stop.braked_scenario for i in sorted(bounded) for stop in trials[i].stops])
     remedy: Callable[[], Remedy | None] = lambda: None  # noqa: E731
     if best.above_kmh is None:
@@ -432,7 +434,7 @@ def _designed(
     plain = control.system if isinstance(control, PI) else None
     gains = submit(_gain_map, in_use, plain) if plain is not None else lambda: None
     shown = candidates.unjudged(envelope) if judgement is None else judgement
-    found = DesignReport(
+    result = DesignReport(
         envelope,
         nominal,
         selection,
@@ -450,12 +452,12 @@ def _designed(
         responses=None if plain is None or in_use is None else _responses(in_use.worst, plain),
         prefer=prefer,
     )
-    meanwhile(found)
+    meanwhile(result)
     known = iter(had())
     trials = [
-        replace(one, stops=_with_bounds(one.stops, known)) if i in bounded else one for i, one in enumerate(trials)
+        replace(item, stops=_with_bounds(item.stops, known)) if i in bounded else item for i, item in enumerate(trials)
     ]
-    return replace(found, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
+    return replace(result, trials=tuple(trials), stops=trials[0].stops, gains=gains(), remedy=remedy())
 
 
 def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tuple[Stop, ...]:
@@ -464,9 +466,9 @@ def _with_bounds(runs: Iterable[Stop], known: Iterable[tuple[Any, Any]]) -> tupl
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool) -> Rival:
-    found = _rival_alone(name, controller, envelope, nominal)
+    result = _rival_alone(name, controller, envelope, nominal)
     return replace(
-        found, stops=_with_bounds(found.stops, clairvoyant_stops([run.braked_scenario for run in found.stops]))
+        result, stops=_with_bounds(result.stops, clairvoyant_stops([run.braked_scenario for run in result.stops]))
     )
 
 
@@ -504,9 +506,9 @@ def _held_elsewhere(runs: Sequence[Stop], judged: Judgement) -> Iterator[HeldEls
         for slip in slips:
             envelope = judged.envelope.at(rails=(rail,), **({} if known else {"laws": (law,)}))
             there = envelope.points(nominal=True, held=lambda *of, slip=slip: slip)
-            found = judge_points(envelope, judged.controller, there, nominal=True)
-            mine = [found.points.plants[i].point.law.name == law for i in found.points.plant.tolist()]
-            most = max(most, float(found.ms[mine].max()))
+            result = judge_points(envelope, judged.controller, there, nominal=True)
+            mine = [result.points.plants[i].point.law.name == law for i in result.points.plant.tolist()]
+            most = max(most, float(result.ms[mine].max()))
         if slips:
             yield HeldElsewhere(law, rail, slips, most)
 
@@ -515,13 +517,13 @@ def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
     """Limits of any controller at the hardest operating point of each rail and load."""
     points = judgement.points
     operating = points.plant[points.operating].tolist()
-    found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
+    result: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
     for i in operating:
         point, here = points.plants[i].point, limits_of(points.plants[i], points.vehicle.actuator)
         key = (point.rail.value, points.loads[i])
-        if key not in found or here.ms_bound > found[key][1].ms_bound:
-            found[key] = (point, here)
-    return tuple(found.values())
+        if key not in result or here.ms_bound > result[key][1].ms_bound:
+            result[key] = (point, here)
+    return tuple(result.values())
 
 
 def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
@@ -535,8 +537,8 @@ def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
     for shift in range(1 - n, n):  # controllers of a diagonal have one integral time and differ by a factor
         i = np.arange(max(0, -shift), min(n, n - shift))
         gains = PIGains(kp=float(kp[i[0]]), ki=float(ki[i[0] + shift]))
-        found = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
-        worst = np.where(found.stable, found.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
+        result = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
+        worst = np.where(result.stable, result.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
         ms[i, i + shift] = worst
     return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
 

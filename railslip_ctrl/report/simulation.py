@@ -18,7 +18,7 @@ from railslip_ctrl.simulation.bound import ControllerRow, RunComparison
 from railslip_ctrl.simulation.run import GIVEN_DRAWS, events_log
 
 from .document import Facts, Table, fixed, heading, render
-from .export import exported, law_json, law_words, number, plain, source_of
+from .export import exported, law_json, law_text, number, plain, source_of
 from .text import vehicle_facts
 
 CSV_COLUMNS = {
@@ -130,7 +130,7 @@ def simulation_text(run: simulation.Run, law_speed: float) -> str:
 
 def _scenario_facts(run: simulation.Run, law_speed: float) -> list[tuple[str, str]]:
     scenario, noise, sensors = run.scenario, run.scenario.disturbances, run.scenario.measurement
-    law = law_words(scenario.adhesion, _law_source(scenario, law_speed))
+    law = law_text(scenario.adhesion, _law_source(scenario, law_speed))
     numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
     weaker = "" if scenario.adhesion_factor == 1.0 else f", {scenario.adhesion_factor:g} times the rail's adhesion"
     least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"

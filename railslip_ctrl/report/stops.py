@@ -205,7 +205,7 @@ def stop_scenario(envelope: Envelope, points: EnvelopePoints, law: str, load: st
     """Scenario of a stop with a load on a rail with a law of the envelope, by name."""
     of_load = np.flatnonzero(points.operating & (points.load == load))
     here = [points.plants[int(points.plant[i])].point for i in of_load]
-    point = next((one for one in here if one.law.name == law), None)
+    point = next((item for item in here if item.law.name == law), None)
     car: Vehicle = here[0].vehicle
     if point is None or law in envelope.laws:
         own = named_law(law, car, envelope.law_speed * KMH)
@@ -256,7 +256,7 @@ def _with_errors(scenario: Scenario, envelope: Envelope, row: Sequence[int]) -> 
 
 def harder_stops(control: Any, judgement: Judgement) -> tuple[Stop, ...]:
     """Stops of `harder_scenarios`, each with one seed of the noise."""
-    return tuple(_stop(control, one, load, SEEDS[:1], words) for one, words, load in harder_scenarios(judgement))
+    return tuple(_stop(control, item, load, SEEDS[:1], words) for item, words, load in harder_scenarios(judgement))
 
 
 def locks_at_once(control: Any, judgement: Judgement, above: float, *, hard: bool) -> bool:
@@ -280,23 +280,23 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
     runs = [replace(simulator.run(seed, record_every=every), controller_signals={}) for seed in seeds]
     run, cut_out = max(runs, key=stopping_distance), control.controlled_from
     most = braked(scenario, control).limits.torque_max or math.inf
-    found = Stop(
+    result = Stop(
         control.label,
         scenario.adhesion.name,
         scenario.rail,
         load,
         run,
-        tuple(replace(one, signals=None) for one in runs if one is not run),
+        tuple(replace(item, signals=None) for item in runs if item is not run),
         _held(run, cut_out),
         math.nan if held is None else held.on(scenario.rail),
         cut_out,
         errors,
         own_slip=not control.follows_reference,
         brake_torque=most,
-        locked_from=max(_locked_from(one) for one in runs),
-        air=float(np.mean([_filled(one) for one in runs])) / full_brake_torque(scenario.vehicle),
+        locked_from=max(_locked_from(item) for item in runs),
+        air=float(np.mean([_filled(item) for item in runs])) / full_brake_torque(scenario.vehicle),
     )
-    return replace(found, run=replace(run, signals=None)) if errors else found
+    return replace(result, run=replace(run, signals=None)) if errors else result
 
 
 def _locked_from(run: Run) -> float:
@@ -316,14 +316,14 @@ def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) ->
 
     Operating points of constant slip do not show this oscillation: there a dynamic law slides.
     """
-    found = []
-    for one in nominal:
-        if one.swings:
-            scenario = stop_scenario(judgement.envelope, judgement.points, one.law, one.load, one.rail)
-            plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
+    result = []
+    for item in nominal:
+        if item.swings:
+            scenario = stop_scenario(judgement.envelope, judgement.points, item.law, item.load, item.rail)
+            plant = linearize_rolling(scenario.law(item.rail), scenario.vehicle, scenario.initial_speed)
             stable = wheel_slip_loop(plant, design).is_stable()
-            found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))
-    return tuple(found)
+            result.append(RollingLoop(item.law, item.load, item.rail, float(abs(plant.poles).max()), stable))
+    return tuple(result)
 
 
 def _held(run: Run, cut_out: float) -> float:

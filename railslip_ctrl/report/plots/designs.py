@@ -25,7 +25,7 @@ from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.report.document import short
-from railslip_ctrl.report.export import words_at
+from railslip_ctrl.report.export import law_text_at
 from railslip_ctrl.report.plots.runs import no_lock_figure, runs_figure
 from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses
 from railslip_ctrl.report.stops import Stop
@@ -58,8 +58,8 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     return (
-        f"{point.vehicle.name}: adhesion {words_at(point)}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
-        f"(railslip_ctrl {__version__})"
+        f"{point.vehicle.name}: adhesion {law_text_at(point)}{v0}, slip {', '.join(slips)}, "
+        f"M\u00a0{masses}\u00a0kg (railslip_ctrl {__version__})"
     )
 
 
@@ -557,9 +557,9 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
         drawings["responses"] = lambda: _responses(responses, report.control)
     drawings["adhesion"] = lambda: _adhesion(report.curves)
     shown = {
-        f"{one.stop.rail} rail, {one.stop.law}, {one.stop.load}, seed {one.stop.run.seed}": (one.region, one.found)
+        f"{one.stop.rail} rail, {one.stop.law}, {one.stop.load}, seed {one.stop.run.seed}": (one.region, one.certified)
         for one in report.released
-        if one.region is not None and one.found is not None
+        if one.region is not None and one.certified is not None
     }
     if shown:
         title = f"{report.vehicle.name}, {report.trials[0].choice.structure}: certified no-lock region and stops in it"
