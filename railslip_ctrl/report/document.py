@@ -36,7 +36,7 @@ _SHORT = 16  # largest number of rows of a table that is kept on one page
 _LARGE = 1e6  # smallest number that is written with a power of ten
 _POWER = re.compile(r"e([+-]?)0*(\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
-_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
+_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none stabilises|none|never")
 
 _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
