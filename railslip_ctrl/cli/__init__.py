@@ -34,7 +34,7 @@ def _ignore_user_settings() -> None:
 
     Python sets a stream that the shell has closed (>&-) to None. The next opened file would get its descriptor.
     """
-    os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; the backend of Jupyter may not be installed here
+    os.environ["MPLBACKEND"] = "agg"  # Matplotlib reads it on import; Jupyter's choice may not be installed here
     sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115  # these streams stay open until the process ends
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115

@@ -73,11 +73,11 @@ def _plain(value: Any) -> Any:
 def report_text(envelope: Envelope, control: Controller) -> str:
     """Return the page of `railslip report`, with the controller beside the recommendation."""
     check_extra("html", "report")
-    found = design_report(envelope, given={control.label: control}, sliding=False)
+    report = design_report(envelope, given={control.label: control}, sliding=False)
     pictures = Pictures()
-    pictures.draw(lambda: import_module("railslip_ctrl.report.plots.designs").report_drawings(found), ("svg",))
+    pictures.draw(lambda: import_module("railslip_ctrl.report.plots.designs").report_drawings(report), ("svg",))
     svg = {name: forms["svg"] for name, forms in pictures.drawn.items()}
-    return page(first_page(found), design_sections(found), svg, "railslip design", found.date, found.seconds)
+    return page(first_page(report), design_sections(report), svg, "railslip design", report.date, report.seconds)
 
 
 FILES: Mapping[str, Callable[[Envelope, Controller], str]] = MappingProxyType(

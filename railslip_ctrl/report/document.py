@@ -220,9 +220,9 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def listed(words: Iterable[str]) -> str:
+def listed(items: Iterable[str]) -> str:
     """Join words with commas and an "and"; "none" without words."""
-    every = list(words)
+    every = list(items)
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}" if every else "none"
 
 
@@ -241,7 +241,7 @@ def short(value: float, digits: int = 4) -> str:
         return "∞" if value > 0 else NONE
     nearest = rounded(value, digits)
     text = f"{nearest:.0f}" if 10**digits <= abs(nearest) < _LARGE else fixed(value, digits)
-    return minus(_POWER.sub(lambda found: "·10" + (found[1] + found[2]).translate(_RAISED), text))
+    return minus(_POWER.sub(lambda match: "·10" + (match[1] + match[2]).translate(_RAISED), text))
 
 
 def above(value: float, digits: int = BOUND_DIGITS) -> str:
@@ -267,10 +267,10 @@ def minus(text: str) -> str:
 def roots_text(values: Iterable[complex]) -> str:
     """Format poles or zeros, one of each pair, separated by commas; "none" if there are none."""
 
-    def one(value: complex) -> str:
+    def root_text(value: complex) -> str:
         return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
 
-    return ",  ".join(one(value) for value in values if value.imag >= 0) or "none"
+    return ",  ".join(root_text(value) for value in values if value.imag >= 0) or "none"
 
 
 def margin_cells(margins: Margins | None) -> tuple[str, ...]:

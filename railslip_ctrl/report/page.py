@@ -81,11 +81,11 @@ _GREEK = {
 _ACCENTS = {"_tilde": "\N{COMBINING TILDE}", "_hat": "\N{COMBINING CIRCUMFLEX ACCENT}", None: ""}
 _LETTERS = "|".join(sorted(_GREEK, key=len, reverse=True))
 _RULES: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
-    (r"(\d)e([+-]?)0*(\d+)\b", lambda found: f"{found[1]}·10{(found[2] + found[3]).translate(_RAISED)}"),
-    (r"\*\*(\d+)|(?<=[\w)|])\^(-?\d+)", lambda found: (found[1] or found[2]).translate(_RAISED)),
+    (r"(\d)e([+-]?)0*(\d+)\b", lambda match: f"{match[1]}·10{(match[2] + match[3]).translate(_RAISED)}"),
+    (r"\*\*(\d+)|(?<=[\w)|])\^(-?\d+)", lambda match: (match[1] or match[2]).translate(_RAISED)),
     (
         rf"(?<![A-Za-z])({_LETTERS})(\d?)(_tilde|_hat)?(?![A-Za-z])",
-        lambda found: _GREEK[found[1]] + _ACCENTS[found[3]] + found[2].translate(_LOWERED),
+        lambda match: _GREEK[match[1]] + _ACCENTS[match[3]] + match[2].translate(_LOWERED),
     ),
     (r"(?<=[\w)|²³⁴\u0302\u0303₁₂])\*(?=[\w(|])", "·"),
     (r"\bN m\b", "N·m"),

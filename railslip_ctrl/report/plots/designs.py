@@ -374,7 +374,7 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
     _number_contours(ax, lines, levels, marks)
 
 
-def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Iterable[Any]) -> None:
+def _number_contours(ax: Any, lines: Any, labels: Mapping[float, str], marks: Iterable[Any]) -> None:
     """Put the number of each contour at the point farthest from the sides, other numbers and marks."""
     ax.get_xlim()  # applies pending limits, so that everything drawn so far counts
     to_axes = ax.transData - ax.transAxes
@@ -385,11 +385,11 @@ def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Ite
         at = at[np.all((at > _CLEAR) & (at < 1.0 - _CLEAR), axis=1)]
         if len(at) <= _SHORT or np.ptp(at, axis=0).max() < _NARROW:
             continue
-        best = at[np.argmax(np.min([np.hypot(*(at - one).T) for one in taken] or [at[:, 1]], axis=0))]
+        best = at[np.argmax(np.min([np.hypot(*(at - other).T) for other in taken] or [at[:, 1]], axis=0))]
         taken.append(best)
         places.append(tuple(to_axes.inverted().transform(best)))
     if places:
-        ax.clabel(lines, fmt=words, fontsize=style.SMALL, manual=places, inline_spacing=2)
+        ax.clabel(lines, fmt=labels, fontsize=style.SMALL, manual=places, inline_spacing=2)
 
 
 def _round_levels(values: Any) -> dict[float, str]:
@@ -479,8 +479,8 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
         bottom, top = ax.set_ylim(low - 0.5 * span, high + 0.5 * span)
         ends = (("down", control.min() < bottom, control.min()), ("up", control.max() > top, control.max()))
         ranges = " and ".join(f"{way} to {short(float(end), 3)} N·m" for way, outside, end in ends if outside)
-        words = f"cut off: {ranges}"
-        ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
+        label = f"cut off: {ranges}"
+        ax.annotate(label, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=style.SMALL)
 
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
@@ -501,12 +501,12 @@ def ms_map_figure(maps: Mapping[str, MsMap], *, title: str, hand_over_kmh: float
     """
     figure = style.new_figure(0.7 + 2.6 * len(maps), title)
     axes = style.panels(figure, len(maps), 2, sharex="col")
-    for row, (name, found) in enumerate(maps.items()):
-        shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
+    for row, (name, result) in enumerate(maps.items()):
+        shown = (("at the operating points", result.operating), ("with tolerances", result.with_tolerances))
         for ax, (what, worst) in zip(axes[row], shown, strict=True):
-            _grid(ax, found.speeds_kmh, found.loads, worst)
-            below = np.count_nonzero(found.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # rounding of m/s to km/h
-            if 0 < below < found.speeds_kmh.size:
+            _grid(ax, result.speeds_kmh, result.loads, worst)
+            below = np.count_nonzero(result.speeds_kmh < hand_over_kmh * (1 - 1e-9))  # rounding of m/s to km/h
+            if 0 < below < result.speeds_kmh.size:
                 ax.axhline(below - 0.5, color="black", linestyle="--", linewidth=1.6)
             ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=style.TEXT)
             ax.grid(visible=False)
@@ -557,9 +557,12 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
         drawings["responses"] = lambda: _responses(responses, report.control)
     drawings["adhesion"] = lambda: _adhesion(report.curves)
     shown = {
-        f"{one.stop.rail} rail, {one.stop.law}, {one.stop.load}, seed {one.stop.run.seed}": (one.region, one.certified)
-        for one in report.released
-        if one.region is not None and one.certified is not None
+        f"{item.stop.rail} rail, {item.stop.law}, {item.stop.load}, seed {item.stop.run.seed}": (
+            item.region,
+            item.certified,
+        )
+        for item in report.released
+        if item.region is not None and item.certified is not None
     }
     if shown:
         title = f"{report.vehicle.name}, {report.trials[0].choice.structure}: certified no-lock region and stops in it"
@@ -568,37 +571,37 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
 
 
 def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
-    where = {f"{one.rail} rail, {one.law}, {one.load}, seed {one.run.seed}": one.run for one in stops}
+    where = {f"{item.rail} rail, {item.law}, {item.load}, seed {item.run.seed}": item.run for item in stops}
     runs = {f"{name}: {run.braking_distance:.4g} m": run for name, run in where.items()}
     return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail")
 
 
-def _gains(found: GainMap, vehicle: str) -> Figure:
-    figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
+def _gains(result: GainMap, vehicle: str) -> Figure:
+    figure = style.new_figure(3.6, f"{vehicle}: worst Ms of {result.points} operating points over the gains")
     ax = style.panels(figure)[0, 0]
     ax.set(xscale="log", yscale="log")
-    inverse = 1.0 / found.ms  # 0 if unstable, and smooth up to the edge
-    ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
+    inverse = 1.0 / result.ms  # 0 if unstable, and smooth up to the edge
+    ax.contourf(result.kp, result.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
     levels = {1 / level: f"{level:.3g}" for level in _MS_LEVELS if inverse.min() < 1 / level < inverse.max()}
     if levels:
-        lines = ax.contour(found.kp, found.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
-        _number_contours(ax, lines, levels, [found.chosen])
-    ax.plot(*found.chosen, marker="*", markersize=11, color=style.line_style(1)["color"], linestyle="none")
+        lines = ax.contour(result.kp, result.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
+        _number_contours(ax, lines, levels, [result.chosen])
+    ax.plot(*result.chosen, marker="*", markersize=11, color=style.line_style(1)["color"], linestyle="none")
     for axis in (ax.xaxis, ax.yaxis):
         style.plain_log_ticks(axis)
     ax.set(xlabel="kp (N·m/(m/s)); star: recommended, grey: unstable", ylabel="ki (N·m/m)")
     return figure
 
 
-def _responses(found: Responses, control: Any) -> Figure:
-    point, name = found.point, control.system.structure
+def _responses(result: Responses, control: Any) -> Figure:
+    point, name = result.point, control.system.structure
     where = f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, M {point.vehicle.mass:g} kg"
     return response_figure(
-        {name: found.reference},
-        {name: found.load},
+        {name: result.reference},
+        {name: result.load},
         title=f"Responses at the worst operating point ({where}); dead time exact",
         reference_label="step of 1 km/h of the reference slip velocity",
-        load_label=f"step of {found.load_step:g} N·m of torque at the wheel",
+        load_label=f"step of {result.load_step:g} N·m of torque at the wheel",
     )
 
 
@@ -610,7 +613,7 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     )
     axes = style.panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
-        for i, curve in enumerate(one for one in curves if one.point.rail is rail):
+        for i, curve in enumerate(each for each in curves if each.point.rail is rail):
             look = style.line_style(i)
             ax.plot(curve.slip, curve.coefficient, label=curve.point.adhesion, **look)
             top = curve.peak

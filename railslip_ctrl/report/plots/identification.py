@@ -32,13 +32,13 @@ _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minim
 _MODELS_SHOWN = 4
 
 
-def adhesion_figure(found: Sequence[Identification]) -> Figure:
+def adhesion_figure(result: Sequence[Identification]) -> Figure:
     """Plot mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
-    columns = min(len(found), 2)
-    title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
-    figure, axes = style.grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
-    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
-    for ax, each in zip(axes, found, strict=True):
+    columns = min(len(result), 2)
+    title = f"Adhesion coefficient over slip: {result[0].vehicle.name}, {result[0].setting.rail} rail"
+    figure, axes = style.grid_of(len(result), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
+    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in result))
+    for ax, each in zip(axes, result, strict=True):
         _adhesion(ax, each, columns)
     for ax in axes[::columns]:
         ax.set_ylabel("adhesion coefficient μ (-)")
@@ -46,45 +46,45 @@ def adhesion_figure(found: Sequence[Identification]) -> Figure:
     return figure
 
 
-def _adhesion(ax: Any, found: Identification, columns: int) -> None:
-    bins = found.curve.bins
+def _adhesion(ax: Any, result: Identification, columns: int) -> None:
+    bins = result.curve.bins
     for name, mark, label in _MARKS:
         ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
-    chosen = found.chosen.fit.model.name
-    errors = {score.fit.model.name: score.mean_abs_error for score in found.scores}
+    chosen = result.chosen.fit.model.name
+    errors = {score.fit.model.name: score.mean_abs_error for score in result.scores}
     # bristles stay wound up while the slip swings: their mean over the slip follows the log, and is no smooth curve
-    along = {score.fit.model.name for score in found.scores if score.fit.followed is not None}
-    lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
+    along = {score.fit.model.name for score in result.scores if score.fit.followed is not None}
+    lines = sorted(result.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
     for i, line in enumerate(lines):
         mean = "\nmean along the log's slip" if line.name in along else ""
         taken = ", chosen" if line.name == chosen else ""
         label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
         ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **style.line_style(i))
-    ax.axvline(found.regimes.boundary, color="0.7", linewidth=0.8)
+    ax.axvline(result.regimes.boundary, color="0.7", linewidth=0.8)
     ax.set_xlim(left=0.0)
-    late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
+    late = result.regimes.boundary > 0.7 * ax.get_xlim()[1]
     where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
     ax.text(
-        found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=style.SMALL, color="0.4", **where
+        result.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=style.SMALL, color="0.4", **where
     )
-    name = found.curve.name.rsplit("/", 1)[-1]
-    ax.set_title(f"{name}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=style.TEXT)
+    name = result.curve.name.rsplit("/", 1)[-1]
+    ax.set_title(f"{name}, v0 = {result.setting.initial_speed / KMH:.4g} km/h", fontsize=style.TEXT)
     ax.set_xlabel("slip ratio λ (-)")
     style.legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
 
 
-def drift_figure(found: Identification) -> Figure:
+def drift_figure(result: Identification) -> Figure:
     """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
 
     Hollow marks are not from the log: the model at other initial speeds, and wet rail by rule, without intervals. The
     height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
     """
-    title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
+    title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
     slip, height = style.panels(figure, 1, 2)[0]
-    for rail in dict.fromkeys(peak.rail for peak in found.peaks):
-        _drift(slip, height, [peak for peak in found.peaks if peak.rail is rail])
-    shown = [peak.speed / KMH for peak in found.peaks]
+    for rail in dict.fromkeys(peak.rail for peak in result.peaks):
+        _drift(slip, height, [peak for peak in result.peaks if peak.rail is rail])
+    shown = [peak.speed / KMH for peak in result.peaks]
     speeds = np.linspace(min(shown), max(shown), 50)
     height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler, dry rail")
     slip.set_ylabel("slip ratio λ (-)")
@@ -129,16 +129,16 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
             ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
 
-def braking_figure(found: Identification) -> Figure:
+def braking_figure(result: Identification) -> Figure:
     """Plot the log's longest braking over time: speeds, brake torque, observed adhesion torque and slip."""
-    run = time_history_of(found.curve.record, found.vehicle, found.curve.time_constant)
-    figure = style.new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
+    run = time_history_of(result.curve.record, result.vehicle, result.curve.time_constant)
+    figure = style.new_figure(5.6, f"Longest braking of {result.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
     speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
     if run is not None:
         speed.plot(run.time, run.train_speed / KMH, label="train", **style.line_style(0))
         speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **style.line_style(1))
         torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **style.line_style(0))
-        label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
+        label = f"adhesion torque observed, τ = {result.curve.time_constant:.3g} s"
         torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **style.line_style(1))
         slip.plot(run.time, run.slip, **style.line_style(0))
         for ax in (speed, torque):
@@ -150,17 +150,17 @@ def braking_figure(found: Identification) -> Figure:
 
 
 def coefficients_figure(
-    found: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
+    result: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
 ) -> Figure:
     """Plot each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
 
     `beside` is a label and a function for other values of all parameters at a speed in km/h, for a second line.
     """
-    count, first = len(found.polynomials), found.logs[0].chosen.fit
+    count, first = len(result.polynomials), result.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
     figure, axes = style.grid_of(count, min(count, 3), title, (0.8, 2.3))
-    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
-        intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
+    for k, (ax, p) in enumerate(zip(axes, result.polynomials, strict=True)):
+        intervals = np.array([each.chosen.fit.parameters[k].interval for each in result.logs]).T
         reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
         ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
         speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)

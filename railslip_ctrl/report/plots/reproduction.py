@@ -12,7 +12,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion.bristle import REFERENCE
 from railslip_ctrl.paper.printed import TABLE5
 from railslip_ctrl.paper.tables import QUANTITIES, ModelCurve, Table5
-from railslip_ctrl.report.reproduction import QUANTITY_WORDS
+from railslip_ctrl.report.reproduction import QUANTITY_NAMES
 from railslip_ctrl.simulation import Run
 
 from . import style
@@ -187,10 +187,10 @@ def deviations_figure(comparison: Table5) -> Figure:
         groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
     figure = style.new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
     ax = style.panels(figure)[0, 0]
-    for i, (quantity, found) in enumerate(groups.items()):
-        names, deviations, errors = zip(*found, strict=True)
+    for i, (quantity, points) in enumerate(groups.items()):
+        names, deviations, errors = zip(*points, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
-        marks = {"label": QUANTITY_WORDS[quantity].split(", ")[0], "markersize": 4.5, "capsize": 3}
+        marks = {"label": QUANTITY_NAMES[quantity].split(", ")[0], "markersize": 4.5, "capsize": 3}
         ax.errorbar(places, deviations, yerr=2 * np.array(errors), **marks, **style.mark_style(i))
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)

@@ -32,7 +32,7 @@ _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
 
 def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
     """Plot braking distance and mean slip error of every controller by scenario, with the bound as a line."""
-    seeds = ", ".join(dict.fromkeys(f"{len(one.seeds)}" for one in comparisons))
+    seeds = ", ".join(dict.fromkeys(f"{len(item.seeds)}" for item in comparisons))
     title = f"Braking distance and slip error, means over {seeds} seeds"
     figure = style.new_figure(0.4 + 2.7 * len(comparisons), title)
     for axes, comparison in zip(style.panels(figure, len(comparisons), 2), comparisons, strict=True):
@@ -40,16 +40,16 @@ def run_comparison_figure(comparisons: Sequence[RunComparison]) -> Figure:
         distance, error = axes
         places = range(len(names))
         means = [row.braking_distance for row in comparison.rows]
-        bars = distance.barh(places, [one.value for one in means], xerr=[one.error for one in means], **_BAR)
+        bars = distance.barh(places, [item.value for item in means], xerr=[item.error for item in means], **_BAR)
         few = ("" if row.stopped == row.runs else f" ({row.stopped} of {row.runs})" for row in comparison.rows)
-        met = [f"{mean.value:.0f}{told}" for mean, told in zip(means, few, strict=True)]
+        met = [f"{mean.value:.0f}{text}" for mean, text in zip(means, few, strict=True)]
         distance.bar_label(bars, met, padding=3, fontsize=style.SMALL)
         bound = comparison.bound.braking_distance
         distance.axvline(bound, color="black", linestyle="--")
         distance.set_xlabel(f"braking distance (m)\ndashed: no controller below {bound:.0f} m")
         errors = [row.slip_error.value for row in comparison.rows]
         bars = error.barh(places, errors, **_BAR)
-        error.bar_label(bars, [f"{one:.3f}" for one in errors], padding=3, fontsize=style.SMALL)
+        error.bar_label(bars, [f"{value:.3f}" for value in errors], padding=3, fontsize=style.SMALL)
         error.set_xlabel("mean |slip − reference| (-)")
         distance.set_title(f"{comparison.scenario.name}, inertia scale {comparison.scenario.vehicle.inertia_scale:g}")
         distance.title.set_fontsize(style.TEXT)
@@ -83,12 +83,12 @@ def simulation_figure(run: Run) -> Figure:
     adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
     axes[3, 0].plot(signals.time, adhesion, color=style.line_style(0)["color"], linewidth=0.9)
     axes[3, 0].set_ylabel("adhesion coefficient μ (-)")
-    events = [one for one in events_log(run) if one.reached]
+    events = [item for item in events_log(run) if item.reached]
     for ax in axes.flat:
-        for one in events:
-            ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
-    told = "\n".join(("time (s)", *(f"dotted, {one.text}" for one in events)))
-    axes[3, 0].set(xlabel=style.folded(told, 0.8 * style.PAGE_WIDTH), xlim=(0.0, float(signals.time[-1])))
+        for item in events:
+            ax.axvline(item.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
+    label = "\n".join(("time (s)", *(f"dotted, {item.text}" for item in events)))
+    axes[3, 0].set(xlabel=style.folded(label, 0.8 * style.PAGE_WIDTH), xlim=(0.0, float(signals.time[-1])))
     return figure
 
 
@@ -105,15 +105,15 @@ def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
     return figure
 
 
-def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
+def no_lock_figure(result: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: str) -> Figure:
     """Plot certified no-lock regions: below the line of its speed a released wheel certainly does not lock.
 
     The run is a line of samples, with a mark at the first sample below each speed, filled if no lock is certain.
     """
     legend = "below a line a released wheel certainly does not lock; marks: the run at these speeds"
     figure = style.new_figure(3.9, f"{title}; {legend}")
-    axes = style.panels(figure, 1, len(found), sharex=True, sharey=True)[0]
-    for ax, (name, (region, run)) in zip(axes, found.items(), strict=True):
+    axes = style.panels(figure, 1, len(result), sharex=True, sharey=True)[0]
+    for ax, (name, (region, run)) in zip(axes, result.items(), strict=True):
         ax.plot(run.slip, run.torque / 1e3, color="0.6", linewidth=0.7, label="run, 0.1 s between samples")
         lost = ~run.inside
         ax.plot(run.slip[lost], run.torque[lost] / 1e3, "kx", markersize=3, label="sample that is not certain")
@@ -124,7 +124,7 @@ def no_lock_figure(found: Mapping[str, tuple[NoLock, ReleasedRun]], *, title: st
                 fill = "full" if run.inside[j] else "none"
                 look = {**style.mark_style(i), "markersize": 5, "fillstyle": fill}
                 ax.plot(max(run.slip[j], 0.0), run.torque[j] / 1e3, clip_on=False, zorder=4, **look)
-        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(found)), fontsize=style.TEXT)
+        ax.set_title(style.folded(name, 0.9 * style.PAGE_WIDTH / len(result)), fontsize=style.TEXT)
         ax.set(xlabel="slip ratio λ (-)", xlim=(0.0, float(region.slips[-1])), ylim=(0.0, None))
     axes[0].set_ylabel("acting torque, largest of the\ncoming dead time (kN·m)")
     style.legend_of_figure(figure, axes[0], columns=3)
@@ -255,15 +255,15 @@ def distributions_figure(summary: CampaignSummary) -> Figure | None:
     figure = style.new_figure(0.9 + 1.5 * len(_SHOWN), _title(summary))
     axes = style.panels(figure, len(_SHOWN), 2, sharex="row")
     for (density_axes, share), name in zip(axes, _SHOWN, strict=True):
-        for i, found in enumerate(summary.controllers.values()):
-            measure, scale = found.measures[name], measured(name).scale
+        for i, result in enumerate(summary.controllers.values()):
+            measure, scale = result.measures[name], measured(name).scale
             if not measure.moments.count:
-                density_axes.plot([], [], label=f"{found.name} (none)", **style.line_style(i))
+                density_axes.plot([], [], label=f"{result.name} (none)", **style.line_style(i))
                 continue
             edges, counts = measure.histogram
             shape = measure.histogram.merged()
             density = shape.counts / counts.sum() / np.diff(scale * shape.edges)
-            label = f"{found.name} ({measure.moments.count})"
+            label = f"{result.name} ({measure.moments.count})"
             density_axes.stairs(density, scale * shape.edges, label=label, **style.line_style(i))
             upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
             share.plot(scale * edges, upto, **style.line_style(i))
@@ -286,17 +286,17 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
     if not heads or not summary.any_stopped:
         return None
     columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
-    told = "rings: the worst runs of each controller, with the number of the worst"
-    figure, axes = style.grid_of(len(heads), columns, f"{_title(summary)}; {told}", (0.8, 2.5), sharey=True)
+    rings = "rings: the worst runs of each controller, with the number of the worst"
+    figure, axes = style.grid_of(len(heads), columns, f"{_title(summary)}; {rings}", (0.8, 2.5), sharey=True)
     for ax, (quantity, head) in zip(axes, heads.items(), strict=True):
-        for i, (name, found) in enumerate(summary.controllers.items()):
+        for i, (name, result) in enumerate(summary.controllers.items()):
             sample, color = summary.sample[name], style.line_style(i)["color"]
             fill = "none" if i % 2 else "full"  # in grey, what is in marks of one size tells them apart
             look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **style.mark_style(i)}
             ax.plot(sample[quantity], measure.scale * sample[measure.name], label=name, **look)
-            for row in found.worst:
+            for row in result.worst:
                 ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
-            for row in found.worst[:1]:
+            for row in result.worst[:1]:
                 place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
                 side = {"ha": "left" if right > 0 else "right", "va": "bottom" if up > 0 else "top"}
                 letters = {"fontsize": style.SMALL, "color": color, "path_effects": _LEGIBLE}
@@ -328,9 +328,9 @@ def _dotted(head: str) -> str:
     return label if "(" in head else f"{label} (-)"
 
 
-def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:
+def tail_figure(result: RareEvent | ConfidenceLevels) -> Figure:
     """Probability of what is worse than each value, its interval, and plain Monte Carlo where that reaches."""
-    tail, figure = found.tail, style.new_figure(3.6, str(found))
+    tail, figure = result.tail, style.new_figure(3.6, str(result))
     ax = style.panels(figure)[0, 0]
     reached = tail.value > 0.0
     x, value, low, high = (column[reached] for column in tail[:4])
@@ -341,7 +341,7 @@ def tail_figure(found: RareEvent | ConfidenceLevels) -> Figure:
     ax.errorbar(place, share, errors, label="plain Monte Carlo", markersize=3, linewidth=0.8, **style.mark_style(1))
     ax.set_yscale("log")
     ax.set_ylim(max(float(value.min(initial=1.0)), 1e-12) / 3.0, 1.5)
-    ax.set_xlabel(_dotted(headed(*found.measured)))
+    ax.set_xlabel(_dotted(headed(*result.measured)))
     ax.set_ylabel("probability of worse (-)")
     style.legend_of_figure(figure, ax, columns=4)
     return figure
