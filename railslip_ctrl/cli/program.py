@@ -46,7 +46,7 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; an interruption or a broken pipe ends it without a traceback.
+        """Run the command; an interruption or a broken pipe ends it without a message from Click.
 
         Click alone would print an empty line when interrupted, and exit with 1 on a broken pipe.
         """

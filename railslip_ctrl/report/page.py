@@ -1,4 +1,4 @@
-"""Make one HTML page of the blocks of `document`, with embedded pictures and typeset text and formulas."""
+"""HTML page of the blocks of `document`, with embedded pictures, typeset text and formulas."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ def page(
     date: datetime.date,
     seconds: float,
 ) -> str:
-    """Return one HTML document that loads nothing: it contains its style and pictures.
+    """Return an HTML document that contains its style and pictures, so that it loads no other file.
 
+    - first, sections: first page and further sections.
     - pictures: SVG by the names that `first` and `sections` use.
     - command, date, seconds: command that made the report, its date and computing time, s.
     """
@@ -51,7 +52,7 @@ def page(
 
 
 def _linked(source: str) -> Markup:
-    """Return a source with links for a DOI or an address."""
+    """Return a source as HTML, with a link for a DOI or an address."""
     from markupsafe import Markup, escape
 
     def link(match: re.Match[str]) -> str:
@@ -64,7 +65,7 @@ def _linked(source: str) -> Markup:
 def css_string(text: str) -> str:
     """Escape text for a string in a style sheet.
 
-    Characters other than letters, digits and spaces become their number and a space.
+    Characters other than ASCII letters, digits and spaces become escapes by their code.
     """
     return "".join(c if c.isascii() and (c.isalnum() or c == " ") else f"\\{ord(c):06x} " for c in text)
 
@@ -117,7 +118,7 @@ def typeset(text: str) -> Markup:
 
 
 def with_units(text: str) -> str:
-    """Return text, or HTML, without line breaks between a number and its unit."""
+    """Return text, or HTML, with a no-break space between a number and its unit."""
     from markupsafe import Markup
 
     joined = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)

@@ -1,6 +1,6 @@
 """Figures of an identification, of adhesion-torque observers, and of a test on the virtual rig.
 
-An identification has figures of mu over slip with the fitted models, of the peak over speed, and of parameters over v0.
+Figures of an identification show mu over slip with the fitted models, the peak over speed, and parameters over v0.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
 from . import style
 
-if TYPE_CHECKING:  # it loads the simulation
+if TYPE_CHECKING:  # importing it loads the simulation
     from railslip_ctrl.identification.virtual_rig import BrakeTrial
 
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
-_MODELS_SHOWN = 4
+_MODELS_SHOWN = 4  # largest number of models in a figure
 
 
 def adhesion_figure(result: Sequence[Identification]) -> Figure:
@@ -42,7 +42,9 @@ def adhesion_figure(result: Sequence[Identification]) -> Figure:
         _adhesion(ax, each, columns)
     for ax in axes[::columns]:
         ax.set_ylabel("adhesion coefficient μ (-)")
-    axes[0].set_ylim(bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0))  # a mark is seen whole
+    axes[0].set_ylim(
+        bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0)
+    )  # room for marks at the bottom
     return figure
 
 
@@ -52,7 +54,7 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
         ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
     chosen = result.chosen.fit.model.name
     errors = {score.fit.model.name: score.mean_abs_error for score in result.scores}
-    # bristles stay wound up while the slip swings: their mean over the slip follows the log, and is no smooth curve
+    # the bristle state lags behind the slip: the mean of mu over slip follows the log and is not a smooth curve
     along = {score.fit.model.name for score in result.scores if score.fit.followed is not None}
     lines = sorted(result.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
     for i, line in enumerate(lines):
@@ -76,8 +78,8 @@ def _adhesion(ax: Any, result: Identification, columns: int) -> None:
 def drift_figure(result: Identification) -> Figure:
     """Plot slip and height of the peak over speed with 95 % intervals, and the reference slip, by rail condition.
 
-    Hollow marks are not from the log: the model at other initial speeds, and wet rail by rule, without intervals. The
-    height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
+    Hollow marks are not from the log: the model at other initial speeds, and on wet rail by the rule of the law, which
+    has no interval. The height is compared with the curve of Curtius and Kniffler for locomotives on dry rail.
     """
     title = f"Peak of {result.chosen.fit.model.name} over speed: {result.curve.name.rsplit('/', 1)[-1]}"
     figure = style.new_figure(4.2, title)
@@ -91,8 +93,8 @@ def drift_figure(result: Identification) -> Figure:
     height.set_ylabel("highest adhesion coefficient μ (-)")
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
-    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
-        if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
+    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may exceed slip 1
+        if math.isfinite(ax.dataLim.ymax):  # not so for a model without a peak
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
         style.legend_below(ax, 0.17)
     return figure
@@ -108,7 +110,7 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     )
     speed = speed / KMH
     _peaks(slip, (speed, values, ends), peaks, f"peak, {where}", look)
-    size = 9.0 if peaks[0].by_rule else 5.0  # a rule may leave the slip as it is: each mark is seen about the other
+    size = 9.0 if peaks[0].by_rule else 5.0  # a larger mark remains visible if the rule does not change the slip
     mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": look["color"]}
     slip.plot(speed, reference, label=f"reference, {where}", **mark)
     _peaks(height, (speed, mu, mu_ends), peaks, where, look)
@@ -124,7 +126,7 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
     beyond = np.array([peak.extrapolated for peak in peaks])
     for at, fill, suffix in ((~beyond, "full", "95 %"), (beyond, "none", "95 %, extrapolated")):
         if at.any():
-            bars = np.nan_to_num(np.abs(ends[at].T - values[at]), posinf=0.0)  # an open end has no bar
+            bars = np.nan_to_num(np.abs(ends[at].T - values[at]), posinf=0.0)  # an infinite end has no bar
             marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": look["color"]}
             ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
@@ -136,7 +138,7 @@ def braking_figure(result: Identification) -> Figure:
     speed, torque, slip = style.panels(figure, 3, 1, sharex=True)[:, 0]
     if run is not None:
         speed.plot(run.time, run.train_speed / KMH, label="train", **style.line_style(0))
-        speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **style.line_style(1))
+        speed.plot(run.time, run.wheel_speed / KMH, label="wheel rim", **style.line_style(1))
         torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **style.line_style(0))
         label = f"adhesion torque observed, τ = {result.curve.time_constant:.3g} s"
         torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **style.line_style(1))
@@ -145,7 +147,7 @@ def braking_figure(result: Identification) -> Figure:
             ax.legend(fontsize=style.SMALL)
     speed.set_ylabel("speed (km/h)")
     torque.set_ylabel("torque at the\nwheel (kN·m)")
-    slip.set(ylabel="slip ratio λ (-)", xlabel="time from the brake's application (s)")
+    slip.set(ylabel="slip ratio λ (-)", xlabel="time since the brake was applied (s)")
     return figure
 
 
@@ -154,7 +156,7 @@ def coefficients_figure(
 ) -> Figure:
     """Plot each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
 
-    `beside` is a label and a function for other values of all parameters at a speed in km/h, for a second line.
+    - beside: label, and function of the speed, km/h, that returns other values of all parameters, for a second line.
     """
     count, first = len(result.polynomials), result.logs[0].chosen.fit
     title = f"Parameters of {first.model.name} over the initial speed v0"
@@ -179,7 +181,7 @@ def coefficients_figure(
 def estimates_figure(
     trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
-    """Plot a brake trial: true speeds and torques, the estimates at `time` (s), and the error (N*m) of each."""
+    """Plot a brake trial: true speeds and torques, estimates at `time`, s, and their errors, N*m."""
     figure = style.new_figure(4.2 + 1.1 * len(estimates), title)
     axes = style.panels(figure, 2 + len(estimates), sharex=True, height_ratios=(1.0, 1.8, *(1.0 for _ in estimates)))[
         :, 0
@@ -192,7 +194,7 @@ def estimates_figure(
     dashed = {"color": "black", "linestyle": "--", "linewidth": 1.0}
     axes[1].plot(trial.time, trial.brake_torque / 1e3, label="brake torque, true", **dashed)
     for i, (name, estimate) in enumerate(estimates.items()):
-        color = str(max(0.75 - 0.2 * i, 0.2))  # the noisier ones come first and are the lighter
+        color = str(max(0.75 - 0.2 * i, 0.2))  # noisier estimates come first and are lighter
         axes[1].plot(time, estimate / 1e3, linewidth=0.7, label=name, color=color)
         axes[2 + i].plot(time, errors[name] / 1e3, linewidth=0.7, color="black")
         axes[2 + i].set_ylabel(f"{name}:\nerror (kN·m)")
@@ -205,7 +207,7 @@ def estimates_figure(
 
 
 def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, title: str) -> Figure:
-    """Plot the magnitudes from true adhesion torque, brake torque and sensor noise to the estimate."""
+    """Plot the gain from true adhesion torque, brake torque and sensor noise to the estimate over frequency."""
     fields = {
         "adhesion": "from the adhesion torque (N·m per N·m)",
         "brake": "from the brake torque (N·m per N·m)",
