@@ -346,9 +346,9 @@ def _over_attainable(trial: Trial) -> str:
     known = [stop for stop in trial.stops if stop.attainable and math.isfinite(stop.attainable.braking_distance)]
     if not known or any(not run.stopped for stop in known for run in stop.runs):
         return ""
-    had = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
-    took = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
-    return f", {100 * (took / had - 1):.0f} % over the attainable ones"
+    attainable = sum(stop.attainable.braking_distance for stop in known if stop.attainable)
+    distance = sum(run.braking_distance for stop in known for run in stop.runs) / len(known[0].runs)
+    return f", {100 * (distance / attainable - 1):.0f} % over the attainable ones"
 
 
 def _kind(choice: StructureChoice) -> str:
@@ -369,8 +369,8 @@ def _over(stop: Stop) -> str:
         return ""
     if stop.attainable is None or math.isinf(stop.attainable.braking_distance):
         return f"{100 * stop.over_bound:.0f} % over the bound of {short(stop.bound.braking_distance)} m; "
-    had = stop.attainable.braking_distance
-    return f"{100 * (stop.distance / had - 1):.0f} % over the attainable {short(had)} m; "
+    attainable = stop.attainable.braking_distance
+    return f"{100 * (stop.distance / attainable - 1):.0f} % over the attainable {short(attainable)} m; "
 
 
 def _held(stop: Stop) -> str:
@@ -645,9 +645,9 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         distances = [run.braking_distance for run in stop.runs]
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound, had = (NONE if item is None else short(item.braking_distance) for item in (stop.bound, stop.attainable))
+        limits = [NONE if item is None else short(item.braking_distance) for item in (stop.bound, stop.attainable)]
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), _held(stop), locks))
+        rows.append((stop.law, stop.load, str(stop.rail), spread, *limits, above(stop.max_slip), _held(stop), locks))
     head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return Table(head, rows, caption=caption, wide=True)
 

@@ -84,7 +84,7 @@ def _log_parts(result: Identification) -> list[RenderableType]:
         heading(f"Model: {fit.law.title} ({fit.model.name})", "-"),
         _parameter_table(fit),
     ]
-    parts += [Text(f"Warning: {doubt}") for doubt in result.doubts]
+    parts += [Text(f"Warning: {warning}") for warning in result.doubts]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(result)]
     samples = f"{result.scores[0].independent:.3g} independent samples"

@@ -129,16 +129,16 @@ def reproduction_text(
 
 
 def _table3_parts(three: Table3) -> list[RenderableType]:
-    means, asked = printed.TABLE3_MEANS, f"printed {printed.TABLE3_IMPROVEMENT:g} %"
-    found = f"{three.improvement_percent:.1f} %"
+    means, printed_value = printed.TABLE3_MEANS, f"printed {printed.TABLE3_IMPROVEMENT:g} %"
+    obtained = f"{three.improvement_percent:.1f} %"
     if three.improvement_follows_from_printed_means:
-        asked += f", which follows from the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
-        found += " of the row means"
+        printed_value += f", which follows from the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
+        obtained += " of the row means"
     rows = [(three.beam_mean, "beam"), (three.bristle_mean, "bristle")]
     known = Facts(
         [
             ("Row means", ", ".join(f"{name} {mean:.6g} (printed {means[name]:g})" for mean, name in rows)),
-            ("Improvement", f"{found}; {asked}"),
+            ("Improvement", f"{obtained}; {printed_value}"),
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]
     )
