@@ -156,7 +156,7 @@ SEEDS = "give a whole number from 2 to 100000"
     ("simulate --speed 5", "--speed: 5 km/h is not allowed; give a value > 5 km/h, at which the run ends"),
     ("simulate --step 3", "error: --step: 3 s is not allowed; give a value <= 1 s"),
     ("simulate --period 0", "--period: 0 s is not allowed"),
-    ("simulate --csv no/such/folder/run.csv", "--csv: 'no/such/folder' is not a folder to write to"),
+    ("simulate --csv no/such/folder/run.csv", "--csv: 'no/such/folder' is not a writable folder"),
     (f"simulate --csv {os.devnull}", "is not a regular file; choose another"),
     ("simulate --csv .", "--csv: '.' is a folder; give a file name"),
     *((f"simulate --controller own.toml {x}", GIVEN) for x in ("--gains beam", "--kp 1", "--slip 0.1", "--adaptive")),
