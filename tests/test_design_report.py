@@ -23,6 +23,7 @@ from railslip_ctrl import Envelope, SampledController, judge, linearize, load_co
 from railslip_ctrl.cli.margins import given_controller
 from railslip_ctrl.controllers.seeking import Seeking
 from railslip_ctrl.controllers.systems import PIController, wheel_slip_loop
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.catalogue import published_controller
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
@@ -339,6 +340,8 @@ def test_of_those_that_qualify_the_one_with_the_shortest_mean_stop_is_taken(robu
     far, near, robuster, saving = trial(104, 1.1, 1), trial(100, 3, 1), trial(101.9, 2, 1), trial(101.9, 2, 0.5)
     assert candidates.ordered([far, near, robuster, saving]) == [saving, robuster, near, far]
     assert candidates.ordered([far, near, saving, robuster], "robustness") == [far, saving, robuster, near]
+    with pytest.raises(InputError, match="prefer: 'air'"):
+        design_report(ENVELOPE, prefer="air")
     locks = replace(trial(50, 1, 1), above_kmh=None)
     assert candidates.ordered([locks, far]) == [far, locks]
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -91,7 +91,7 @@ def command(
     out: Path,
     whole: bool,
     fresh: bool,
-    prefer: str,
+    prefer: Literal["distance", "robustness"],
 ) -> None:
     """Recommend a slip controller for a vehicle over its envelope of speeds, rails, loads and tolerances.
 

@@ -506,6 +506,8 @@ def _envelope(report: DesignReport) -> Section:
             *notes,
         )
     blocks += [Paragraph(f"{text[0].upper()}{minus(text[1:])}.") for text in notes[:_MOST_NOTES]]
+    if len(notes) > _MOST_NOTES:
+        blocks.append(Paragraph(f"{len(notes) - _MOST_NOTES} more notes: see skipped and knife_edges in report.json."))
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 

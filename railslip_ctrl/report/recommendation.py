@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from railslip_ctrl.controllers.files import as_control
 from railslip_ctrl.controllers.pi import PI
 from railslip_ctrl.controllers.slide_protection import SlideProtection
 from railslip_ctrl.controllers.systems import PIController, linear_controller, linear_of
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.core.folders import cache_folder, cached, look_up
 from railslip_ctrl.core.processes import cpu_count, processes
@@ -291,6 +292,7 @@ _RESPONSE_TIME, _RESPONSE_POINTS = 10.0, 1001  # s, duration of the responses, a
 _QUICK_FILTER = 0.05  # filter time constant over the lead, tried besides 0.1: more noise, but more ki
 
 
+@checked
 def design_report(
     envelope: Envelope,
     *,
@@ -298,7 +300,7 @@ def design_report(
     given: dict[str, Any] | None = None,
     sliding: bool = True,
     fresh: bool = False,
-    prefer: str = "distance",
+    prefer: Literal["distance", "robustness"] = "distance",
     progress: Progress = lambda message: None,
     meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
