@@ -166,7 +166,7 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     for told in (
         "line 401: a control character",
         f"line {len(lines)}: the file ends within this line",
-        "1 row with outliers left out, the first in line 701",
+        "1 row with outliers: left out, the first in line 701",
         "s before line 2001",
         "column 'a' has no unit: time is read in s",
     ):

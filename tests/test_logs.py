@@ -377,7 +377,7 @@ def test_a_stamp_far_off_is_left_out_and_named(tmp_path, line, stamp, block_byte
     ({i: f"{0.01 * (i - 2) - 0.2:.2f}" for i in range(60, 122)}, "60: time .* goes back from 0.57"),
 ])  # fmt: skip
 def test_time_that_does_not_grow_is_refused_with_its_line(tmp_path, stamps, message, block_bytes):
-    with pytest.raises(InputError, match=f"log.csv: line {message}.*; give times that grow"):
+    with pytest.raises(InputError, match=f"log.csv: line {message}.*; give increasing times"):
         read(write(tmp_path, with_stamps(ROWS, stamps)), block_bytes=block_bytes)
 
 
@@ -579,7 +579,7 @@ def test_columns_are_brought_to_the_wheel_s_time_and_zero_however_a_log_is_cut(c
 
 
 @pytest.mark.parametrize(("option", "value", "text"), [
-    ("--delay", "time=0.1", "--delay: 'time' is no quantity of a log; choose one of train_speed, "),
+    ("--delay", "time=0.1", "--delay: 'time' is not a quantity of a log; choose one of train_speed, "),
     ("--delay", "brake_torque=3", "--delay brake_torque: 3 s is not allowed; give at most 2 s"),
     ("--skip-lines", "2", "log.csv: empty, or no header from line 3 on; give a CSV"),
     ("--skip-lines", "-1", "--skip-lines: '-1' is not allowed; give a whole number from 0"),
@@ -675,7 +675,7 @@ def test_a_time_in_another_unit_than_it_is_read_in_is_told(tmp_path, unit, secon
     ({"brake_torque": -1.0}, {}, "negative in .* rows with slip and positive in 0 rows; .*reverse its sign"),
     ({"brake_torque": 1e300}, {}, r"brake torque 1.*e\+30. N\*m .*any wheel \(\d+ such rows\); check"),
     ({}, {"delays": {"brake_torque": 0.1}, "zeros": {"train_speed": 30.0}}, "the rows are corrected by `delays` br"),
-    ({}, {"time_constant": 50.0}, "after the start the observer settles for 250 s; give a smaller `time_constant`"),
+    ({}, {"time_constant": 50.0}, "the observer settles for 250 s after .*; give a smaller `time_constant`"),
 ])  # fmt: skip
 def test_what_leaves_no_row_is_refused_with_its_cause(recwarn, factors, options, message):
     with pytest.raises(InputError, match=message):
