@@ -407,7 +407,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         low, high = Parameter("a", best[0], math.sqrt(found.covariance[0, 0]), "fitted").interval
         held += low <= 1.0 <= high
     assert binomtest(held, 2500, CONFIDENCE).pvalue > 0.01
-    beyond = np.abs(generator.standard_t(4.0, 200_000)) > log_checks.Rolling(*np.zeros(8), 4.0).sure
+    beyond = np.abs(generator.standard_t(4.0, 200_000)) > log_checks.Rolling(*np.zeros(8), 4.0).critical_value
     assert binomtest(int(beyond.sum()), beyond.size, log_checks._FALSE_ALARM).pvalue > 0.01
 
 

@@ -279,7 +279,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     true, own = peak_of_law(law, speed * KMH, LOAD).slip, found.own_peak
     assert found.regimes == Regimes(own.slip, "the peak of beam")
     assert own.slip == pytest.approx(true, abs=NORMAL_QUANTILE * own.slip_stderr)
-    assert sum(found.curve.parted_at(own.slip)) == found.curve.survey.used
+    assert sum(found.curve.split_counts(own.slip)) == found.curve.survey.used
 
 
 def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):

@@ -521,7 +521,7 @@ def test_free_rolling_is_as_sure_as_a_median_and_not_seen_while_the_train_is_bra
     for torque, deceleration in ((0.0, 0.0), (3000.0, 3000.0 / (RADIUS * PARK2008.mass)), (3000.0, 0.14)):
         rolling, speed = log_checks.FreeRolling(PARK2008), 100.0 * KMH - deceleration * time
         rolling.add(np.stack([time, speed, (1.0 - slip) * speed / RADIUS, 0.0 * time + torque, 0.0 * time + LOAD]))
-        found.append(rolling.found())
+        found.append(rolling.result())
     free, braked, coasting = found
     assert (free.slip, free.torque) == (pytest.approx(-0.013, abs=5 * free.slip_error), 0.0)
     # of a median of means: 1.25 sigma over root n, and windows that lie half over each other

@@ -107,7 +107,7 @@ def _load_of(found: Identification) -> str:
 def _log_facts(found: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = found.curve, found.curve.survey, found.setting
     regrips = f"; {survey.readhesion} more of a wheel that regrips are left out" if survey.readhesion else ""
-    adhesion, sliding = curve.parted_at(found.regimes.boundary)
+    adhesion, sliding = curve.split_counts(found.regimes.boundary)
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
         ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(found)}, {setting.rail} rail"),
@@ -430,7 +430,7 @@ def _bins_json(found: Identification) -> list[dict[str, Any]]:
 
 def _log_json(found: Identification) -> dict[str, Any]:
     curve = found.curve
-    adhesion, sliding = curve.parted_at(found.regimes.boundary)
+    adhesion, sliding = curve.split_counts(found.regimes.boundary)
     named = {"gaps": "gap_count", "regripping_rows": "readhesion"}
     rolling = curve.rolling
     return {
