@@ -335,7 +335,8 @@ def test_peak_its_error_and_its_reference_in_closed_form():
     held = law_coefficient("burckhardt", np.array([peak.reference]), V100)
     assert peak.reference_coefficient == pytest.approx(held[0], rel=1e-2)  # the fit is that good
     # of a vague one the allowed loss is given away
-    vague = replace(found, known=replace(found.known, coordinate_covariance=1e5 * found.known.coordinate_covariance))
+    covariance = 1e5 * found.estimate.coordinate_covariance
+    vague = replace(found, estimate=replace(found.estimate, coordinate_covariance=covariance))
     peak = peak_of_fit(vague, V100, LOAD, Rail.DRY)
     assert NORMAL_QUANTILE * peak.slip_stderr > peak.slip > peak.reference
     assert peak.reference_coefficient == pytest.approx((1 - results.LARGEST_LOSS) * peak.coefficient, rel=1e-9)

@@ -36,7 +36,7 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .curves import Cells, Stretches
-from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
+from .fits import REGULARISATION, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
 from .messages import message
 from .models import FitModel, Setting, spline
 from .observed import BrakedRows
@@ -336,7 +336,7 @@ class PredictionErrors:
         self.set_variances(coordinates.values(start))
         begin = coordinates.inside(start, _OFF_BOUND)
         _, x = search(
-            self.residuals, coordinates, begin, weight=PULL, centre=centre, tolerance=_CONVERGED, most=_SEARCH
+            self.residuals, coordinates, begin, weight=REGULARISATION, centre=centre, tolerance=_CONVERGED, most=_SEARCH
         )
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 

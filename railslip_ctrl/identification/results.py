@@ -288,7 +288,7 @@ def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
     """Standard errors of the peak's slip and mu, by the delta method in the search coordinates."""
-    coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
+    coordinates, covariance = fit.estimate.coordinates, fit.estimate.coordinate_covariance
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
     if not len(known):
         return math.nan, math.nan
