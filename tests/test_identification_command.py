@@ -215,7 +215,7 @@ def test_warnings_and_doubts_are_in_the_report_the_file_and_json():
     text, file = " ".join(identification_text(found).split()), model_toml(found)
     assert all(heading in text for heading in ("Std. error", "Correlation", "BIC"))
     for sentence in told:
-        assert sum(sentence in each for each in (*found.warnings, *found.doubts)) == 1
+        assert sum(sentence in each for each in (*found.warnings, *found.fit_warnings)) == 1
         assert sentence in text
         assert any(line.startswith("# Warning: ") and sentence in line for line in file.splitlines())
         assert any(sentence in each for each in identification_json(found)["log"]["warnings"])

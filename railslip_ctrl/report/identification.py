@@ -84,7 +84,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
         heading(f"Model: {fit.law.title} ({fit.model.name})", "-"),
         _parameter_table(fit),
     ]
-    parts += [Text(f"Warning: {doubt}") for doubt in found.doubts]
+    parts += [Text(f"Warning: {warning}") for warning in found.fit_warnings]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
     samples = f"{found.scores[0].independent:.3g} independent samples"
@@ -219,7 +219,7 @@ def model_toml(found: Identification) -> str:
         f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {load:g} N.",
         f"Mean absolute error of mu {found.chosen.mean_abs_error:.3g}.",
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
-        *(f"Warning: {warning}" for warning in (*found.warnings, *found.doubts)),
+        *(f"Warning: {warning}" for warning in (*found.warnings, *found.fit_warnings)),
         *fit.notes,
         *curve.notes,
         *found.peak_notes,
@@ -237,7 +237,7 @@ def series_toml(found: LogSeries) -> str | None:
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
         "For --adhesion with --initial-speed. The reference slips are those of the logs, at their speeds.",
         *(text for p in found.polynomials for text in _errors_of(p)),
-        *(f"Warning: {warning}" for each in found.logs for warning in (*each.warnings, *each.doubts)),
+        *(f"Warning: {warning}" for each in found.logs for warning in (*each.warnings, *each.fit_warnings)),
         *(f"Warning: {warning}" for warning in found.warnings),
         *(f"{each.curve.name}: {note}" for each in found.logs for note in each.curve.notes),
     ]
@@ -451,7 +451,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
             {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
             for step in curve.steps
         ],
-        "warnings": [*found.warnings, *found.doubts],
+        "warnings": [*found.warnings, *found.fit_warnings],
     }
 
 
