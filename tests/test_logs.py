@@ -275,7 +275,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
 
 
 @pytest.mark.parametrize(("header", "columns", "units", "message"), [
-    (["time", "v", "vw"], {}, {}, "no column for brake_torque; call one 'brake torque'"),
+    (["time", "v", "vw"], {}, {}, "no column for brake_torque; name its column 'brake torque'"),
     (["time", "v", "Tb"], {}, {}, "no column for wheel_speed"),
     (["time", "v", "speed", "vw", "Tb"], {}, {}, "train_speed may be any of 'v', 'speed'"),
     (list(WHOLE.values()), {"train_speed": "velocity"}, {}, "train_speed: no column is called 'velocity'"),
@@ -288,7 +288,7 @@ TWO = ["time", "v", "omega", "omega", "Tb"]
     (["time", "v", "omega [1/s]", "Tb"], {}, {}, "'1/s' may mean cycles or radians; give a unit of wheel_angular_spe"),
     (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
     (TWO, {}, {}, "`columns` wheel_angular_speed=HEADER, .*: 3 or 4"),
-    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its place: 3 or 4"),
+    (TWO, {"wheel_angular_speed": "omega"}, {}, r"2 columns are called 'omega'; .*, or by its position: 3 or 4"),
     (TWO, {"wheel_angular_speed": "6"}, {}, "no column is called '6'"),
 ])  # fmt: skip
 def test_columns_that_cannot_be_told(header, columns, units, message):

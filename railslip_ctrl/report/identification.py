@@ -22,7 +22,14 @@ from railslip_ctrl.identification.fits import Fit
 from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.log_checks import Rolling
 from railslip_ctrl.identification.observed import Observed
-from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, of_known, too_few
+from railslip_ctrl.identification.results import (
+    ParameterPolynomial,
+    PeakSlip,
+    Regimes,
+    Score,
+    criteria_note,
+    known_polynomials,
+)
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
@@ -89,7 +96,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
     samples = f"{found.scores[0].independent:.3g} independent samples"
     weight = f"AIC and BIC are based on {samples}, and are only for comparing these models with each other"
-    parts.append(Text(f"{too_few(found.scores) or weight}\n"))
+    parts.append(Text(f"{criteria_note(found.scores) or weight}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks)]
@@ -241,7 +248,7 @@ def series_toml(found: LogSeries) -> str | None:
         *(f"Warning: {warning}" for warning in found.warnings),
         *(f"{each.curve.name}: {note}" for each in found.logs for note in each.curve.notes),
     ]
-    coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
+    coefficients = {p.name: p.coefficients for p in found.polynomials} | known_polynomials(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
     numbers = {name: values.tolist() for name, values in coefficients.items()}
     held, load = _references(found), sum(each.setting.wheel_load for each in found.logs) / len(fits)
@@ -370,7 +377,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
             }
             for score in found.scores
         ],
-        "models_note": too_few(found.scores) or None,
+        "models_note": criteria_note(found.scores) or None,
         "curve": _bins_json(found),
         "log": _log_json(found),
     }
