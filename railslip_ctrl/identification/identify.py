@@ -339,7 +339,7 @@ class Identification:
 
     @property
     def no_reference(self) -> str | None:
-        """Reason why there is no reference slip; None if there is one."""
+        """Reason why there is no reference slip; None if there is a reference slip."""
         if self.reference is not None:
             return None
         seen = float(self.curve.cells.slip.max())
@@ -607,11 +607,11 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
         if len(same) == len(done) and name != "table":  # tables have different knots in each log
             totals[name] = sum(s.bic for s in same)
     if not totals:
-        raise InputError("model: no model fits every log; name one with `model`")
+        raise InputError("model: no model fits every log; choose a model with `model`")
     for best in sorted(totals, key=lambda name: totals[name]):
         with suppress(DomainError):  # raised if the model has no peak in one of the logs
             return [_choosing(each, best) for each in done]
-    raise InputError("model: no model has a peak in every log; name one with `model`")
+    raise InputError("model: no model has a peak in every log; choose a model with `model`")
 
 
 def _choosing(identification: Identification, name: str) -> Identification:

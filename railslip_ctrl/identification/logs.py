@@ -409,7 +409,7 @@ class LogFile:
         return b"".join(parts).replace(b"\r", b"\n") if self._returns else b"".join(parts)
 
     def first_lines(self) -> list[bytes]:
-        """Lines of the first megabyte; the last one may be cut."""
+        """Lines of the first megabyte; the last line may be cut off."""
         head = self.read(LONGEST_LINE)
         self._returns = b"\n" not in head
         return head.split(b"\r" if self._returns else b"\n")
@@ -543,7 +543,7 @@ class Log:
         self.columns = dict(self._header.columns)
         self._notes = [*self._header.notes]
         self._kept = self._grouped = 0
-        self._decimal = ""  # decimal mark, known from the first cell that has one
+        self._decimal = ""  # decimal mark, known from the first cell that has a mark
         self._separator = "\t" if self._header.separator == BLANKS else self._header.separator
         self._count = 0  # cells of a row, known from the first block
 
@@ -562,7 +562,7 @@ class Log:
         assumed = [c for c in self.columns.values() if not c.unit_given]
         notes = [f"column {c.header!r} has no unit: {c.quantity} is read in {UNITS[c.quantity]}" for c in assumed]
         if {*_WHEEL} <= self.columns.keys():
-            notes.append("the log has both speeds of the wheel: the angular one is used")
+            notes.append("the log has both speeds of the wheel: the angular speed is used")
         return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
@@ -601,7 +601,7 @@ class Log:
             if len(rest) > LONGEST_LINE:
                 self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, counted as one line")
                 line, rest = line + 1, self._after_the_line()
-        block, end, rest = rest.rpartition(b"\n")  # the rest may hold lines after a long one
+        block, end, rest = rest.rpartition(b"\n")  # after a long line the rest may hold whole lines
         if end:
             yield line, self._plain(block + end)
             line += block.count(b"\n") + 1
@@ -752,7 +752,7 @@ class Log:
         return np.asarray(frame[indices].to_numpy())
 
     def _mark(self, lines: Iterable[bytes]) -> str:
-        """Most frequent decimal mark in the columns read; empty if no cell has one."""
+        """Most frequent decimal mark in the columns read; empty if no cell has a decimal mark."""
         marks: Counter[str | None] = Counter()
         for cells in map(self._cells, lines):
             for column in self.columns.values() if cells else ():

@@ -512,6 +512,6 @@ CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
 
 
 def parameter_unit(name: str) -> str:
-    """SI unit of a parameter of any of the models; "1" for an unknown one."""
+    """SI unit of a parameter of any of the models; "1" for an unknown parameter."""
     units = (law_class(law).units() for law in _LAWS.values())
     return next((found[name] for found in units if name in found), "1")
