@@ -289,7 +289,7 @@ def test_the_chosen_model_has_the_intervals_that_it_has_alone(monkeypatch):
     both = found_in("best")
     assert {score.fit.model.name for score in both.scores} == {*alone}
     for name in alone:  # the better one, and the other where several logs ask for it
-        found = job._choosing(both, name)
+        found = job._with_model(both, name)
         assert (found.chosen.fit.parameters, found.regimes) == (alone[name].chosen.fit.parameters, alone[name].regimes)
         assert sum(each is found.chosen for each in found.scores) == 1
     assert [each.fit.with_profiles for each in both.scores] == [each is both.chosen for each in both.scores]

@@ -48,14 +48,14 @@ class RowFilter(ABC):
             if block is not None:
                 ready = max(ready - self.ahead, 0) // self.piece * self.piece
             stop = start + ready
-            bad = self._bad(waiting, start, stop)
+            bad = self._dropped(waiting, start, stop)
             self.count += int(bad.sum())
             yield waiting.part(start, stop).where(~bad)
             keep = max(0, stop - self.behind)
             waiting, start = waiting.part(keep, None), stop - keep
 
     @abstractmethod
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         """Mask of the rows from start to stop that are dropped."""
 
 
@@ -63,7 +63,7 @@ class RowFilter(ABC):
 
 BESIDE = 16  #: rows on either side of an outlying time stamp, among which no other stamp may be out of order
 
-FAR = 100.0
+FAR_STAMP = 100.0
 """Least distance of an outlying stamp from both neighbours, in median intervals of the `BESIDE` rows on either side.
 
 A nearer stamp is attributed to a misplaced row or to a clock that was set back; it is refused.
@@ -80,11 +80,11 @@ _MOST_NAMED = 5  # stamps that have a warning of their own
 class StampFilter(RowFilter):
     """Drops rows with an outlying time stamp; raises InputError if the time does not grow without them.
 
-    An outlier is a single stamp more than `FAR` usual intervals away from both neighbours (from one, at an end of the
-    log). Without it the time must grow over `BESIDE` rows on either side. Two outliers within `BESIDE` rows count as a
-    second clock and are refused. Repeated stamps and smaller steps back are also refused. A stamp far ahead counts as a
-    gap if the time continues from it or if it is in the last row; so does a stamp far behind in the first row. Errors
-    begin with the log's `name`.
+    An outlier is a single stamp more than `FAR_STAMP` usual intervals away from both neighbours, or from its only
+    neighbour at an end of the log. Without it the time must grow over `BESIDE` rows on either side. Two outliers within
+    `BESIDE` rows count as a second clock and are refused. Repeated stamps and smaller steps back are also refused. A
+    stamp far ahead counts as a gap if the time continues from it or if it is in the last row; so does a stamp far
+    behind in the first row. Errors begin with the log's `name`.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -100,7 +100,7 @@ class StampFilter(RowFilter):
         more = self.count - len(self.named)
         return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
         # include the step into the first row, which was checked before: the first row itself may be the outlier
         first, end = max(start - 1, 0), min(stop, len(time) - 1)
@@ -126,7 +126,7 @@ def _outlier(time: Floats, i: int) -> int | None:
         if len(others) < _LEAST_BESIDE or not (steps > 0.0).all():
             continue
         beside = others[max(at - low - 1, 0) : at - low + 1]
-        if np.abs(time[at] - beside).min() > FAR * np.median(steps):
+        if np.abs(time[at] - beside).min() > FAR_STAMP * np.median(steps):
             return at
     return None
 
@@ -158,7 +158,7 @@ _LEAST_SHARE = 0.01  # of the rows; fewer nonzero differences may be the corners
 _QUANTILES = (0.0, 0.01, 0.03, 0.1, 0.3, 0.5)
 _TOLERANCE = 0.1  # in steps, each way; a fifth of unquantised differences would lie within it
 _WHOLE_SHARE = 0.95  # share of the differences that must be multiples
-_FEW = 20.0  # in steps; larger differences are not used, because an encoder's uneven intervals blur them
+_MOST_STEPS = 20.0  # in steps; larger differences are not used, because an encoder's uneven intervals blur them
 
 
 def step_of(values: Floats) -> float:
@@ -171,7 +171,7 @@ def step_of(values: Floats) -> float:
 
 
 def _are_multiples(changes: Floats, step: float) -> bool:
-    counts = changes[changes < _FEW * step] / step
+    counts = changes[changes < _MOST_STEPS * step] / step
     whole = np.abs(counts - np.round(counts)) < _TOLERANCE
     # a difference below half a step is not a multiple of the step
     return bool(len(counts) >= _LEAST_CHANGES and np.mean(whole & (counts > 0.5)) >= _WHOLE_SHARE)
@@ -240,7 +240,7 @@ class OutlierFilter(RowFilter):
         self.resolution = Resolution()
         self._scale: dict[str, float] = {}
 
-    def _bad(self, rows: Rows, start: int, stop: int) -> Flags:
+    def _dropped(self, rows: Rows, start: int, stop: int) -> Flags:
         bad = np.zeros(stop, dtype=bool)
         for first in range(start, stop, self.piece):
             last, low = min(first + self.piece, stop), max(first - _REACH, 0)

@@ -371,20 +371,20 @@ def read_curve(
 
     stamps = StampFilter(log.name)
     try:
-        gathered = _Gathered(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
+        data = _LogData(log.name, vehicle, options, stamps.rows(blocks()), log.columns, observed)
     except InputError as error:  # the cause may be assumptions about the columns, or lines that could not be read
         raise log.refused(error) from None
     finally:
         log.close()
-    return gathered.curve(log.broken, stamps, log.notes)
+    return data.curve(log.broken, stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
     """Adhesion curve of rows in memory, whose time must increase. InputError as `read_curve`."""
-    return _Gathered(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
+    return _LogData(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
-class _Gathered:
+class _LogData:
     """Data accumulated from all rows of a log; InputError if the log cannot be used."""
 
     def __init__(
@@ -463,7 +463,7 @@ class _Gathered:
         differs = log_checks.deceleration_differs(ratio) and not free  # a finding in `free` would be the cause
         other = (log_checks.Finding("deceleration", message("other deceleration", ratio=ratio)),) if differs else ()
         findings = (
-            *self._left_out(broken, stamps),
+            *self._dropped_rows(broken, stamps),
             *log_checks.survey_findings(survey),
             *free,
             *(
@@ -498,7 +498,7 @@ class _Gathered:
             notes=notes,
         )
 
-    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
+    def _dropped_rows(self, broken: Broken, stamps: StampFilter) -> Iterator[log_checks.Finding]:
         """Findings for unreadable lines, stray time stamps and outliers."""
         yield from (log_checks.Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):

@@ -114,10 +114,10 @@ def differences(
 
 LEAST_TESTS = 5  #: tests needed for the jackknife; with fewer, Student's quantile is too large to be useful
 
-_ALONE = 0.99  # a test with a larger share of the information in some direction cannot be left out
+_LARGEST_SHARE = 0.99  # a test with a larger share of the information in some direction cannot be left out
 _DISAGREE = 0.01  # tests disagree if noise within them explains their differences with a lower probability
-_ONE_TEST = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
-_SEEN = 1e-8  # share of the information below which a test does not determine a direction
+_TEST_GAP = 0.5  # in lengths of the longest run: runs with a smaller gap are pieces of one test
+_LEAST_INFORMATION = 1e-8  # share of the information below which a test does not determine a direction
 
 
 def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
@@ -130,7 +130,7 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
     if not len(first):
         return np.zeros(0, dtype=np.int64)
     begin, end = time[first] - step[first], time[np.append(first[1:], len(time)) - 1]
-    apart = begin[1:] - end[:-1] > _ONE_TEST * float(np.max(end - begin))
+    apart = begin[1:] - end[:-1] > _TEST_GAP * float(np.max(end - begin))
     test = np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)
     return np.repeat(test, np.diff(np.append(first, len(time))))
 
@@ -147,7 +147,7 @@ def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> t
     basis, triangle = np.linalg.qr(slopes)
     known = np.array([basis[test == i].T @ basis[test == i] for i in range(tests)])  # these sum to the identity
     gradient = np.array([basis[test == i].T @ residuals[test == i] for i in range(tests)])
-    if not _disagree(known, gradient) or float(np.linalg.eigvalsh(known).max()) > _ALONE:
+    if not _disagree(known, gradient) or float(np.linalg.eigvalsh(known).max()) > _LARGEST_SHARE:
         return None
     # estimates with one test left out, by one Gauss-Newton step
     without = -np.linalg.solve(np.eye(size) - known, gradient[:, :, None])[:, :, 0]
@@ -160,10 +160,10 @@ def _disagree(known: Floats, gradient: Floats) -> bool:
     from scipy.stats import chi2
 
     information, directions = np.linalg.eigh(known)
-    seen = information > _SEEN
+    determined = information > _LEAST_INFORMATION
     along = np.einsum("tji,tj->ti", directions, gradient)
-    lowered = float(np.sum(along[seen] ** 2 / information[seen]))
-    freedom = int(seen.sum()) - gradient.shape[1]
+    lowered = float(np.sum(along[determined] ** 2 / information[determined]))
+    freedom = int(determined.sum()) - gradient.shape[1]
     return freedom > 0 and float(chi2.sf(lowered, freedom)) < _DISAGREE
 
 
@@ -174,7 +174,7 @@ def _disagree(known: Floats, gradient: Floats) -> bool:
 
 
 _REACH = 2.6  # first trial distance of an interval's end, in standard errors, or 1 size of the parameter if less
-_FURTHER = 1.6  # factor on the distance from trial to trial
+_TRIAL_FACTOR = 1.6  # factor on the distance from trial to trial
 _TRIALS = 12  # most trials; they reach 280 sizes, beyond which the searches are not reliable
 _FINE = 0.02  # tolerance of an interval's end, in standard errors
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
@@ -274,7 +274,7 @@ class _Profile:
                 return float(brentq(self._excess, inside, outside, xtol=_FINE * stderr))
             if outside == bound:
                 break
-            inside, distance = outside, _FURTHER * distance
+            inside, distance = outside, _TRIAL_FACTOR * distance
         return bound
 
     def _excess(self, x: float) -> float:
@@ -338,7 +338,7 @@ leave relative singular values of about 1e-10.
 _DIFFERENCE = 1e-5  # difference step, in sizes of a coordinate
 _AT_BOUND = 1e-6  # in sizes of a coordinate: a search may end this far inside a bound
 _NEAR_BOUND = 0.1  # in standard errors: a coordinate nearer to its bound counts as resting on it
-_NEXT_TO_BOUND = 0.05  # of the typical value: upper limit of this distance, because a standard error may be very large
+_LARGEST_DISTANCE = 0.05  # of the typical value: upper limit of this distance, as a standard error may be very large
 
 
 class Problem(Protocol):
@@ -395,10 +395,10 @@ def estimate(
     free = ~unidentified(slopes * coordinates.sizes(x))  # identifiable coordinates
     unit = covariance_of(slopes, free)
     own = unit * variance * _student_ratio(freedom) ** 2 if math.isfinite(variance) else np.full_like(unit, np.nan)
-    turn = coordinates.slopes(x)
-    unknown = (turn[:, ~free] != 0.0).any(axis=1)  # parameters that are not identifiable
-    identified = np.where(unknown[:, None], np.nan, turn)
-    bias = np.array([turn @ np.where(free, shift, 0.0) for shift in shifts]).reshape(-1, len(x))
+    jacobian = coordinates.slopes(x)
+    unknown = (jacobian[:, ~free] != 0.0).any(axis=1)  # parameters that are not identifiable
+    identified = np.where(unknown[:, None], np.nan, jacobian)
+    bias = np.array([jacobian @ np.where(free, shift, 0.0) for shift in shifts]).reshape(-1, len(x))
     beside = NORMAL_QUANTILE * np.sqrt(np.sum(bias**2, axis=0))
     limits = {}
     if profiles and math.isfinite(variance):
@@ -415,7 +415,7 @@ def estimate(
         own = own + np.outer(shift, shift)
     return ParameterEstimate(
         values=coordinates.values(x),
-        covariance=_transformed(own, turn, unknown, free),
+        covariance=_transformed(own, jacobian, unknown, free),
         coordinates=coordinates,
         coordinate_covariance=own,
         active=_of_values(active, coordinates),
@@ -431,16 +431,16 @@ def _student_ratio(freedom: int) -> float:
     return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
-def _transformed(own: Floats, turn: Floats, unknown: Flags, free: Flags) -> Floats:
-    """Transform the coordinates' covariance to that of the values, by their Jacobian `turn`."""
-    result: Floats = turn[:, free] @ own[np.ix_(free, free)] @ turn[:, free].T
+def _transformed(own: Floats, jacobian: Floats, unknown: Flags, free: Flags) -> Floats:
+    """Transform the coordinates' covariance to that of the values, which have this `jacobian`."""
+    result: Floats = jacobian[:, free] @ own[np.ix_(free, free)] @ jacobian[:, free].T
     result[unknown] = np.nan
     result[:, unknown] = np.nan
     return result
 
 
 def _profiles(
-    problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
+    problem: Problem, x: Floats, jacobian: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
     """Profile intervals by parameter index, where the symmetric interval is not valid.
 
@@ -448,22 +448,22 @@ def _profiles(
     """
     coordinates, residuals, intervals = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
-    for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
-        stderr, scale = math.sqrt(turn[i] @ own @ turn[i]), float(turn[i] @ unit @ turn[i])
+    for i in (int(each) for each in np.flatnonzero(np.isfinite(jacobian).all(axis=1))):
+        stderr, scale = math.sqrt(jacobian[i] @ own @ jacobian[i]), float(jacobian[i] @ unit @ jacobian[i])
         if stderr == 0.0:
             continue
         half = NORMAL_QUANTILE * stderr
-        end, rise = half / scale * (unit @ turn[i]), half**2 / scale
+        end, rise = half / scale * (unit @ jacobian[i]), half**2 / scale
         if not is_symmetric(residuals, coordinates, x, end, i, half, rise):
-            values, wider = coordinates.values(x), float(beside[i])
-            intervals[i] = profile_interval(residuals, coordinates, values, i, stderr=stderr, rise=rise, beside=wider)
+            values, bias = coordinates.values(x), float(beside[i])
+            intervals[i] = profile_interval(residuals, coordinates, values, i, stderr=stderr, rise=rise, beside=bias)
     return intervals
 
 
 def _bounds_at(x: Floats, coordinates: Coordinates, covariance: Floats) -> NDArray[np.int_]:
     """Active bound of each coordinate: -1 lower, 1 upper, 0 none."""
     near = np.nan_to_num(_NEAR_BOUND * np.sqrt(np.diag(covariance)))
-    next_to = _NEXT_TO_BOUND * np.abs(coordinates.at(coordinates.typical))
+    next_to = _LARGEST_DISTANCE * np.abs(coordinates.at(coordinates.typical))
     distance = np.maximum(_AT_BOUND * coordinates.sizes(x), np.minimum(near, next_to))
     return np.where(x - coordinates.lower <= distance, -1, np.where(coordinates.upper - x <= distance, 1, 0))
 
@@ -516,8 +516,8 @@ _LEAST_FREEDOM = 5  # with fewer degrees of freedom a variance is too uncertain 
 _CONVERGED = 1e-14  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the residuals and their Jacobian
 _STATUS = {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}
-_NOTHING = 1e-9  # of the value: a smaller lower limit is not a constraint
-_ALIKE = 1e-9  # relative difference of the sums of squares of two searches that reached the same minimum
+_NEGLIGIBLE = 1e-9  # of the value: a smaller lower limit is not a constraint
+_SAME_MINIMUM = 1e-9  # relative difference of the sums of squares of two searches that reached the same minimum
 _INSIDE = 1e-6  # distance from the bounds at which a search begins, in sizes of the coordinate
 
 
@@ -554,7 +554,7 @@ class Parameter:
     @property
     def is_unconstrained(self) -> bool:
         """True if the data do not constrain the parameter; its value is then an artefact of the optimiser."""
-        return self.is_open and self.interval[0] < _NOTHING * self.value
+        return self.is_open and self.interval[0] < _NEGLIGIBLE * self.value
 
     @property
     def remark(self) -> str:
@@ -720,10 +720,10 @@ class _Problem:
             )
             solutions.append(end)
             least = min(squares for squares, _ in solutions)
-            alike = [x for squares, x in solutions if squares <= (1.0 + _ALIKE) * least]
-            if len(alike) > 1:  # a third search is not needed
+            equal = [x for squares, x in solutions if squares <= (1.0 + _SAME_MINIMUM) * least]
+            if len(equal) > 1:  # a third search is not needed
                 break
-        return alike[0]
+        return equal[0]
 
 
 def long_run_variance(

@@ -33,14 +33,14 @@ from .log_checks import (
     HIGHEST_MU,
     LOADS_DIFFER,
     LOWEST_MU,
-    ORDINARY,
+    MU_RANGE,
     deceleration_differs,
     is_wrong_wheel,
     units_or,
 )
 from .messages import message
 from .observed import BrakedRows, Observed
-from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
+from .prediction import PredictionErrors, has_prediction_errors, prediction_error_fit, slip_ramp
 
 # --- plausibility of a fit -------------------------------------------------------------------------------------------
 
@@ -87,7 +87,7 @@ def fit_warnings(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> 
     warnings = []
     if not ordinary:
         cause = units_or(value, curve.factors)
-        warnings.append(message("fitted mu", model=fitted.model.name, value=value, **ORDINARY, cause=cause))
+        warnings.append(message("fitted mu", model=fitted.model.name, value=value, **MU_RANGE, cause=cause))
     unconstrained = [f"{p.name} of {p.value:.4g}" for p in fitted.parameters if p.is_unconstrained]
     if unconstrained:
         warnings.append(message("any other", parameters=", ".join(unconstrained)))
@@ -98,24 +98,24 @@ def fit_warnings(fitted: Fit, setting: models.Setting, curve: AdhesionCurve) -> 
             by_user = bound in setting.bounds.get(p.name, ())
             why = message("bound given" if by_user else "bound, log ordinary" if log_ordinary else "bound, units")
             # a tiny bound represents an open bound of 0
-            end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
+            end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _OPEN_BOUND else bound:.4g}"
             warnings.append(f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {why}")
     return tuple(f"{curve.name}: {text}" for text in warnings)
 
 
-_NOTHING = 1e-11  # a bound below this represents an open bound of 0
+_OPEN_BOUND = 1e-11  # a bound below this represents an open bound of 0
 
 # --- the delay of the wheel's speed ----------------------------------------------------------------------------------
 
-_ALIKE = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
+_EQUAL = 2.6  # in standard errors: two delays that differ by less count as equal (99 %)
 _MOST_ROWS = 2000  # most rows used, in whole runs from the start; ten rig tests resolve a tenth of an interval
 _LEAST_GAIN = 40.0  # least deviance gain over the errors' long-run variance; logs without a delay reached 26
 _GAIN_OF_TABLE = 6.6  # least deviance gain of a table (chi-squared, 1 %), lower because it absorbs part of a delay
-_HOPELESS = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
+_LEAST_TRIAL_GAIN = 0.5  # of `_LEAST_GAIN`: if a parabola through three lags gains less, the search ends
 _RESOLVED = 0.03  # tolerance of the lag, in intervals of the log: at most a fifth of its standard error
 _MOST_LAGS = 10  # most evaluations of the final search; each is a fit
-_BETWEEN = 0.1  # standard error due to the motion between rows, in intervals, as found on the virtual rig
-_CURVED = 0.25  # difference step for the curvature of the deviance, in intervals
+_MOTION_STDERR = 0.1  # standard error due to the motion between rows, in intervals, as found on the virtual rig
+_CURVATURE_STEP = 0.25  # difference step for the curvature of the deviance, in intervals
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Shifted:
         self._record = replace(record, **{name: values[:rows] for name, values in vars(record).items()})
         self._model, self._vehicle, self._wheel_load = fit.model, vehicle, wheel_load
         self._start, self._results = fit.values, dict[float, tuple[float, float]]()
-        self.followed = is_followed(fit.model, self._record)
+        self.is_usable = has_prediction_errors(fit.model, self._record)
         self.interval = float(np.median(np.diff(self._record.time)[np.diff(self._record.run) == 0]))  # s
 
     def inflation(self, lag: float) -> float:
@@ -152,7 +152,7 @@ class Shifted:
         if lag not in self._results:
             problem = PredictionErrors(self._model, delayed(self._record, lag), self._vehicle, self._wheel_load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
-                deviance, values, inflation = problem.likeliest(self._start)
+                deviance, values, inflation = problem.maximum_likelihood(self._start)
             self._results[lag] = deviance, inflation
             self._start = values if deviance <= min(self._results.values())[0] else self._start
         return self._results[lag][0]
@@ -166,10 +166,10 @@ def lag_of(
     If a `table` is given, the delay must also improve the fit of the table.
     """
     shifted = Shifted(fit, record, vehicle, wheel_load)
-    if not shifted.followed:
+    if not shifted.is_usable:
         return None
     try:
-        lag = _likeliest(shifted)
+        lag = _most_likely(shifted)
         if lag is None or table is None:
             return lag
         beside = Shifted(table, record, vehicle, wheel_load)
@@ -178,7 +178,7 @@ def lag_of(
         return None
 
 
-def _likeliest(shifted: Shifted) -> Lag | None:
+def _most_likely(shifted: Shifted) -> Lag | None:
     """Lag that minimises -2 log likelihood of the motion; None unless the minimum is far below the value at lag 0."""
     from scipy.optimize import minimize_scalar
 
@@ -194,17 +194,17 @@ def _likeliest(shifted: Shifted) -> Lag | None:
     at = (low, middle, high)
     constant, slope, square = np.polynomial.polynomial.polyfit(at, [*map(deviance, at)], 2)
     least = constant - slope**2 / (4.0 * square) if square > 0.0 else deviance(middle)
-    if now - least <= _HOPELESS * _LEAST_GAIN:
+    if now - least <= _LEAST_TRIAL_GAIN * _LEAST_GAIN:
         return None
     options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
     best = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
-    lag, step = float(best.x), _CURVED * interval
+    lag, step = float(best.x), _CURVATURE_STEP * interval
     inflation = shifted.inflation(best.x)
     bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * best.fun) / step**2 / inflation
     if (now - best.fun) / inflation <= _LEAST_GAIN or not bend > 0.0:
         return None
-    stderr = math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval)
-    return Lag(lag, stderr) if abs(lag) > _ALIKE * stderr else None
+    stderr = math.hypot(math.sqrt(2.0 / bend), _MOTION_STDERR * interval)
+    return Lag(lag, stderr) if abs(lag) > _EQUAL * stderr else None
 
 
 def delayed(record: BrakedRows, lag: float) -> BrakedRows:
@@ -222,7 +222,7 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
     """Warning about a delay; `interval` is that of the log, s, `delays` are the corrections given by the user, s."""
     late, given = lag.seconds, delays.get(wheel_column, 0.0)
     cause = ""
-    if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
+    if not given and abs(late - interval / 2.0) < _EQUAL * lag.stderr:
         late, cause = interval / 2.0, "half an interval, as for a speed computed from encoder counts: "
     remedy = f"{cause}`delays` {wheel_column}={given + late:.3g} corrects it"
     remedy = message("no such delay") if abs(given + late) > LONGEST_DELAY else remedy
@@ -270,7 +270,7 @@ class Candidates:
         curve, setting, profiles = self.curve, self.setting, profiles and name != "table"
         model = models.fit_model(name, curve.cells, models.shape_of(curve.cells, curve.peak_slip), setting)
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
-        first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
+        first = fit(model, *known, profiles=profiles and not has_prediction_errors(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try extreme values
             fitted = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
             check_fit(fitted, setting, curve)
@@ -401,12 +401,12 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     table = candidates.table_of(fits)
     scores, chosen, peaks, without = _chosen(results.compare(fits, curve.cells), candidates, table)
     warnings = (
-        *_misfit(scores, chosen.fit, table, curve.name),
+        *_misfit_warning(scores, chosen.fit, table, curve.name),
         *curve.warnings,
-        *_against_the_log(curve, setting, options),
-        *_late(chosen.fit, table, candidates, options),
+        *_contradictions(curve, setting, options),
+        *_delay_warning(chosen.fit, table, candidates, options),
     )
-    of_model = _of_model(chosen, peaks, candidates)
+    of_model = _model_fields(chosen, peaks, candidates)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -420,7 +420,7 @@ def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> 
     )
 
 
-def _of_model(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
+def _model_fields(chosen: results.Score, peaks: tuple[results.PeakSlip, ...], candidates: Candidates) -> dict[str, Any]:
     """Fields of an `Identification` that depend on the chosen model; the last peak of each rail is at v0."""
     curve, setting = candidates.curve, candidates.setting
     at_v0 = {peak.rail: peak for peak in peaks}
@@ -463,7 +463,7 @@ def _chosen(
     raise InputError("; ".join([*_wheel_findings(curve), failures[0]]))
 
 
-def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
+def _contradictions(curve: AdhesionCurve, setting: models.Setting, options: Options) -> tuple[str, ...]:
     """Warnings about given values that contradict the log, one sentence each."""
     warnings, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
@@ -474,17 +474,18 @@ def _against_the_log(curve: AdhesionCurve, setting: models.Setting, options: Opt
     return tuple(f"{curve.name}: {text}" for text in warnings)
 
 
-def _misfit(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
+def _misfit_warning(scores: Sequence[results.Score], chosen: Fit, table: Fit | None, log: str) -> tuple[str, ...]:
     """Warning if the chosen formula does not fit, or if no formula fits."""
     nearest = next((score.fit for score in scores if score.fit.model.name != "table"), chosen)
     formula = chosen if chosen.model.name != "table" else nearest
     if table is None or not results.is_misfit(formula, table):
         return ()
-    numbers = {"model": formula.model.name, "limit": results.FALSE_MISFIT, "most": results.departure(formula, table)}
-    return (f"{log}: {message('no formula fits' if chosen is not formula else 'model does not fit', **numbers)}",)
+    key = "model does not fit" if chosen is formula else "no formula fits"
+    most = results.largest_difference(formula, table)
+    return (f"{log}: {message(key, model=formula.model.name, limit=results.FALSE_MISFIT, most=most)}",)
 
 
-def _late(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
+def _delay_warning(fit: Fit, table: Fit | None, candidates: Candidates, options: Options) -> tuple[str, ...]:
     """Warning if the wheel's speed is delayed; empty if another fault of the log could look like a delay.
 
     The estimate uses the formula if it fits, else the table.
@@ -576,17 +577,17 @@ def identify_several(
     for first, second in itertools.combinations([path for path in paths if path.is_file()], 2):
         if first.stat().st_size == second.stat().st_size and filecmp.cmp(first, second, shallow=False):
             raise InputError(message("a copy", path=second, other=first))
-    done = []
+    identified = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
-        done.append(identify(path, vehicle, options, progress=share))
+        identified.append(identify(path, vehicle, options, progress=share))
     if options.model == "best":
-        done = _with_one_model(done)
-    fits = [each.chosen.fit for each in done]
+        identified = _with_one_model(identified)
+    fits = [each.chosen.fit for each in identified]
     return LogSeries(
-        logs=tuple(done),
-        polynomials=results.over_initial_speed([each.setting.initial_speed for each in done], fits),
-        warnings=different_loads([(each.curve.name, each.setting.wheel_load) for each in done]),
+        logs=tuple(identified),
+        polynomials=results.over_initial_speed([each.setting.initial_speed for each in identified], fits),
+        warnings=different_loads([(each.curve.name, each.setting.wheel_load) for each in identified]),
     )
 
 
@@ -599,22 +600,22 @@ def different_loads(loads: Sequence[tuple[str, float]]) -> tuple[str, ...]:
     return (message("loads of logs", low=low, least=least, high=high, most=most, mean=mean),)
 
 
-def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
+def _with_one_model(identified: Sequence[Identification]) -> list[Identification]:
     totals: dict[str, float] = {}
-    for score in done[0].scores:
+    for score in identified[0].scores:
         name = score.fit.model.name
-        same = [s for each in done for s in each.scores if s.fit.model.name == name]
-        if len(same) == len(done) and name != "table":  # tables have different knots in each log
+        same = [s for each in identified for s in each.scores if s.fit.model.name == name]
+        if len(same) == len(identified) and name != "table":  # tables have different knots in each log
             totals[name] = sum(s.bic for s in same)
     if not totals:
         raise InputError("model: no model fits every log; choose a model with `model`")
     for best in sorted(totals, key=lambda name: totals[name]):
         with suppress(DomainError):  # raised if the model has no peak in one of the logs
-            return [_choosing(each, best) for each in done]
+            return [_with_model(each, best) for each in identified]
     raise InputError("model: no model has a peak in every log; choose a model with `model`")
 
 
-def _choosing(identification: Identification, name: str) -> Identification:
+def _with_model(identification: Identification, name: str) -> Identification:
     if identification.chosen.fit.model.name == name:
         return identification
     curve, setting = identification.curve, identification.setting
@@ -623,4 +624,4 @@ def _choosing(identification: Identification, name: str) -> Identification:
     chosen = replace(score, fit=candidates.with_intervals(score.fit))
     peaks = _peaks(chosen, setting, curve, candidates.table_of([each.fit for each in identification.scores]))
     scores = tuple(chosen if each is score else each for each in identification.scores)
-    return replace(identification, scores=scores, **_of_model(chosen, peaks, candidates))
+    return replace(identification, scores=scores, **_model_fields(chosen, peaks, candidates))

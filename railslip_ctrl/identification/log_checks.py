@@ -41,7 +41,7 @@ _SECONDS, _LEAST_ROWS = 0.2, 16  # least duration, s, and rows of a window
 _ROUNDING = 1e-6  # relative rounding error of the median interval
 _GAP_INTERVALS = 5.0  # a longer interval separates windows, in median intervals
 _MOST_WINDOWS = 8192  # if there are more, every second window is dropped
-_ABSURD = 1e12  # SI; larger values are not measurements, and their squares might overflow
+_LARGEST_VALUE = 1e12  # SI; larger values are not measurements, and their squares might overflow
 
 _STEADY = 3.0  # in standard errors; a smaller trend is not significant
 _STEADY_MU = 0.001  # torque over radius and wheel load; smaller changes within or between windows are accepted
@@ -49,8 +49,8 @@ _STEADY_SLIP = 0.03  # accepted slip change in a window; contact oscillations ar
 
 _LEAST_WINDOWS = 2
 _LEAST_SHARE = 0.02  # least share of the steady windows; a shorter zero torque may be a dropout of the sensor
-_BRAKES = 0.02  # of wheel load times radius; a larger torque is an offset only if it does not slow the train
-_SLOWED = 0.5  # of the deceleration that the torque would cause; a train that slows more is braked
+_LEAST_BRAKE = 0.02  # of wheel load times radius; a larger torque is an offset only if it does not slow the train
+_BRAKED_SHARE = 0.5  # of the deceleration that the torque would cause; a train that slows more is braked
 
 _MEDIAN = 1.2533  # standard error of a median over that of a mean, normal noise
 _SIGMA_PER_MAD = 1.4826  # standard deviation over the median absolute deviation, normal noise
@@ -97,7 +97,7 @@ class FreeRolling:
 
     def add(self, rows: Floats) -> None:
         """Add rows (5, k): time (s), v (m/s), omega (rad/s), torque (N*m), load (N); time grows over all blocks."""
-        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _ABSURD, axis=0)]], axis=1)
+        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _LARGEST_VALUE, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
             return
@@ -147,8 +147,8 @@ class FreeRolling:
         torque, v, omega, _, _, _, moves = windows
         zero, speed, turning, centre, _, slows, _ = np.median(windows, axis=1).tolist()
         by_brake = slows - self._vehicle.resistance.force(speed) / self._vehicle.effective_mass
-        slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
-        if zero >= _BRAKES * self._radius * centre and slowed:
+        slowed = by_brake > _BRAKED_SHARE * zero / (self._radius * self._vehicle.effective_mass)
+        if zero >= _LEAST_BRAKE * self._radius * centre and slowed:
             return None
         slip = 1.0 - self._radius * omega / v
         # rounding averages out over a window if the encoder's reading changes; a constant reading keeps its error
@@ -208,7 +208,7 @@ _OTHER_UNIT = 0.15  # slip ratio; wear of the wheel causes less, so a larger sli
 MOST_FREE_SLIP = 0.5  #: slip ratio in free rolling beyond which a log is refused; no error of a radius is so large
 
 _UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
-_ALIKE = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
+_EQUAL = 0.05  # relative difference below which two ratios count as equal; larger than usual errors of the radius
 _MOST_CREEP = 0.002  # limit of the creep, slip ratio: a wrong radius distorts the slope from which it is computed
 _UNTRUSTED = 0.005  # slip ratio in free rolling beyond which other checks of the log are unreliable
 _EXPLAINED = 0.25  # of the slip: a given zero is the cause if less than this share remains without it
@@ -273,12 +273,12 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     # slip without each of the given zeros
     rim, speed = radius * rolling.omega, rolling.speed
     on_rim = radius if known.wheel_column == "wheel_angular_speed" else 1.0
-    again = {
+    speed_ratios = {
         "train_speed": lambda zero: rim / (speed + zero),
         known.wheel_column: lambda zero: (rim + zero * on_rim) / speed,
     }
     for name, zero in known.zeros.items():
-        without = 1.0 - again[name](zero) if name in again else math.inf
+        without = 1.0 - speed_ratios[name](zero) if name in speed_ratios else math.inf
         if abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
             return shown + message("zero makes slip", name=name, zero=zero, percent=100.0 * without)
     likely = message("other radius", likely=radius / (1.0 - slip + known.creep(rolling)), radius=radius)
@@ -292,7 +292,7 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
 
 def _is_ratio(ratio: float, factor: float) -> bool:
     """True if a ratio is close to a factor or to its inverse."""
-    return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _ALIKE
+    return min(abs(ratio * factor - 1.0), abs(ratio / factor - 1.0)) < _EQUAL
 
 
 def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
@@ -306,7 +306,7 @@ def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
 
 HIGHEST_MU, LOWEST_MU = 0.7, 0.01  #: plausible range of steel on steel: about 0.6 with sand, 0.02 with leaves
 
-ORDINARY = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: this range, as arguments of messages
+MU_RANGE = {"least": LOWEST_MU, "most": HIGHEST_MU}  #: this range, as arguments of messages
 
 _UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
@@ -338,19 +338,19 @@ def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Findi
     """Finding if the highest mean mu of a bin is implausible for steel on steel; `factors` as of `unit_hint`."""
     highest = float(mean_mu.max(initial=-math.inf))
     if not LOWEST_MU <= highest <= HIGHEST_MU:
-        yield Finding("adhesion", message("highest mean mu", mu=highest, **ORDINARY, cause=units_or(highest, factors)))
+        yield Finding("adhesion", message("highest mean mu", mu=highest, **MU_RANGE, cause=units_or(highest, factors)))
 
 
 # --- the train's deceleration, and the unit of the time ------------------------------------------------------------
 
 _OTHER_DECELERATION = 1.15  # plausible ratio; errors of mass, load and forces outside the model are smaller
 _SLOWED_DOWN = 0.02  # least share of its speed that the train must lose; a rig at constant speed cannot be checked
-_OTHER_CLOCK = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
-_CLOCKS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
-_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside this range the torque's unit is wrong
+_OTHER_TIME_UNIT = 200.0  # ratio of decelerations that indicates a wrong time unit; s for ms gives at least 1000
+_TIME_UNITS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}  # s
+_PULL_RANGE = (0.02, 1.0)  # highest brake torque by wheel load and radius; outside it the torque's unit is wrong
 
 
-def _lost(record: BrakedRows) -> float:
+def _speed_lost(record: BrakedRows) -> float:
     """Total speed that the train loses in the runs, m/s; NaN if it is too small to use."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
@@ -370,7 +370,7 @@ def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
     resistance = float(step @ vehicle.resistance.force(v))
     expected = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
-    return _lost(record) / expected if expected > 0.0 else math.nan
+    return _speed_lost(record) / expected if expected > 0.0 else math.nan
 
 
 def deceleration_differs(ratio: float) -> bool:
@@ -384,14 +384,14 @@ def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float, unit: 
     Compares the speed lost in the runs under brake with the speed loss expected from brake torque and mass, per wheel.
     `highest_pull` as in `Survey`.
     """
-    if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
+    if not len(record) or not _PULL_RANGE[0] < highest_pull < _PULL_RANGE[1]:
         return None
     impulse = float((np.diff(record.time) * record.torque[1:])[np.diff(record.run) == 0].sum())
-    ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / impulse if impulse > 0.0 else math.nan
-    if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
+    ratio = _speed_lost(record) * vehicle.wheel.radius * vehicle.effective_mass / impulse if impulse > 0.0 else math.nan
+    if math.isnan(ratio) or 1.0 / _OTHER_TIME_UNIT < ratio < _OTHER_TIME_UNIT:
         return None
-    likely = min(_CLOCKS, key=lambda name: abs(math.log(_CLOCKS[name] / (unit * ratio))))
-    read = next((name for name, clock in _CLOCKS.items() if math.isclose(clock, unit)), f"units of {unit:.3g} s")
+    likely = min(_TIME_UNITS, key=lambda name: abs(math.log(_TIME_UNITS[name] / (unit * ratio))))
+    read = next((name for name, clock in _TIME_UNITS.items() if math.isclose(clock, unit)), f"units of {unit:.3g} s")
     less, times = ("less", 1.0 / ratio) if ratio < 1.0 else ("more", ratio)
     return message("other clock", ratio=times, less=less, likely=likely, read=read)
 

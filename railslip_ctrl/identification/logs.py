@@ -1,11 +1,10 @@
 """Read a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
 A header cell is a name of `NAMES`, with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "time_ms". Case,
-spaces, underscores and hyphens are ignored. If a cell has several brackets, the last bracket with a unit of the
-quantity is used; if no bracket has such a unit, the cell is refused. A column without a unit is read in SI. The unit
-decides whether `n` is the angular speed or the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm
-or the like is an angular speed. Time, train speed, brake torque and one of the two wheel speeds are required; other
-columns are ignored.
+spaces, underscores and hyphens are ignored. If a cell has several brackets, the last one with a unit of the quantity is
+used; if none has a unit, the cell is refused. A column without a unit is in SI. The unit decides whether `n` is the
+angular speed or the wheel load; without a unit it is the load. A wheel speed in rad/s, rpm or the like is an angular
+speed. Time, train speed, brake torque and one of the two wheel speeds are required; other columns are ignored.
 
 The header is the first line that names the required columns. If the log begins with numbers, the header is the last
 comment line (#) above them that names the columns, as NumPy writes it. A line of units may follow the header.
@@ -94,12 +93,13 @@ def find_columns(
                 raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
     by_quantity: dict[str, Column] = {}
     for quantity in UNITS:
-        index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
+        cell = columns.get(quantity)
+        index = _known_index(header, quantity) if cell is None else _given_index(header, quantity, cell)
         if index is not None:
             column = _column(quantity, index, header[index], units.get(quantity))
             other = by_quantity.get(column.quantity)
             if other is not None and quantity not in columns:
-                raise _several(column.quantity, header, sorted((other.index, index)))
+                raise _ambiguous(column.quantity, header, sorted((other.index, index)))
             by_quantity[column.quantity] = column
     missing = [q for q in ("time", "train_speed", "brake_torque") if q not in by_quantity]
     if missing or not {*_WHEEL} & by_quantity.keys():
@@ -120,7 +120,7 @@ def is_unit(text: str, quantity: str) -> bool:
     return False
 
 
-def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
+def _given_index(header: Sequence[str], quantity: str, wanted: str) -> int:
     at = [i for i, cell in enumerate(header) if " ".join(wanted.split()) in _names(cell, quantity)]
     if not at and _POSITION.fullmatch(wanted.strip()) and int(wanted) <= len(header):
         return int(wanted) - 1
@@ -130,15 +130,15 @@ def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
     return at[0]
 
 
-def _recognised(header: Sequence[str], quantity: str) -> int | None:
+def _known_index(header: Sequence[str], quantity: str) -> int | None:
     known = {_plain(name) for name in NAMES[quantity]}
     at = [i for i, cell in enumerate(header) if known & {_plain(name) for name in _names(cell, quantity)}]
     if len(at) > 1:
-        raise _several(quantity, header, at)
+        raise _ambiguous(quantity, header, at)
     return at[0] if at else None
 
 
-def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
+def _ambiguous(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
     remedy = f"choose with `columns` {quantity}=HEADER{_by_position(at)}"
     return InputError(f"header: {quantity} may be any of {_cells([header[i] for i in at])}; {remedy}")
 
@@ -375,9 +375,9 @@ class LogFile:
         self._size = 0 if standard else os.fstat(self._raw.fileno()).st_size
         self._file: Any = self._raw
         try:
-            if self._tried(self._raw.peek, 8).startswith(_GZIP):
+            if self._guarded(self._raw.peek, 8).startswith(_GZIP):
                 self._file = gzip.GzipFile(fileobj=self._raw)
-            beginning = self._tried(self._file.peek, 8)
+            beginning = self._guarded(self._file.peek, 8)
             for magic, description in _OTHER_FORMATS.items():
                 if beginning.startswith(magic):
                     raise InputError(f"{self.name}: is {description}; give a CSV file, gzipped or not")
@@ -402,7 +402,7 @@ class LogFile:
         """Read `count` bytes, or fewer at the end of the file."""
         parts = [self.ahead.read(count)]
         missing = count - len(parts[0])
-        while missing > 0 and (part := self._tried(self._file.read1, missing)):
+        while missing > 0 and (part := self._guarded(self._file.read1, missing)):
             parts.append(part)
             missing -= len(part)
         self._position = self._raw.tell() if self._size else 0
@@ -424,7 +424,7 @@ class LogFile:
         self._file.close()
         self._raw.close()
 
-    def _tried(self, method: Callable[[int], bytes], count: int) -> bytes:
+    def _guarded(self, method: Callable[[int], bytes], count: int) -> bytes:
         try:
             return b"" if self.damage else method(count)
         except EOFError:
@@ -449,15 +449,15 @@ _MOST_NAMED = 5  # unreadable lines that have a message of their own
 _FIRST_ROWS = 1000  # rows that are buffered to detect empty columns, decimal mark and cell count
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
 _PIECE = 1000  # lines that are parsed one by one if a line among them cannot be read
-_DISPENSABLE = {
+_OPTIONAL = {
     "wheel_load": "the vehicle's wheel load is used",
     "wheel_speed": "the wheel's angular speed is used",
     "wheel_angular_speed": "the wheel speed is used",
 }
-_STRANGE = re.compile(rb"[\0-\x08\x0b-\x1f]")
+_CONTROL = re.compile(rb"[\0-\x08\x0b-\x1f]")
 _QUOTED = re.compile(rb'"[^"]*"')
 _BLANKS = re.compile(rb"[ \t]+")
-_ORDINARY = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
+_REGULAR = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
 _MARK = re.compile(r"[+-]?(?:[\d.]*(?P<comma>,)|[\d,]*(?P<point>\.))\d+(?:[eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,]\d{3})+(?:[.,]\d+)?")  # a number with thousands separators
 _FASTEST, _SHARE_FAST = 60.0, 0.1  # m/s, share of rows; if more rows are faster and no unit is given, it may be km/h
@@ -568,7 +568,7 @@ class Log:
     def rows(self) -> Iterator[Rows]:
         """Yield the rows, block by block; `broken` and `share` are up to date after each."""
         try:
-            for first, block in self._begun(self._blocks()):
+            for first, block in self._after_first_rows(self._blocks()):
                 rows = self._parsed(first, block)
                 self._kept += len(rows)
                 yield rows
@@ -629,7 +629,7 @@ class Log:
         block = block.replace(b"\r\r\n", b"\n").replace(b"\r\n", b"\n")  # \r\r\n: line ends converted twice
         return _OUTER_TABS.sub(b"", _BLANKS.sub(b"\t", block)) if self._header.separator == BLANKS else block
 
-    def _begun(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    def _after_first_rows(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
         """Yield the blocks, after detecting decimal mark and empty columns in the first rows."""
         buffered: list[tuple[int, bytes]] = []
         ends = size = 0
@@ -646,7 +646,7 @@ class Log:
         """Drop optional columns that are empty in the first rows."""
         split = (self._cells(line) for line in lines if line.strip() and not line.startswith(COMMENT))
         rows = [cells for cells in split if cells and len(cells) >= len(self._header.cells)]
-        for name, instead in _DISPENSABLE.items():
+        for name, instead in _OPTIONAL.items():
             column = self.columns.get(name)
             needed = name in _WHEEL and len({*_WHEEL} & self.columns.keys()) < len(_WHEEL)
             if column is None or needed or not rows:
@@ -724,7 +724,7 @@ class Log:
 
     def _is_regular(self, block: bytes) -> bool:
         """True if every line has the usual number of cells and no special characters, so that no line needs a check."""
-        if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
+        if block.translate(None, _REGULAR) or self._count > len(self._header.cells):
             return False
         codes = np.frombuffer(block, dtype=np.uint8)
         ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
@@ -766,7 +766,7 @@ class Log:
 
     def _fault(self, line: bytes) -> str:
         """Describe the fault of a line; empty if it has the usual number of cells."""
-        if _STRANGE.search(line):
+        if _CONTROL.search(line):
             nulls = line.count(b"\0")  # a power cut during recording leaves null bytes
             if nulls < 2:
                 return "a control character or a carriage return within the line"

@@ -49,17 +49,17 @@ DYNAMIC = ("bristle",)  #: models with a state
 
 _LEAST_INTERVALS = 60  # fewer intervals do not determine two variances and the parameters
 _SUBSTEPS = (1, 2)  # substeps of an interval, for slow and for fast decay of a deviation
-_LITTLE = 0.3  # largest logarithmic decay per interval for one substep; the error is then some 1e-5 of the force
+_SLOW_DECAY = 0.3  # largest logarithmic decay per interval for one substep; the error is then some 1e-5 of the force
 _SLIP_STEP = 1e-6  # slip difference for the slope of the force; the steepest law changes its slope over 1e-3
 _ROUNDS = 4  # most rounds of estimating variances and parameters alternately
 _SETTLED = 1e-6  # relative change of the parameters that ends the rounds
 _RATIOS = (math.log(1e-8), math.log(1e6))  # log range: variance of the sensor over that of the random force's effect
 _LARGEST_SLIP = 0.999  # slip ratio; larger trial values are set to it
-_WILDEST = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
+_LARGEST_GROWTH = 50.0  # largest logarithmic growth of a deviation over a step; keeps the numbers finite
 _OFF_BOUND = 1e-3  # distance from a bound at which a search begins, in sizes of the coordinate
 _CONVERGED = 1e-10  # relative tolerance of the sum of squares
 _SEARCH = 300  # most evaluations of the errors and their Jacobian
-_ALIKE = 1e-6  # relative difference of the sums of squares of searches that reached the same minimum
+_SAME_MINIMUM = 1e-6  # relative difference of the sums of squares of searches that reached the same minimum
 _FOLLOWED_CELLS = 100  # cells over the root of the slip ratio
 _SPLINE_POINTS = 256  # over the root of the slip; the error is some 256^-4 of mu
 _SPLINE_REACH = 0.005  # slip by which the spline extends beyond the record's highest slip, for predictions
@@ -105,18 +105,18 @@ class Intervals:
     def __len__(self) -> int:
         return len(self.step)
 
-    def bent(self, *, steeper: bool = False) -> Intervals:
+    def with_curvature(self, *, steeper: bool = False) -> Intervals:
         """Account for curvature: sets `speed_bend`, and shifts the torques so that a line has the parabola's mean.
 
         A parabola passes through both ends of the interval and a third row, before or after it. The flatter of the two
         parabolas is used, because it does not cross a corner of the signal. The steeper parabola bounds the effect of a
         corner between two rows.
         """
-        excess = self._bend(self.torque0, self.torque1, steeper=steeper) / 12.0
-        bend = self._bend(self.speed0, self.speed1, steeper=steeper)
+        excess = self._curvature(self.torque0, self.torque1, steeper=steeper) / 12.0
+        bend = self._curvature(self.speed0, self.speed1, steeper=steeper)
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
-    def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
+    def _curvature(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
         """Second derivative times the interval squared; 0 for a run of one interval."""
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # at the rows between two intervals; unknown at both ends of a run
@@ -142,7 +142,7 @@ class PredictionErrors:
         self.radius, self.J = vehicle.wheel.radius, vehicle.effective_inertia
         self.B = vehicle.effective_viscous_friction
         self._straight = Intervals.of(record)
-        self.intervals = self._straight.bent()
+        self.intervals = self._straight.with_curvature()
         self._factor: Floats | None = None
         self._substeps = _SUBSTEPS[1]
         self._spline: tuple[tuple[float, ...], Any] | None = None
@@ -189,7 +189,7 @@ class PredictionErrors:
             at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # one call, because for few rows each call takes long
             force, steeper, later = self._force(values, at, np.stack([v, v, v + dv]))
             q = (self.radius**2 * (steeper - force) / (_SLIP_STEP * v) + self.B) / self.J * h
-            q = np.maximum(q, -_WILDEST)
+            q = np.maximum(q, -_LARGEST_GROWTH)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
             change = self.B * dv + self.radius * dtorque - self.radius**2 * (later - force)
             decayed, mean = phi(q), mean_phi(q)
@@ -310,11 +310,11 @@ class PredictionErrors:
         """Best coordinates from several starting values of the parameters, and the whitened errors at them."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
-            self._substeps = _SUBSTEPS[steepest > _LITTLE]
+            self._substeps = _SUBSTEPS[steepest > _SLOW_DECAY]
         at, values = self.coordinates.at, self.coordinates.values
         tried = [self._search(at(start)) for start in starts]
         least = min(squares for squares, _ in tried)
-        best = next(x for squares, x in tried if squares <= (1.0 + _ALIKE) * least)
+        best = next(x for squares, x in tried if squares <= (1.0 + _SAME_MINIMUM) * least)
         for _ in range(_ROUNDS - 1):
             before, best = best, self._search(best)[1]
             if np.all(np.abs(best - before) <= _SETTLED * self.coordinates.sizes(best)):
@@ -322,7 +322,7 @@ class PredictionErrors:
         self.set_variances(values(best))
         return best, self.residuals(values(best))
 
-    def likeliest(self, start: Floats) -> tuple[float, Floats, float]:
+    def maximum_likelihood(self, start: Floats) -> tuple[float, Floats, float]:
         """Fit from one start; return (-2 log likelihood up to a constant, best parameters, inflation of the errors)."""
         best, errors = self.solve([start])
         return self.deviance, self.coordinates.values(best), _inflation(self.intervals, errors, len(best))[0]
@@ -352,12 +352,12 @@ class PredictionErrors:
         - Integration step: Richardson's estimate of order 2. The bristles' state is integrated exactly and needs none.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
-        here, bent = self.residuals(values), self.intervals
+        here, intervals = self.residuals(values), self.intervals
         shifts = []
-        for other in (self._straight, self._straight.bent(steeper=True)):
+        for other in (self._straight, self._straight.with_curvature(steeper=True)):
             self.intervals = other
             shifts.append(inverse @ (self.residuals(values) - here))
-        self.intervals = bent
+        self.intervals = intervals
         if self.model.name in STATIC:
             steps = self._substeps
             self._substeps = 2 * steps
@@ -384,11 +384,11 @@ _LEAST_ROWS = 4  # least rows between two knots of a table; rapidly growing slip
 _STRETCH = 10.0  # shortest stretch over which errors are summed, in intervals
 _STRETCHES_A_PARAMETER = 3.0  # least stretches for each parameter; a log with fewer gets shorter stretches
 _ALPHA_FACTORS = (0.2, 1.0)  # starts of alpha over its fit to the cells, which is too large if the slip grows rapidly
-_FAR_BELOW = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
+_WHOLE_TEST = 1 / 3  # a whole test begins below this share of the slip up to which its ramp is measured
 _RAMP_RANGE = 2.0  # a note gives the peak for slip accelerations lower and higher by this factor
 
 
-def is_followed(model: FitModel, record: BrakedRows) -> bool:
+def has_prediction_errors(model: FitModel, record: BrakedRows) -> bool:
     """True if a model has a prediction-error fit and the record has enough intervals for it."""
     return model.name in (*STATIC, *DYNAMIC) and int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
@@ -398,10 +398,10 @@ def prediction_error_fit(
 ) -> Fit:
     """Refit a model by minimising the prediction errors, from its `first` fit, to the cells.
 
-    Returns the first fit unless `is_followed`. `profiles` as in `fits.fit`. InputError for a log whose wheel motion the
-    model cannot reproduce.
+    Returns the first fit unless `has_prediction_errors`. `profiles` as in `fits.fit`. InputError for a log whose wheel
+    motion the model cannot reproduce.
     """
-    if not is_followed(first.model, record):
+    if not has_prediction_errors(first.model, record):
         return first
     try:
         return _refitted(first, record, vehicle, cells, setting, profiles)
@@ -430,7 +430,7 @@ def _refitted(first: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, se
     if model.name == "table":
         every_second = sorted({*range(0, len(model.knots), 2), len(model.knots) - 1})
         coarser, start = model.with_knots(every_second), known.values[every_second]
-        halved = PredictionErrors(coarser, record, vehicle, setting.wheel_load).likeliest(start)[1]
+        halved = PredictionErrors(coarser, record, vehicle, setting.wheel_load).maximum_likelihood(start)[1]
         quality["coarse"] = spline(coarser.knots, halved)(model.knots)
     if model.name in STATIC:
         return replace(fit_of(model, known, cells, setting, noise), **quality)
@@ -474,7 +474,7 @@ def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: floa
             up = of_test >= top
             end = int(np.argmax(up)) if up.any() else -1
             gain = initial_speed * (of_test[end] - of_test[0])
-            ramps.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _FAR_BELOW * top)))
+            ramps.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _WHOLE_TEST * top)))
     if not ramps:
         return 0.0, None
     duration, gain, arrived, whole = np.array(ramps).T

@@ -127,7 +127,7 @@ def is_misfit(fit: Fit, table: Fit | None) -> bool:
     return table is not None and misfit_probability(fit, table) < FALSE_MISFIT
 
 
-def departure(fit: Fit, table: Fit) -> float:
+def largest_difference(fit: Fit, table: Fit) -> float:
     """Largest difference of mu between a fit and a table, over the cells of a log."""
     return float(np.abs(fit.cell_coefficients - table.cell_coefficients).max())
 
