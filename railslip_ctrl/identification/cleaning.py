@@ -71,7 +71,7 @@ A nearer stamp is attributed to a misplaced row or to a clock that was set back;
 
 _LEAST_BESIDE = 4  # neighbouring stamps needed to estimate the usual interval
 
-# A step forward counts as a jump if it is this many times as long as the step back after it; swapped rows have less.
+# A step forward counts as a jump if it is this many times the step back after it; swapped rows have a smaller ratio.
 _JUMP = 5.0
 _STAMPS_KEPT = 64  # judged rows that are kept, to find the line of a jump
 _MOST_NAMED = 5  # stamps that have a warning of their own
