@@ -44,12 +44,12 @@ function notify(text, mild = false, refused = false) {
 // --- requests --------------------------------------------------------------------------------------------------------
 
 // Return the answer, or {stale} after a newer request, or {busy}, or {error}, which is empty if the server does not answer.
-async function send(what, more = {}) {
-  turns[what] = (turns[what] ?? 0) + 1;
-  const body = JSON.stringify({ client: CLIENT, turn: turns[what], ...more });
+async function send(name, extra = {}) {
+  turns[name] = (turns[name] ?? 0) + 1;
+  const body = JSON.stringify({ client: CLIENT, turn: turns[name], ...extra });
   let answer;
   try {
-    const got = await fetch(what, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    const got = await fetch(name, { method: "POST", headers: { "Content-Type": "application/json" }, body });
     if (got.status === 200) answer = unpacked(await got.arrayBuffer());
     else answer = { 204: { stale: true }, 503: { busy: true } }[got.status] ?? { error: (await got.json()).error };
   } catch {
@@ -73,7 +73,7 @@ function unpacked(buffer) {
 
 function serverLost() {
   notify("The server does not answer. The address of this page contains the whole design. "
-    + "Start railslip design again with the same --port; the page then continues.");
+    + "Start railslip design again with the same --port; the page then reconnects.");
   if (disconnected) return;
   disconnected = true;
   const later = () => setTimeout(() => disconnected && fetch("page.css").then((got) => (got.ok ? serverBack() : later()), later), RETRY);
@@ -90,10 +90,11 @@ function serverBack() {
 
 // Requests of the same name, sent one after the other; if the design changes meanwhile, only the newest is sent.
 class LatestRequest {
-  constructor(what, wait, take, more = () => ({})) {
-    Object.assign(this, { what, wait, take, more, pending: false, repeat: false, timer: 0 });
+  constructor(name, wait, onAnswer, extra = () => ({})) {
+    Object.assign(this, { name, wait, onAnswer, extra, pending: false, repeat: false, timer: 0 });
   }
 
+  // Send the request after a pause in the changes, or after the answer to the present request.
   soon(wait = this.wait) {
     clearTimeout(this.timer);
     if (this.pending) this.repeat = true;
@@ -102,13 +103,13 @@ class LatestRequest {
   }
 
   async now() {
-    if (!kindNow().loop && this.what !== "loop" && this.what !== "stops") return;
+    if (!kindNow().loop && this.name !== "loop" && this.name !== "stops") return;
     this.pending = true;
     this.repeat = false;
-    const answer = await send(this.what, { design, ...this.more() });
+    const answer = await send(this.name, { design, ...this.extra() });
     this.pending = false;
     if (answer.busy) this.soon(RETRY);
-    else if (!answer.stale && answer.error !== "" && !(answer.error && this.repeat)) this.take(answer, this.repeat);
+    else if (!answer.stale && answer.error !== "" && !(answer.error && this.repeat)) this.onAnswer(answer, this.repeat);
     if (this.repeat && !disconnected) this.soon();
   }
 }
