@@ -7,7 +7,7 @@ import webbrowser
 import click
 
 from railslip_ctrl.design.workbench import Workbench
-from railslip_ctrl.page.server import Desk, PageServer
+from railslip_ctrl.page.server import Dispatcher, PageServer
 from railslip_ctrl.report.export import json_text
 
 from .margins import given_controller
@@ -67,10 +67,10 @@ def command(
     if controller is not None or gains is not None:
         point = judged.points(nominal=True).plants[0].point
         given = given_controller(controller or "pi", point, gains, judged.reference)
-    desk = Desk(Workbench(judged, given))
-    server = PageServer(desk, whole_number("--port", port, 0, _LARGEST_PORT))
+    dispatcher = Dispatcher(Workbench(judged, given))
+    server = PageServer(dispatcher, whole_number("--port", port, 0, _LARGEST_PORT))
     try:
-        with server, desk.opened():
+        with server, dispatcher.opened():
             click.echo(json_text({"address": server.address}) if as_json else server.address)
             if not no_browser:
                 webbrowser.open(server.address)

@@ -256,7 +256,7 @@ def _warn(result: Identification | LogSeries) -> None:
     for each in (result,) if isinstance(result, Identification) else result.logs:
         for note in each.curve.notes:
             progress(options_named(f"note: {each.curve.name}: {note}"))
-        for warning in (*each.warnings, *each.doubts):
+        for warning in (*each.warnings, *each.fit_warnings):
             progress(options_named(f"warning: {warning}"))
     if isinstance(result, LogSeries):
         for warning in result.warnings:

@@ -22,7 +22,14 @@ from railslip_ctrl.identification.fits import Fit
 from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.log_checks import Rolling
 from railslip_ctrl.identification.observed import Observed
-from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, of_known, too_few
+from railslip_ctrl.identification.results import (
+    ParameterPolynomial,
+    PeakSlip,
+    Regimes,
+    Score,
+    criteria_note,
+    known_polynomials,
+)
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
@@ -84,12 +91,12 @@ def _log_parts(result: Identification) -> list[RenderableType]:
         heading(f"Model: {fit.law.title} ({fit.model.name})", "-"),
         _parameter_table(fit),
     ]
-    parts += [Text(f"Warning: {warning}") for warning in result.doubts]
+    parts += [Text(f"Warning: {warning}") for warning in result.fit_warnings]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(result)]
     samples = f"{result.scores[0].independent:.3g} independent samples"
     weight = f"AIC and BIC are based on {samples}, and are only for comparing these models with each other"
-    parts.append(Text(f"{too_few(result.scores) or weight}\n"))
+    parts.append(Text(f"{criteria_note(result.scores) or weight}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in result.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(result)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(result.peaks)]
@@ -107,7 +114,7 @@ def _load_of(result: Identification) -> str:
 def _log_facts(result: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = result.curve, result.curve.survey, result.setting
     regrips = f"; {survey.readhesion} more are left out, because the wheel regrips" if survey.readhesion else ""
-    adhesion, sliding = curve.parted_at(result.regimes.boundary)
+    adhesion, sliding = curve.split_counts(result.regimes.boundary)
     vehicle = f"{result.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(result)}, {setting.rail} rail"
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
@@ -223,7 +230,7 @@ def model_toml(found: Identification) -> str:
         f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {load:g} N.",
         f"Mean absolute error of mu {found.chosen.mean_abs_error:.3g}.",
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
-        *(f"Warning: {warning}" for warning in (*found.warnings, *found.doubts)),
+        *(f"Warning: {warning}" for warning in (*found.warnings, *found.fit_warnings)),
         *fit.notes,
         *curve.notes,
         *found.peak_notes,
@@ -241,11 +248,11 @@ def series_toml(result: LogSeries) -> str | None:
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
         "Use with --adhesion and --initial-speed. Reference slips are those of the logs at their initial speeds.",
         *(text for p in result.polynomials for text in _errors_of(p)),
-        *(f"Warning: {warning}" for each in result.logs for warning in (*each.warnings, *each.doubts)),
+        *(f"Warning: {warning}" for each in result.logs for warning in (*each.warnings, *each.fit_warnings)),
         *(f"Warning: {warning}" for warning in result.warnings),
         *(f"{each.curve.name}: {note}" for each in result.logs for note in each.curve.notes),
     ]
-    coefficients = {p.name: p.coefficients for p in result.polynomials} | of_known(speeds, fits)
+    coefficients = {p.name: p.coefficients for p in result.polynomials} | known_polynomials(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
     numbers = {name: values.tolist() for name, values in coefficients.items()}
     held, load = _references(result), sum(each.setting.wheel_load for each in result.logs) / len(fits)
@@ -377,7 +384,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
             }
             for score in result.scores
         ],
-        "models_note": too_few(result.scores) or None,
+        "models_note": criteria_note(result.scores) or None,
         "curve": _bins_json(result),
         "log": _log_json(result),
     }
@@ -437,7 +444,7 @@ def _bins_json(result: Identification) -> list[dict[str, Any]]:
 
 def _log_json(result: Identification) -> dict[str, Any]:
     curve = result.curve
-    adhesion, sliding = curve.parted_at(result.regimes.boundary)
+    adhesion, sliding = curve.split_counts(result.regimes.boundary)
     named = {"gaps": "gap_count", "regripping_rows": "readhesion"}
     rolling = curve.rolling
     return {
@@ -458,7 +465,7 @@ def _log_json(result: Identification) -> dict[str, Any]:
             {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
             for step in curve.steps
         ],
-        "warnings": [*result.warnings, *result.doubts],
+        "warnings": [*result.warnings, *result.fit_warnings],
     }
 
 
